@@ -1,0 +1,70 @@
+# The front door. `make help` lists the words; `make demo` and `make test` need nothing but python3 (3.11 or newer).
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
+PYTHON ?= python3
+PY := .venv/bin/python
+JOBS ?= 2
+ARGS ?=
+# One thread per process: processes scale, threads of the software renderer and of small matrix products do not.
+# The set-up script notes the GL back end that works here; MUJOCO_GL of the caller wins.
+RUN = MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
+
+.PHONY: help setup env demo test test-slow bench golden check fmt fmt-check lint types arch docs lock clean distclean
+
+help: ## list these words
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r word text; do printf '  %-10s %s\n' "$$word" "$$text"; done
+
+setup: ## make .venv from the hash-pinned locks, and the GL library (each only when missing)
+	@$(PYTHON) tools/setup_environment.py
+
+env:
+	@$(PYTHON) tools/setup_environment.py --no-gl
+
+demo: setup ## evaluate the expert and three policies with known faults, diagnose them, write runs/demo/report
+	@$(RUN) $(PY) -m betterbench.cli demo --out runs/demo $(ARGS)
+
+test: setup ## the default tests, on JOBS=2 processes; ARGS="-k name" goes to pytest
+	@$(RUN) $(PY) -m pytest -q -n $(JOBS) $(ARGS)
+
+test-slow: setup ## the long tests
+	@$(RUN) $(PY) -m pytest -q -n $(JOBS) -m "slow and not gpu and not network and not llm" $(ARGS)
+
+bench: setup ## measure the speed as ratios within one run
+	@$(RUN) $(PY) benchmarks/bench.py $(ARGS)
+
+golden: setup ## rewrite the golden files and print what changed
+	@$(RUN) $(PY) -m pytest -q -m golden --regenerate-golden $(ARGS)
+
+check: fmt-check lint types arch ## everything quick that runs no simulation
+
+fmt: env ## format, sort imports, apply safe fixes
+	@$(PY) -m ruff format
+	@$(PY) -m ruff check --fix-only --quiet
+
+fmt-check: env
+	@$(PY) -m ruff format --check
+
+lint: env ## ruff
+	@$(PY) -m ruff check
+
+types: env ## mypy --strict
+	@$(PY) -m mypy
+
+arch: env ## the import contracts
+	@.venv/bin/lint-imports
+
+docs: setup ## build the documentation
+	@$(RUN) $(PY) tools/make_docs.py $(ARGS)
+
+lock: ## write requirements/*.lock anew; ARGS=--upgrade takes the newest versions
+	@$(PYTHON) tools/setup_environment.py --relock $(ARGS)
+
+clean: ## remove caches and build output
+	@rm -rf build dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	@find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+distclean: clean ## and the environment too
+	@rm -rf .venv .uv .setup.lock

@@ -1,0 +1,16 @@
+"""Three-dimensional objects ready for simulation, from parametric generators and other sources."""
+
+from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
+from betterbench.assets.procedural import build, categories, colours, looks
+
+__all__ = [
+    "Asset",
+    "CollisionPart",
+    "Grasp",
+    "Texture",
+    "VisualPart",
+    "build",
+    "categories",
+    "colours",
+    "looks",
+]

@@ -1,0 +1,195 @@
+"""The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from betterbench.errors import UnknownNameError
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
+from betterbench.state import Region
+
+Shape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """A picture painted on a visual part.
+
+    Attributes:
+        pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
+        uv: (n_vertices, 2) float32 texture coordinates, origin at the lower left.
+    """
+
+    pixels: np.ndarray
+    uv: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualPart:
+    """One coloured mesh of an asset.
+
+    Attributes:
+        name: Name within the asset.
+        vertices: (n, 3) float32 positions in the object frame [m].
+        faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
+        rgba: Colour, each in [0, 1]; multiplied with the texture if there is one.
+        specular: Strength of highlights in [0, 1].
+        shininess: Sharpness of highlights in [0, 1].
+        texture: Optional picture.
+        smooth: True to share normals across faces (round things), False for crisp edges.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    rgba: tuple[float, float, float, float]
+    specular: float = 0.2
+    shininess: float = 0.3
+    texture: Texture | None = None
+    smooth: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionPart:
+    """One convex collision geometry.
+
+    Attributes:
+        shape: Primitive type, or "hull" for the convex hull of ``vertices``.
+        size: MuJoCo's half sizes of the primitive [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
+            sphere (radius, 0, 0); ellipsoid (a, b, c); ignored for a hull.
+        position: Centre in the object frame [m].
+        quaternion: Rotation in the object frame (w, x, y, z).
+        vertices: (n, 3) points of a hull in the object frame [m].
+        friction: Sliding, torsional [m] and rolling [m] coefficients.
+    """
+
+    shape: Shape
+    size: Vector
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = IDENTITY_QUATERNION
+    vertices: np.ndarray | None = None
+    friction: Vector = (0.8, 0.01, 0.001)
+
+
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """A way for a parallel jaw to take the object.
+
+    Attributes:
+        name: What is taken ("handle", "body", "rim").
+        pose: Pose ``T_object_tcp`` of the tool centre point when the jaw closes; its z axis is the approach direction,
+            its y axis the direction in which the fingers open.
+        width_m: Thickness of what is between the pads [m].
+        clearance_m: Free distance that the open jaw needs on each side [m].
+        symmetric_yaw: True if the grasp may be turned freely about the object's vertical axis.
+        preference: Lower is tried first.
+    """
+
+    name: str
+    pose: Pose
+    width_m: float
+    clearance_m: float = 0.012
+    symmetric_yaw: bool = False
+    preference: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asset:
+    """A 3-D object ready for simulation. The origin is the centre of the bottom face of its resting bounding box, z up.
+
+    Attributes:
+        category: What it is ("mug").
+        look: Number of the look within the generator's family.
+        colour: Colour word a person would use.
+        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
+        description: One sentence of free text, used for retrieval.
+        tags: Search words.
+        size_m: Extents of the bounding box [m].
+        mass_kg: Mass [kg].
+        centre_of_mass: In the object frame [m].
+        inertia: Principal-frame-free inertia about the centre of mass (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        visual: Coloured meshes; at most 600 faces in all.
+        collision: Convex geometries; at most about 12.
+        grasps: Ways to take it.
+        regions: Named places on it (opening, ring, handle, top).
+        source: Where it comes from.
+        licence: Licence identifier.
+        parameters: The numbers that the generator chose, for the record.
+    """
+
+    category: str
+    look: int
+    colour: str
+    shape: str
+    description: str
+    tags: tuple[str, ...]
+    size_m: Vector
+    mass_kg: float
+    centre_of_mass: Vector
+    inertia: tuple[float, float, float, float, float, float]
+    visual: tuple[VisualPart, ...]
+    collision: tuple[CollisionPart, ...]
+    grasps: tuple[Grasp, ...] = ()
+    regions: tuple[Region, ...] = ()
+    source: str = "betterbench procedural library"
+    licence: str = "Apache-2.0"
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def identity(self) -> str:
+        """Name that two equal assets share ("mug-red#3")."""
+        return f"{self.category}-{self.colour}#{self.look}"
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles of all visual parts."""
+        return sum(len(part.faces) for part in self.visual)
+
+    def grasp(self, name: str) -> Grasp:
+        """Return a grasp by name.
+
+        Raises:
+            UnknownNameError: If the asset has no such grasp.
+        """
+        for grasp in self.grasps:
+            if grasp.name == name:
+                return grasp
+        raise UnknownNameError(f"grasp of {self.category}", name, (g.name for g in self.grasps))
+
+    def region(self, name: str) -> Region:
+        """Return a region by name.
+
+        Raises:
+            UnknownNameError: If the asset has no such region.
+        """
+        for region in self.regions:
+            if region.name == name:
+                return region
+        raise UnknownNameError(f"region of {self.category}", name, (r.name for r in self.regions))
+
+    def content_hash(self) -> str:
+        """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
+        digest = hashlib.sha256()
+        digest.update(
+            repr((self.identity, self.size_m, self.mass_kg, self.centre_of_mass, self.inertia, self.grasps)).encode()
+        )
+        digest.update(repr(self.regions).encode())
+        for part in self.visual:
+            digest.update(repr((part.name, part.rgba, part.specular, part.shininess, part.smooth)).encode())
+            digest.update(part.vertices.tobytes())
+            digest.update(part.faces.tobytes())
+            if part.texture is not None:
+                digest.update(part.texture.pixels.tobytes())
+                digest.update(part.texture.uv.tobytes())
+        for shape in self.collision:
+            digest.update(
+                repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode()
+            )
+            if shape.vertices is not None:
+                digest.update(shape.vertices.tobytes())
+        return digest.hexdigest()[:16]

@@ -1,0 +1,124 @@
+"""Full beverage cans."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.assets.asset import Grasp
+from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
+from betterbench.assets.procedural.mesh import lathe, prism, profile_length
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.geometry import Pose
+from betterbench.state import Region
+
+_RADIUS = 0.033
+
+
+@generator("can", colours=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
+def can(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a full beverage can.
+
+    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminium
+    and 0.33 l of drink).
+
+    Args:
+        rng: Source of height and print.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    height = float(rng.uniform(0.1125, 0.1175))
+    shoulder = float(rng.uniform(0.010, 0.013))
+    design = str(rng.choice(["wave", "disc", "stripes", "diamond"]))
+    top = height - 0.0035
+    profile = [
+        (0.0, 0.0),
+        (0.0245, 0.0),
+        (_RADIUS, 0.0075),
+        (_RADIUS, height - shoulder),
+        (0.0275, height - 0.0015),
+        (0.0270, height),
+        (0.0258, height),
+        (0.0250, top),
+        (0.0, top),
+    ]
+    shade = jittered(PALETTE[colour], rng, amount=0.06)
+    shell = lathe(profile, 24, wrap=True)
+    picture = _label(rng, profile, shade, design=design)
+    angle = np.arange(10) * (2.0 * math.pi / 10)
+
+    def lid_ellipse(a: float, b: float, x: float, thickness: float) -> list[np.ndarray]:
+        outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.full(10, top - 0.0004)], axis=1)
+        return [outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])]
+
+    mouth = prism(lid_ellipse(0.0088, 0.0068, 0.0125, 0.0002))
+    tab = prism(lid_ellipse(0.0095, 0.0058, -0.0035, 0.0014))
+    hole = prism(lid_ellipse(0.0034, 0.0028, -0.0078, 0.0016))
+    collision = (foot(0.0170), upright_cylinder(_RADIUS, 0.0005, height - 0.006), upright_cylinder(0.027, height - 0.006, height))
+    body = mass_properties(collision, 0.35)
+    return Draft(
+        shape="cylinder",
+        description=f"A full {colour} soda can with a printed label and a pull tab.",
+        tags=("can", "soda", "drink", "beverage", "metal", colour),
+        body=body,
+        visual=(
+            part("shell", shell, shade, picture=picture, specular=0.7, shininess=0.6),
+            part("mouth", mouth, (0.36, 0.37, 0.39), specular=0.3),
+            part("tab", tab, (0.86, 0.87, 0.88), specular=0.8, shininess=0.7),
+            part("hole", hole, (0.42, 0.43, 0.45), specular=0.3),
+        ),
+        collision=collision,
+        grasps=(
+            Grasp("body", Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y), 2 * _RADIUS, clearance_m=0.006, symmetric_yaw=True),
+        ),
+        regions=(
+            Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),
+            Region("top", (0.0, 0.0, height), (0.027, 0.027, 0.001)),
+        ),
+        parameters={"radius_m": _RADIUS, "height_m": height, "design": design},
+    )
+
+
+def _label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> np.ndarray:
+    """Draw the can from the bottom over the print to the lid."""
+    length = profile_length(profile)
+    bottom, low, high, rim, lid = (float(length[k]) for k in (1, 2, 3, 5, 7))
+    width = math.pi * _RADIUS
+    metal = (0.80, 0.81, 0.83)
+    canvas = Canvas(width, float(length[-1]), (128, 256), metal)
+    x, y = canvas.x, canvas.y
+    printed = (y > low + 0.002) & (y < high + 0.004)
+    canvas.paint(printed, shade)
+    accent = (0.95, 0.95, 0.93) if sum(shade) < 1.9 else (0.72, 0.10, 0.12)
+    second = mixed(shade, (0.0, 0.0, 0.0), 0.45)
+    span = high - low
+    middle = low + 0.52 * span
+    if design == "wave":
+        wave = middle + 0.16 * span * np.cos(2.0 * math.pi * x / width)
+        canvas.paint(printed & (np.abs(y - wave) < 0.10 * span), accent)
+        canvas.paint(printed & (np.abs(y - wave + 0.15 * span) < 0.025 * span), second)
+    elif design == "disc":
+        for u in (0.0, 1.0):
+            canvas.ellipse((u * width, middle), (0.021, 0.021), accent)
+            canvas.ellipse((u * width, middle), (0.0155, 0.0155), second)
+            canvas.ellipse((u * width, middle), (0.008, 0.008), accent)
+        canvas.band(low + 0.06 * span, low + 0.10 * span, accent)
+    elif design == "stripes":
+        slanted = (y + 0.9 * np.abs(x - width / 2.0)) % (0.40 * span)
+        canvas.paint(printed & (slanted < 0.16 * span), accent)
+        canvas.paint(printed & (slanted > 0.20 * span) & (slanted < 0.24 * span), second)
+    else:
+        for u in (0.0, 0.5, 1.0):
+            away = np.abs(x - u * width) / 0.017 + np.abs(y - middle) / (0.34 * span)
+            canvas.paint(printed & (away < 1.0), accent)
+            canvas.paint(printed & (away < 0.62), second)
+    canvas.band(low + 0.002, low + 0.0045, accent)
+    canvas.shade(1.0 + 0.05 * np.cos(4.0 * math.pi * x / width + float(rng.uniform(0.0, 6.0))))
+    canvas.shade(np.where(y < bottom, 0.6, 1.0))
+    canvas.shade(np.where((y > rim) & (y < lid), 0.80, 1.0))
+    canvas.paint(y > lid, shaded(metal, 0.93))
+    return canvas.pixels()

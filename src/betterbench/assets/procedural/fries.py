@@ -1,0 +1,148 @@
+"""Boxes of French fries."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.assets.asset import Grasp
+from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, solid_box
+from betterbench.assets.procedural.mesh import Mesh, creased, loft, merge, prism
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.geometry import Pose
+from betterbench.state import Region
+
+# Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
+_OUTSIDE = 0.8
+
+
+@generator("fries_box", colours=("red", "yellow", "blue", "green"))
+def fries_box(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a striped carton of fries; its wide face looks along +x, the jaw closes along x.
+
+    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end below the
+    underside of a Franka hand, 45 mm above the tool centre point.
+
+    Args:
+        rng: Source of proportions, print and the heap of fries.
+        colour: Colour word of the print.
+
+    Returns:
+        The draft.
+    """
+    thick = float(rng.uniform(0.0390, 0.0415))
+    width = float(rng.uniform(0.0600, 0.0640))
+    height = float(rng.uniform(0.0780, 0.0840))
+    dip = float(rng.uniform(0.012, 0.020))
+    shade = jittered(PALETTE[colour], rng)
+    design = str(rng.choice(["stripes", "disc", "smile"]))
+
+    carton = _carton(thick, width, height, dip=dip)
+    picture = _print(rng, shade, design=design)
+    sticks, dark = _sticks(rng, thick, width, height)
+    golden = jittered((0.93, 0.68, 0.20), rng, amount=0.06)
+    collision = (
+        solid_box((-thick / 2, -width / 2, 0.0), (thick / 2, width / 2, height - 0.002)),
+        solid_box((-0.36 * thick, -0.38 * width, height - 0.002), (0.36 * thick, 0.38 * width, 0.100)),
+    )
+    return Draft(
+        shape="box",
+        description=f"A {colour} and white striped carton of French fries.",
+        tags=("fries", "french fries", "chips", "food", "carton", colour),
+        body=mass_properties(collision, 0.12),
+        visual=(
+            part("carton", carton, shade, picture=picture, specular=0.15),
+            part("fries", sticks, golden, specular=0.12),
+            part("dark_fries", dark, shaded(golden, 0.86), specular=0.12),
+        ),
+        collision=collision,
+        grasps=(Grasp("body", Pose((0.0, 0.0, 0.068), JAW_OPENS_ALONG_X), thick),),
+        regions=(Region("base", (0.0, 0.0, 0.0), (thick / 2, width / 2, 0.001)),),
+        parameters={"thickness_m": thick, "width_m": width, "carton_height_m": height, "design": design},
+    )
+
+
+def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
+    """Return the carton: narrower at the bottom, its front scooped, its back straight; filled up below the rim."""
+    n = 9  # points along each wide face
+    y = np.linspace(-1.0, 1.0, n)
+    half_x, half_y = thick / 2, width / 2
+    bulge = 1.0 - 0.30 * y**2  # the wide faces bow outwards
+    front = np.stack([half_x * bulge, half_y * y], axis=1)
+    outline = np.concatenate([front, -front])
+    scoop = height - dip * (1.0 - y**2) ** 0.8
+    back = height - 0.15 * dip * (1.0 - y**2)
+    rim = np.concatenate([scoop, back[::-1]])
+    low = outline * np.array([0.80, 0.84])
+
+    def ring(plan: np.ndarray, z: np.ndarray | float) -> np.ndarray:
+        points = np.zeros((len(plan), 3))
+        points[:, :2] = plan
+        points[:, 2] = z
+        return points
+
+    inner = outline * np.array([0.93, 0.97])
+    filling = np.minimum(rim - 0.004, height - 0.014)
+    rings = [ring(low, 0.0), ring(outline, rim), ring(inner, rim - 0.0002), ring(inner * 0.97, filling)]
+    # The picture runs from the middle of the front (0) over the narrow side to the middle of the back (1).
+    u = np.concatenate([0.42 * np.abs(y), 1.0 - 0.42 * np.abs(y)])
+    return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
+
+
+def _print(rng: np.random.Generator, shade: Colour, *, design: str) -> np.ndarray:
+    """Draw the stripes and the sign on the front."""
+    canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
+    x, y = canvas.x, canvas.y
+    stripes = np.abs((x / 0.14 + 0.5) % 1.0 - 0.5) < 0.25
+    outside = y < _OUTSIDE
+    level = 0.45
+    if design == "stripes":
+        canvas.paint(outside & stripes, shade)
+    elif design == "disc":
+        canvas.paint(outside & stripes, shade)
+        for u in (0.0, 1.0):
+            canvas.ellipse((u, level), (0.23, 0.185), (0.93, 0.92, 0.89))
+            canvas.ellipse((u, level), (0.195, 0.155), shade)
+            canvas.ellipse((u, level), (0.10, 0.08), PALETTE["yellow"])
+    else:
+        canvas.paint(outside, shade)
+        for u in (0.0, 1.0):
+            ring = canvas.inside_ellipse((u, level + 0.06), (0.24, 0.20)) & ~canvas.inside_ellipse((u, level + 0.10), (0.24, 0.19))
+            canvas.paint(ring, PALETTE["yellow"])
+        canvas.paint(outside & (y > 0.08) & (y < 0.14), (0.93, 0.92, 0.89))
+    canvas.shade(np.where(outside, 0.86 + 0.14 * np.clip(y / (0.5 * _OUTSIDE), 0.0, 1.0), 1.0))
+    canvas.paint(y > _OUTSIDE + 0.02, mixed((0.93, 0.92, 0.89), (0.55, 0.35, 0.10), 0.35))
+    canvas.paint(y > _OUTSIDE + 0.12, (0.62, 0.40, 0.10))
+    canvas.grain(rng, cells=(10, 10), amount=0.015)
+    return canvas.pixels()
+
+
+def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
+    """Return the fries in two shades: square sticks at odd angles that end between 92 and 111 mm above the table."""
+    meshes: tuple[list[Mesh], list[Mesh]] = ([], [])
+    columns = np.linspace(-0.40, 0.40, 7)
+    index = 0
+    for row in (-0.26, 0.0, 0.26):
+        for column in columns.tolist():
+            if index % 10 == 9:
+                index += 1
+                continue
+            foot = np.array([row * thick, column * width * 0.88, height - 0.030])
+            tall = 0.108 - 0.012 * abs(column) / 0.4 - float(rng.uniform(0.0, 0.016)) - (0.006 if row > 0.1 else 0.0)
+            tip = np.array(
+                [
+                    (row + float(rng.uniform(-0.10, 0.10))) * thick,
+                    (column + float(rng.uniform(-0.10, 0.10))) * width,
+                    tall,
+                ]
+            )
+            half = float(rng.uniform(0.0029, 0.0036))
+            turn = float(rng.uniform(-0.5, 0.5))
+            corners = turn + math.pi / 4 + np.arange(4) * math.pi / 2
+            square = np.stack([np.cos(corners), np.sin(corners), np.zeros(4)], axis=1) * half * math.sqrt(2.0)
+            slant = np.array([[0.0, 0.0, 0.0015], [0, 0, -0.0005], [0, 0, -0.0015], [0, 0, 0.0005]])
+            meshes[index % 2].append(prism([foot + square, tip + square + slant]))
+            index += 1
+    return merge(meshes[0]), merge(meshes[1])

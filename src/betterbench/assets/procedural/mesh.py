@@ -1,0 +1,337 @@
+"""Triangle meshes from rings: the one construction from which every procedural shape is made.
+
+A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a paper bag are all lofts.
+Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages normals
+over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+# Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
+_DECIMALS = 7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A triangle mesh with texture coordinates.
+
+    Attributes:
+        vertices: (n, 3) float64 positions [m].
+        faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
+        uv: (n, 2) float64 texture coordinates, origin at the lower left of the picture.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
+        """Return the mesh shifted by (x, y, z) [m]."""
+        return Mesh(self.vertices + np.array([x, y, z]), self.faces, self.uv)
+
+    def rotated(self, axis: str, angle: float) -> Mesh:
+        """Return the mesh turned by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
+        c, s = math.cos(angle), math.sin(angle)
+        matrices = {
+            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
+            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
+            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
+        }
+        return Mesh(self.vertices @ np.array(matrices[axis], dtype=float).T, self.faces, self.uv)
+
+
+def merge(meshes: Sequence[Mesh]) -> Mesh:
+    """Return one mesh that holds all triangles of ``meshes``."""
+    offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)]).astype(np.int32),
+        np.concatenate([m.uv for m in meshes]),
+    )
+
+
+def _welded(mesh: Mesh) -> Mesh:
+    """Merge vertices that agree in position and texture coordinate, and drop triangles that have lost their area."""
+    key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
+    unique, inverse = np.unique(key, axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces]
+    corners = unique[:, :3][faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    faces = faces[area > 1e-10]
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return Mesh(unique[used, :3], renumbered.reshape(-1, 3).astype(np.int32), unique[used, 3:])
+
+
+def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
+    """Weld a mesh and split it again along its sharp edges.
+
+    Args:
+        mesh: Any mesh.
+        degrees: Faces that meet at a larger angle than this get vertices, and so normals, of their own.
+
+    Returns:
+        The same surface with shared vertices on smooth regions only.
+    """
+    mesh = _welded(mesh)
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    limit = math.cos(math.radians(degrees))
+    fans: dict[int, list[tuple[int, int]]] = {}
+    for face, triangle in enumerate(mesh.faces.tolist()):
+        for corner, vertex in enumerate(triangle):
+            fans.setdefault(vertex, []).append((face, corner))
+    faces = mesh.faces.copy()
+    source: list[int] = []
+    for vertex in range(len(mesh.vertices)):
+        groups: list[list[tuple[int, int]]] = []
+        for face, corner in fans[vertex]:
+            joined = [(face, corner)]
+            apart = []
+            for group in groups:
+                if any(_smooth_edge(mesh.faces, normals, face, other, limit) for other, _ in group):
+                    joined += group
+                else:
+                    apart.append(group)
+            groups = [*apart, joined]
+        for group in sorted(groups):
+            for face, corner in group:
+                faces[face, corner] = len(source)
+            source.append(vertex)
+    return Mesh(mesh.vertices[source], faces, mesh.uv[source])
+
+
+def _smooth_edge(faces: np.ndarray, normals: np.ndarray, a: int, b: int, limit: float) -> bool:
+    """Tell whether two faces of one vertex share an edge that is not sharp."""
+    shared = len(set(faces[a].tolist()) & set(faces[b].tolist()))
+    return shared >= 2 and float(normals[a] @ normals[b]) > limit
+
+
+def loft(
+    rings: Sequence[np.ndarray],
+    *,
+    u: np.ndarray | None = None,
+    v: Sequence[float] | None = None,
+    caps: tuple[bool, bool] = (True, True),
+) -> Mesh:
+    """Join closed rings of points by strips of triangles.
+
+    Args:
+        rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
+            with the direction from ring to ring points outwards.
+        u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
+        v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
+        caps: Whether to close the first and the last ring by a fan around its centre.
+
+    Returns:
+        The mesh; neither welded nor creased.
+    """
+    points = np.stack([np.asarray(r, dtype=float) for r in rings])
+    n_rings, n = points.shape[:2]
+    columns = np.full(n, 0.5) if u is None else np.asarray(u, dtype=float)
+    rows = np.full(n_rings, 0.5) if v is None else np.asarray(v, dtype=float)
+    vertices = [points.reshape(-1, 3)]
+    uv = [np.stack([np.tile(columns, n_rings), np.repeat(rows, n)], axis=1)]
+    i = np.arange(n)
+    j = (i + 1) % n
+    faces = []
+    for ring in range(n_rings - 1):
+        a, b = ring * n, (ring + 1) * n
+        faces.append(np.stack([a + i, a + j, b + j], axis=1))
+        faces.append(np.stack([a + i, b + j, b + i], axis=1))
+    count = n_rings * n
+    for ring, wanted in ((0, caps[0]), (n_rings - 1, caps[1])):
+        if not wanted:
+            continue
+        vertices.append(points[ring].mean(axis=0, keepdims=True))
+        uv.append(np.array([[columns.mean(), rows[ring]]]))
+        edge = ring * n
+        fan = [np.full(n, count), edge + j, edge + i] if ring == 0 else [np.full(n, count), edge + i, edge + j]
+        faces.append(np.stack(fan, axis=1))
+        count += 1
+    return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.int32), np.concatenate(uv))
+
+
+def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
+    """Return texture columns that run from 0 to 1 on one half of a ring and back on the other.
+
+    A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round thing.
+
+    Args:
+        n: Number of points of the ring (even).
+        start: Index of the point with column 0.
+    """
+    index = (np.arange(n) - start) % n
+    return 1.0 - np.abs(index / (n / 2) - 1.0)
+
+
+def circle(radius: float, z: float, segments: int, *, phase: float = 0.0) -> np.ndarray:
+    """Return (segments, 3) points of a horizontal circle, counter-clockwise from the x axis."""
+    angle = phase + 2.0 * math.pi * np.arange(segments) / segments
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(segments, z)], axis=1)
+
+
+def lathe(
+    profile: Sequence[tuple[float, float]],
+    segments: int,
+    *,
+    crease_degrees: float = 40.0,
+    wrap: bool = False,
+    phase: float = 0.0,
+) -> Mesh:
+    """Turn a profile about the vertical axis.
+
+    Args:
+        profile: Points (radius, z) [m] from the bottom on the outside upwards; a radius of zero closes the surface.
+        segments: Number of sides (even when ``wrap`` is set).
+        crease_degrees: Angle above which an edge is drawn sharp.
+        wrap: True to wrap a picture around each half, see :func:`mirrored_u`; else the picture is one column.
+        phase: Angle of the first point [rad].
+
+    Returns:
+        The creased mesh. Its texture row ``v`` is the length along the profile as a share of the whole, see
+        :func:`profile_length`.
+    """
+    length = profile_length(profile)
+    rings = [circle(r, z, segments, phase=phase) for r, z in profile]
+    u = mirrored_u(segments) if wrap else None
+    return creased(loft(rings, u=u, v=length / length[-1], caps=(False, False)), crease_degrees)
+
+
+def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Return the distance [m] along the profile from its first point to each of its points."""
+    steps = np.linalg.norm(np.diff(np.asarray(profile, dtype=float), axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
+    """Return the points of a horizontal rectangle, counter-clockwise, with rounded corners if ``corner`` > 0.
+
+    Args:
+        half_x: Half the extent along x [m].
+        half_y: Half the extent along y [m].
+        z: Height [m].
+        corner: Radius of the corners [m].
+        steps: Number of segments per corner; 1 gives a chamfer.
+
+    Returns:
+        (n, 3) points [m].
+    """
+    if corner <= 0.0:
+        corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
+        return np.array([(x, y, z) for x, y in corners])
+    points = []
+    for quarter, (sx, sy) in enumerate(((1, -1), (1, 1), (-1, 1), (-1, -1))):
+        for step in range(steps + 1):
+            angle = math.pi / 2.0 * (quarter - 1 + step / steps)
+            points.append(
+                (sx * (half_x - corner) + corner * math.cos(angle), sy * (half_y - corner) + corner * math.sin(angle), z)
+            )
+    return np.array(points)
+
+
+def box(
+    size: tuple[float, float, float],
+    centre: tuple[float, float, float],
+    *,
+    bevel: float = 0.0,
+    corner: float = 0.0,
+    steps: int = 1,
+) -> Mesh:
+    """Return a box with bevelled horizontal edges and rounded vertical ones.
+
+    Args:
+        size: Extents [m].
+        centre: Centre [m].
+        bevel: Width of the bevel of the top and bottom edges [m].
+        corner: Radius of the vertical edges [m].
+        steps: Segments per rounded vertical edge.
+
+    Returns:
+        The creased mesh (12 faces for a plain box).
+    """
+    hx, hy, hz = (0.5 * s for s in size)
+    heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
+    rings = [
+        rectangle(hx - inset, hy - inset, z, corner=max(corner - inset, 0.3 * corner), steps=steps)
+        for z, inset in heights
+    ]
+    return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*centre)
+
+
+def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
+    """Loft rings and close both ends by triangles between the points of a convex ring, without a centre point."""
+    side = loft(rings, caps=(False, False))
+    n = len(rings[0])
+    last = (len(rings) - 1) * n
+    i = np.arange(1, n - 1)
+    bottom = np.stack([np.zeros_like(i), i + 1, i], axis=1)
+    top = np.stack([np.full_like(i, last), last + i, last + i + 1], axis=1)
+    return Mesh(side.vertices, np.concatenate([side.faces, bottom, top]).astype(np.int32), side.uv)
+
+
+def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
+    """Return the creased loft of convex rings, closed at both ends with the fewest triangles."""
+    return creased(_flat_caps(rings), crease_degrees)
+
+
+def sweep(
+    path: Sequence[tuple[float, float, float]],
+    section: Sequence[tuple[float, float]],
+    *,
+    side: tuple[float, float, float] = (0.0, 1.0, 0.0),
+    crease_degrees: float = 40.0,
+) -> Mesh:
+    """Move a cross section along a path that lies in a plane.
+
+    Args:
+        path: Points of the path [m].
+        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along ``side``, ``b`` along
+            the normal of the path in its plane.
+        side: Unit normal of the plane of the path.
+        crease_degrees: Angle above which an edge is drawn sharp.
+
+    Returns:
+        The creased, closed mesh.
+    """
+    points = np.asarray(path, dtype=float)
+    normal = np.asarray(side, dtype=float)
+    steps = np.diff(points, axis=0)
+    steps /= np.linalg.norm(steps, axis=1, keepdims=True)
+    rings = []
+    for index, point in enumerate(points):
+        before, after = steps[max(index - 1, 0)], steps[min(index, len(steps) - 1)]
+        tangent = (before + after) / np.linalg.norm(before + after)
+        across = np.cross(tangent, normal)
+        # At a corner the section widens so that the tube keeps its thickness on both sides of it.
+        stretch = 1.0 / max(float(tangent @ after), 0.5)
+        rings.append(np.array([point + a * normal + b * stretch * across for a, b in section]))
+    return creased(_flat_caps(rings), crease_degrees)
+
+
+def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:
+    """Return the points of a round cross section for :func:`sweep`."""
+    angles = [2.0 * math.pi * k / sides for k in range(sides)]
+    return [(radius * math.cos(a), radius * math.sin(a)) for a in angles]
+
+
+def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float, float]) -> Mesh:
+    """Return the mesh with a picture projected straight onto it.
+
+    Args:
+        mesh: Any mesh.
+        right: Direction in the object frame along which the picture's columns run.
+        up: Direction along which its rows run upwards.
+
+    Returns:
+        The mesh whose texture coordinates fill [0, 1] in both directions.
+    """
+    flat = np.stack([mesh.vertices @ np.array(right), mesh.vertices @ np.array(up)], axis=1)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return Mesh(mesh.vertices, mesh.faces, (flat - low) / (high - low))

@@ -1,0 +1,136 @@
+"""Pictures for visual parts, drawn with numpy: bands, discs, waves, noise. Nothing is loaded from a file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+Colour = tuple[float, float, float]
+
+# Each picture is drawn at this many times its size and averaged down, which smooths its edges.
+_OVERSAMPLING = 2
+
+
+class Canvas:
+    """A picture with metric coordinates, origin at the lower left.
+
+    Attributes:
+        x: (height, width) horizontal coordinate of each sample [m or any unit of the caller].
+        y: (height, width) vertical coordinate of each sample, upwards.
+    """
+
+    def __init__(self, width: float, height: float, pixels: tuple[int, int], colour: Colour) -> None:
+        """Fill a canvas.
+
+        Args:
+            width: Extent covered horizontally.
+            height: Extent covered vertically.
+            pixels: Size of the finished picture (width, height), at most 256 a side.
+            colour: Background, each in [0, 1].
+        """
+        columns, rows = pixels[0] * _OVERSAMPLING, pixels[1] * _OVERSAMPLING
+        x = (np.arange(columns) + 0.5) / columns * width
+        y = (rows - 0.5 - np.arange(rows)) / rows * height
+        self.x, self.y = np.meshgrid(x, y)
+        self._image = np.empty((rows, columns, 3))
+        self._image[:] = colour
+
+    def paint(self, mask: np.ndarray, colour: Colour, *, strength: float = 1.0) -> None:
+        """Blend a colour in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
+        weight = (np.asarray(mask, dtype=float) * strength)[..., None]
+        self._image = self._image * (1.0 - weight) + np.asarray(colour) * weight
+
+    def shade(self, factor: np.ndarray) -> None:
+        """Multiply all channels by ``factor``, an array of the shape of ``x``."""
+        self._image = self._image * np.asarray(factor)[..., None]
+
+    def band(self, low: float, high: float, colour: Colour) -> None:
+        """Paint a horizontal band from ``low`` to ``high``."""
+        self.paint((self.y >= low) & (self.y < high), colour)
+
+    def ellipse(self, centre: tuple[float, float], radii: tuple[float, float], colour: Colour, turn: float = 0) -> None:
+        """Paint a filled ellipse, turned by ``turn`` [rad]."""
+        self.paint(self.inside_ellipse(centre, radii, turn), colour)
+
+    def inside_ellipse(self, centre: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
+        """Return the mask of a filled ellipse."""
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = self.x - centre[0], self.y - centre[1]
+        inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
+        return inside
+
+    def line(self, points: Sequence[tuple[float, float]], width: float, colour: Colour, strength: float = 1) -> None:
+        """Paint a polyline of the given width."""
+        mask = np.zeros_like(self.x, dtype=bool)
+        for (ax, ay), (bx, by) in zip(points[:-1], points[1:], strict=True):
+            length = (bx - ax) ** 2 + (by - ay) ** 2
+            t = np.clip(((self.x - ax) * (bx - ax) + (self.y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
+            mask |= np.hypot(self.x - ax - t * (bx - ax), self.y - ay - t * (by - ay)) <= 0.5 * width
+        self.paint(mask, colour, strength=strength)
+
+    def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
+        """Multiply by smooth noise around 1.
+
+        Args:
+            rng: Source of the noise.
+            cells: Number of noise cells across and up.
+            amount: Standard deviation of the factor.
+        """
+        columns, rows = cells
+        grid = rng.standard_normal((rows + 1, columns + 1))
+        u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
+        v = np.linspace(0.0, rows, self.x.shape[0], endpoint=False)
+        i, j = np.floor(v).astype(int), np.floor(u).astype(int)
+        fv, fu = (v - i)[:, None], (u - j)[None, :]
+        fv, fu = fv * fv * (3.0 - 2.0 * fv), fu * fu * (3.0 - 2.0 * fu)
+        top = grid[i][:, j] * (1.0 - fu) + grid[i][:, j + 1] * fu
+        low = grid[i + 1][:, j] * (1.0 - fu) + grid[i + 1][:, j + 1] * fu
+        self.shade(1.0 + amount * (top * (1.0 - fv) + low * fv))
+
+    def pixels(self) -> np.ndarray:
+        """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
+        rows, columns = self._image.shape[0] // _OVERSAMPLING, self._image.shape[1] // _OVERSAMPLING
+        averaged = self._image.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING, 3).mean(axis=(1, 3))
+        return np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
+
+
+# Colours by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
+PALETTE: dict[str, Colour] = {
+    "red": (0.78, 0.07, 0.07),
+    "blue": (0.08, 0.22, 0.68),
+    "white": (0.90, 0.89, 0.86),
+    "green": (0.10, 0.48, 0.18),
+    "yellow": (0.92, 0.74, 0.08),
+    "orange": (0.90, 0.42, 0.05),
+    "black": (0.09, 0.09, 0.10),
+    "grey": (0.45, 0.46, 0.48),
+    "silver": (0.70, 0.71, 0.73),
+    "cream": (0.86, 0.80, 0.66),
+    "brown": (0.72, 0.42, 0.15),
+    "purple": (0.42, 0.14, 0.52),
+    "pink": (0.90, 0.48, 0.58),
+}
+
+
+def shaded(colour: Colour, factor: float) -> Colour:
+    """Return a colour made darker (factor < 1) or lighter (factor > 1, towards white)."""
+    if factor <= 1.0:
+        return (colour[0] * factor, colour[1] * factor, colour[2] * factor)
+    lift = 1.0 - 1.0 / factor
+    return (colour[0] + (1 - colour[0]) * lift, colour[1] + (1 - colour[1]) * lift, colour[2] + (1 - colour[2]) * lift)
+
+
+def mixed(a: Colour, b: Colour, fraction: float) -> Colour:
+    """Return the colour at ``fraction`` of the way from ``a`` to ``b``."""
+    return (
+        a[0] + (b[0] - a[0]) * fraction,
+        a[1] + (b[1] - a[1]) * fraction,
+        a[2] + (b[2] - a[2]) * fraction,
+    )
+
+
+def jittered(colour: Colour, rng: np.random.Generator, *, amount: float = 0.08) -> Colour:
+    """Return a slightly lighter or darker shade of a colour; its hue stays."""
+    return shaded(colour, 1.0 + float(rng.uniform(-amount, amount)))

@@ -1,0 +1,238 @@
+"""Verdicts: what a record proves, per trial and for a whole run. Plain values with a JSON form."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from betterbench.statistics import Rate
+
+
+class Kind(StrEnum):
+    """What sort of failure a label is."""
+
+    NONE = "none"
+    REASONING = "reasoning"
+    EXECUTION = "execution"
+    SYSTEM = "system"
+
+
+class Label(StrEnum):
+    """The one outcome of a trial (suite, section 5)."""
+
+    SUCCESS = "success"
+    CORRECT_FREEZE = "correct_freeze"
+    CORRECT_REFUSAL = "correct_refusal"
+    LEXICAL_KINEMATIC_SHORTCUT = "lexical_kinematic_shortcut"
+    VISUAL_LAYOUT_BIAS = "visual_layout_bias"
+    BEHAVIORAL_INERTIA = "behavioral_inertia"
+    CAUSAL_CONFUSION = "causal_confusion"
+    SEMANTIC_FEATURE_COLLAPSE = "semantic_feature_collapse"
+    ORDER_VIOLATION = "order_violation"
+    PHASE_CONFLICT = "phase_conflict"
+    EARLY_HALT = "early_halt"
+    WRONG_OBJECT = "wrong_object"
+    EXECUTION_FAILURE = "execution_failure"
+    TIMEOUT = "timeout"
+    POLICY_ERROR = "policy_error"
+
+    @property
+    def kind(self) -> Kind:
+        """What sort of failure the label is."""
+        if self in (Label.SUCCESS, Label.CORRECT_FREEZE, Label.CORRECT_REFUSAL):
+            return Kind.NONE
+        if self in (Label.EXECUTION_FAILURE, Label.TIMEOUT):
+            return Kind.EXECUTION
+        return Kind.SYSTEM if self is Label.POLICY_ERROR else Kind.REASONING
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Why a label was given, so that a person can look at the film and disagree.
+
+    Attributes:
+        rule: Name of the rule that fired.
+        text: One sentence for a person.
+        start_s: Beginning of the span that shows it [s].
+        end_s: End of the span [s].
+        objects: Objects involved.
+        shared: For a look-alike, what it shares with the target ("colour", "shape", "slot"), or nothing.
+        candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
+    """
+
+    rule: str
+    text: str
+    start_s: float
+    end_s: float
+    objects: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """One grasp attempt.
+
+    Attributes:
+        start_s: When the gripper began to close [s].
+        end_s: When the attempt was resolved [s].
+        object: Object that was grasped at, or None for an air grasp.
+        slot: Slot nearest to the attempt, if within reach of one.
+        result: "target" (what the instruction asked for now), "distractor" (any other object) or "null".
+        secured: True if the object was lifted.
+    """
+
+    start_s: float
+    end_s: float
+    object: str | None
+    slot: str | None
+    result: str
+    secured: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TrialDiagnosis:
+    """What one record proves.
+
+    Attributes:
+        task: Task id.
+        variation: Name of the variation, or None on a training condition.
+        condition: Name of the training condition; on a variation, the one it is derived from (the twin's condition).
+        axis: Axis of the variation, or None.
+        seed: Seed.
+        policy: Address of the policy.
+        instruction: The sentence.
+        success: Whether the trial succeeded.
+        expected: "succeed", "refuse" or "stay_still".
+        label: The outcome.
+        first_attempt: Object of the first grasp attempt, or None.
+        first_slot: Slot of the first grasp attempt, or None.
+        intended: Object (kind) that the first attempt should have been at, or None where none should be.
+        intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
+        progress: Subgoals completed in a valid order divided by subgoals asked.
+        attempts: All grasp attempts, in time.
+        evidence: Why the label was given.
+        steps: Control steps taken.
+        duration_s: Simulated time [s].
+        record: Path of the record relative to the run, or None if there is none.
+    """
+
+    task: str
+    variation: str | None
+    condition: str
+    axis: str | None
+    seed: int
+    policy: str
+    instruction: str
+    success: bool
+    expected: str
+    label: Label
+    first_attempt: str | None
+    first_slot: str | None
+    intended: str | None
+    intention_correct: bool | None
+    progress: float
+    attempts: tuple[Attempt, ...]
+    evidence: Evidence
+    steps: int
+    duration_s: float
+    record: str | None
+
+    @property
+    def kind(self) -> Kind:
+        """What sort of failure the label is."""
+        return self.label.kind
+
+    @property
+    def key(self) -> str:
+        """Identifier within a run ("fast_food/T1/3", "fast_food/train1/3")."""
+        return f"{self.task}/{self.variation or self.condition}/{self.seed}"
+
+    @property
+    def twin_key(self) -> str | None:
+        """Identifier of the counterfactual twin, or None on a training condition."""
+        return None if self.variation is None else f"{self.task}/{self.condition}/{self.seed}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "label": self.label.value, "kind": self.kind.value, "key": self.key}
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One number with its uncertainty.
+
+    Attributes:
+        name: What is measured ("success_rate", "intention_accuracy", "delta_sr", "distractor_grasp_rate",
+            "illusion_gap", "reasoning_failure_rate", "execution_failure_rate", "progress").
+        scope: What it is measured over ("overall", "fast_food", "fast_food/T1", "axis:temporal_extrapolation").
+        k: Count of the numerator, or None where the number is no single rate.
+        n: Count of the denominator (for paired numbers: pairs).
+        value: The number, a fraction in [-1, 1], or None for n = 0.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
+        p_value: Of the paired test, where there is one.
+        method: How the interval was made ("wilson", "newcombe", "paired bootstrap").
+    """
+
+    name: str
+    scope: str
+    k: int | None
+    n: int
+    value: float | None
+    low: float | None
+    high: float | None
+    p_value: float | None = None
+    method: str = "wilson"
+
+    @classmethod
+    def of_rate(cls, name: str, scope: str, rate: Rate) -> Metric:
+        """Return the metric of a simple rate."""
+        return cls(name, scope, rate.k, rate.n, rate.value, rate.low, rate.high)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class RunDiagnosis:
+    """What all records of a run prove.
+
+    Attributes:
+        policy: Address of the policy.
+        trials: One entry per planned trial, finished or not, in plan order.
+        metrics: All metrics.
+        findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
+        notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
+        thresholds: The thresholds in force.
+        versions: Versions found in the records.
+    """
+
+    policy: str
+    trials: tuple[TrialDiagnosis, ...]
+    metrics: tuple[Metric, ...]
+    findings: tuple[str, ...]
+    notes: tuple[str, ...]
+    thresholds: dict[str, float]
+    versions: dict[str, str]
+
+    def metric(self, name: str, scope: str) -> Metric | None:
+        """Return a metric, or None if the run does not have it."""
+        for metric in self.metrics:
+            if metric.name == name and metric.scope == scope:
+                return metric
+        return None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form that ``better diagnose --json`` prints."""
+        return {
+            "policy": self.policy,
+            "trials": [t.to_json() for t in self.trials],
+            "metrics": [m.to_json() for m in self.metrics],
+            "findings": list(self.findings),
+            "notes": list(self.notes),
+            "thresholds": self.thresholds,
+            "versions": self.versions,
+        }

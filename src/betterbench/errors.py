@@ -1,0 +1,76 @@
+"""The errors a user can meet: each names the thing that is wrong and what to do about it.
+
+Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as one
+line and exits with status 2; anything else is a bug and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class BetterError(Exception):
+    """Base of all deliberate errors; its text is one clear line for a person."""
+
+
+class UnknownNameError(BetterError):
+    """A name was asked for that is not registered.
+
+    Args:
+        kind: What sort of thing was looked up, in the singular ("task", "policy").
+        name: The name that was asked for.
+        known: The names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        """Build the message with the closest known names first."""
+        names = sorted(known)
+        close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+        hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""
+        listed = ", ".join(names) if names else "none"
+        super().__init__(f"Unknown {kind} {name!r}. {hint}Known: {listed}.")
+        self.kind, self.name, self.known, self.closest = kind, name, tuple(names), tuple(close)
+
+
+class InvalidInputError(BetterError):
+    """A value, field or file given by the user cannot be used.
+
+    Args:
+        where: The field or file that is wrong.
+        problem: What is wrong with it.
+        cure: What to do instead.
+    """
+
+    def __init__(self, where: str, problem: str, cure: str) -> None:
+        """Build the message."""
+        super().__init__(f"{where}: {problem}. {cure.rstrip('.')}.")
+        self.where, self.problem, self.cure = where, problem, cure
+
+
+class InvalidActionError(BetterError):
+    """A policy's action cannot be executed (wrong shape, wrong type, not finite)."""
+
+
+class PolicyError(BetterError):
+    """A policy crashed, answered too late or broke its protocol; the trial ends as ``policy_error``."""
+
+
+class PremiseError(BetterError):
+    """The scene at reset does not show what the instruction presupposes; the run must stop."""
+
+
+class RunConflictError(BetterError):
+    """A run folder holds something else than the run that was asked for."""
+
+
+class RecordError(BetterError):
+    """A record or run file cannot be read, or was written by another schema version."""
+
+
+class MissingDependencyError(BetterError):
+    """A system library or an optional extra is not installed; the text says how to install it."""
+
+
+class PlanningError(BetterError):
+    """The privileged expert found no collision-free motion for a skill."""

@@ -1,0 +1,284 @@
+"""Planning for the privileged experts: which grasp, which way, which place, without touching anything else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.assets import Asset, Grasp
+from betterbench.errors import PlanningError
+from betterbench.experts.targets import PlaceGoal
+from betterbench.geometry import (
+    Pose,
+    Quaternion,
+    angle_between,
+    distance,
+    from_axis_angle,
+    from_yaw,
+    multiply,
+    normalise,
+    slerp,
+    yaw_of,
+)
+from betterbench.robots import ArmIK
+from betterbench.scenes import Clearance, Scene
+from betterbench.state import WorldState
+
+DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
+"""Tool rotation that points straight down with the fingers opening along -y."""
+SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
+"""Heights of the tool centre point at which objects are carried across the table, lowest first."""
+CHECK_STEP_M = 0.03
+"""Distance between configurations that are checked along a way."""
+LIFT_M = 0.08
+"""Length of the straight approach and of the straight retreat."""
+
+
+@dataclass(frozen=True, slots=True)
+class PickPlan:
+    """A collision-free way to take an object.
+
+    Attributes:
+        object: Name of the object.
+        way: Poses of the tool centre point to pass, the last one above the grasp.
+        grasp: Pose ``T_world_tcp`` at which the gripper closes.
+        width_m: Opening of the gripper on the way down [m].
+    """
+
+    object: str
+    way: tuple[Pose, ...]
+    grasp: Pose
+    width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePlan:
+    """A collision-free way to put the held object down.
+
+    Attributes:
+        way: Poses of the tool centre point to pass.
+        release: Pose ``T_world_tcp`` at which the gripper opens.
+        retreat: Pose to go to afterwards.
+    """
+
+    way: tuple[Pose, ...]
+    release: Pose
+    retreat: Pose
+
+
+class Planner:
+    """Finds grasps and ways in one scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Prepare a private copy of the scene."""
+        self._scene = scene
+        self._clearance = Clearance(scene)
+        self._ik = ArmIK(scene.compiled.robot)
+        self._opening = scene.compiled.robot.gripper_opening_m
+        self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
+
+    def plan_pick(self, state: WorldState, name: str) -> PickPlan:
+        """Return the best free way to take an object.
+
+        Raises:
+            PlanningError: If no grasp can be reached without touching something else.
+        """
+        self._clearance.load(state)
+        reasons: list[str] = []
+        for grasp_pose, width in self._grasps(state, name):
+            opening = min(self._opening, width + 0.035)
+            above = grasp_pose.translated(z=LIFT_M)
+            joints = self._reach(state.joint_positions, above)
+            if joints is None:
+                reasons.append("out of reach")
+                continue
+            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}), state=state)
+            if down is not None:
+                reasons.append(down)
+                continue
+            way = self._transit(state, above, opening)
+            if way is None:
+                reasons.append("no free way there")
+                continue
+            return PickPlan(name, way, grasp_pose, opening)
+        raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
+
+    def plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
+        """Return the best free way to put the held object at one of several poses.
+
+        Args:
+            state: State now, with the object in the hand.
+            name: Name of the object.
+            goals: Poses to end at and ways in, the best first.
+
+        Raises:
+            PlanningError: If none of them can be reached without touching something.
+        """
+        self._clearance.load(state)
+        T_object_tcp = state.pose(name).inverse() @ state.ee_pose  # noqa: N806
+        T_tcp_object = T_object_tcp.inverse()  # noqa: N806
+        reasons: list[str] = []
+        for goal in goals:
+            release = goal.pose @ T_object_tcp
+            above = release.translated(*goal.approach)
+            joints = self._reach(state.joint_positions, above)
+            if joints is None:
+                reasons.append("out of reach")
+                continue
+            blocked = self._way_is_free(
+                joints, (above, release), state.finger_width_m, state=state, held=name, T_tcp_object=T_tcp_object
+            )
+            if blocked is None:
+                opened = self._opened_blocked(joints, release, name, goal.pose)
+                blocked = opened
+            if blocked is not None:
+                reasons.append(blocked)
+                continue
+            way = self._transit(state, above, state.finger_width_m, held=name, T_tcp_object=T_tcp_object)
+            if way is None:
+                reasons.append("no free way there")
+                continue
+            return PlacePlan(way, release, release.translated(z=0.12))
+        raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
+
+    def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
+        """Return a free way to a pose with an empty, open hand, or None."""
+        self._clearance.load(state)
+        return self._transit(state, goal, self._opening)
+
+    def _opened_blocked(self, joints: np.ndarray, release: Pose, name: str, goal: Pose) -> str | None:
+        """Tell what the opening fingers would touch once the object stands where it shall stand."""
+        reached = self._reach(joints, release)
+        if reached is None:
+            return "out of reach"
+        hits = self._clearance.touches(
+            reached, finger_width_m=self._opening, held=name, held_pose=goal, ignore=frozenset({name})
+        )
+        return ", ".join(hits) or None
+
+    def _grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
+        """Yield grasp poses in the world, the preferred and least turned ones first."""
+        pose = state.pose(name)
+        found: list[tuple[float, Pose, float]] = []
+        for grasp in self._assets[name].grasps:
+            for T_world_tcp in _turned(pose, grasp):  # noqa: N806
+                approach = _approach(T_world_tcp)
+                if approach > -0.9:
+                    continue
+                turn = angle_between(T_world_tcp.quaternion, state.ee_pose.quaternion)
+                found.append((10.0 * grasp.preference + turn, T_world_tcp, grasp.width_m))
+        if not found:
+            found = [(0.0, p, w) for p, w in self._lying_grasps(state, name)]
+        for _, T_world_tcp, width in sorted(found, key=lambda item: item[0]):  # noqa: N806
+            yield T_world_tcp, width
+
+    def _lying_grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
+        """Yield grasps from above for an object that has fallen over, across its narrow horizontal directions."""
+        info = state.info.object(name)
+        pose = state.pose(name)
+        centre = pose.apply((0.0, 0.0, 0.5 * info.size_m[2]))
+        for axis in range(3):
+            if info.size_m[axis] > self._opening - 0.008:
+                continue
+            direction = tuple(1.0 if i == axis else 0.0 for i in range(3))
+            x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply(direction)
+            if abs(z) > 0.3:
+                continue
+            yaw = math.atan2(y, x) - 0.5 * math.pi
+            height = max(0.012, centre[2] - 0.005)
+            for flip in (0.0, math.pi):
+                down = normalise(multiply(from_yaw(yaw + flip), DOWN))
+                yield Pose((centre[0], centre[1], height), down), info.size_m[axis]
+
+    def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose) -> np.ndarray | None:
+        result = self._ik.reach(np.asarray(start, dtype=float), pose)
+        return result.q if result.converged else None
+
+    def _transit(
+        self,
+        state: WorldState,
+        goal: Pose,
+        width: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,  # noqa: N803
+    ) -> tuple[Pose, ...] | None:
+        """Return a way up, across and down to ``goal`` that touches nothing, or None."""
+        start = state.commanded_pose
+        joints = np.asarray(state.joint_positions)
+        for height in SAFE_HEIGHTS_M:
+            top = max(height, goal.position[2])
+            if held is not None:
+                top = max(top, min(start.position[2], 0.45))
+            up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
+            over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
+            way = (up, over, goal)
+            blocked = self._way_is_free(
+                joints, (start, *way), width, state=state, held=held, T_tcp_object=T_tcp_object, lenient_start=True
+            )
+            if blocked is None:
+                return way
+        return None
+
+    def _way_is_free(
+        self,
+        joints: np.ndarray,
+        way: Sequence[Pose],
+        width: float,
+        *,
+        state: WorldState,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,  # noqa: N803
+        ignore: frozenset[str] = frozenset(),
+        lenient_start: bool = False,
+    ) -> str | None:
+        """Return what blocks a way, or None if it is free. The first 4 cm may be lenient: one starts where one is."""
+        travelled = 0.0
+        for start, end in zip(way, way[1:], strict=False):
+            length = distance(start.position, end.position)
+            turn = angle_between(start.quaternion, end.quaternion)
+            steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
+            for i in range(1, steps + 1):
+                f = i / steps
+                pose = Pose(
+                    tuple(a + f * (b - a) for a, b in zip(start.position, end.position, strict=True)),  # type: ignore[arg-type]
+                    slerp(start.quaternion, end.quaternion, f),
+                )
+                reached = self._reach(joints, pose)
+                if reached is None:
+                    return "out of reach"
+                joints = reached
+                held_pose = None if T_tcp_object is None else pose @ T_tcp_object
+                hits = self._clearance.touches(
+                    joints, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore
+                )
+                if hits and not (lenient_start and travelled + f * length < 0.05):
+                    return ", ".join(hits)
+            travelled += length
+        del state
+        return None
+
+
+def _turned(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
+    """Yield the equal ways of one annotated grasp: turned about the object's axis, and with the fingers exchanged."""
+    turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
+    half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
+    for turn in turns:
+        turned = pose @ Pose((0.0, 0.0, 0.0), from_yaw(turn)) @ grasp.pose
+        yield turned
+        if not grasp.symmetric_yaw:
+            yield turned @ half_turn
+
+
+def _approach(T_world_tcp: Pose) -> float:  # noqa: N803
+    """Return the vertical component of the approach direction: -1 points straight down."""
+    _, x, y, _ = T_world_tcp.quaternion
+    return 1.0 - 2.0 * (x * x + y * y)
+
+
+def heading(pose: Pose) -> float:
+    """Return the heading [rad] of an object."""
+    return yaw_of(pose.quaternion)

@@ -1,0 +1,186 @@
+"""Skills: reach, grasp, lift, carry, place, release and retreat, chained into picks and places that notice failure."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import PlanningError
+from betterbench.experts.motion import (
+    APPROACH,
+    CARRY,
+    CLOSE,
+    FREE,
+    OPEN,
+    Motion,
+    close_gripper,
+    follow,
+    hold,
+    open_gripper,
+)
+from betterbench.experts.planner import DOWN, LIFT_M, Planner
+from betterbench.experts.targets import place_goals
+from betterbench.geometry import Pose, Vector, distance, from_yaw, multiply, normalise
+from betterbench.state import WorldState
+
+Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
+"""A skill yields actions, is sent states, and returns the last state and whether it worked."""
+
+SAFE_HEIGHT_M = 0.24
+
+
+@dataclass(frozen=True, slots=True)
+class Fumble:
+    """A deliberate clumsiness of the hand, for the calibration zoo.
+
+    Attributes:
+        grasp_offset_m: Horizontal error of the grasp along the direction in which the fingers do not open, then along
+            the one in which they do [m].
+        drop: True to open the hand in mid-air after the lift.
+    """
+
+    grasp_offset_m: tuple[float, float] = (0.0, 0.0)
+    drop: bool = False
+
+
+@dataclass
+class Skills:
+    """The motor skills of one privileged policy in one scene.
+
+    Attributes:
+        planner: Planner of the scene.
+        period_s: Control period [s].
+        attempts: How often a failed grasp is tried again.
+        fumble: Deliberate clumsiness, or None.
+    """
+
+    planner: Planner
+    period_s: float
+    attempts: int = 4
+    fumble: Fumble | None = None
+
+    def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
+        """Move above an object and down to its grasp.
+
+        Returns:
+            The last state and the grasp pose that was reached for.
+
+        Raises:
+            PlanningError: If no free grasp exists.
+        """
+        plan = self.planner.plan_pick(state, name)
+        grasp = plan.grasp
+        if self.fumble is not None:
+            dx, dy = self.fumble.grasp_offset_m
+            grasp = grasp @ Pose((dx, dy, 0.0))
+        state = yield from follow(state, plan.way, gripper=OPEN, pace=FREE, period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        return state, grasp
+
+    def grasp(self, state: WorldState, name: str) -> Outcome:
+        """Close the hand and tell whether the object is between the fingers."""
+        state = yield from close_gripper(state)
+        return state, state.touching("left_finger", name) and state.touching("right_finger", name)
+
+    def lift(self, state: WorldState, name: str) -> Outcome:
+        """Lift what is in the hand straight up and tell whether it came along."""
+        before = state.pose(name).position[2]
+        goal = state.commanded_pose.translated(z=LIFT_M)
+        state = yield from follow(state, (goal,), gripper=CLOSE, pace=CARRY, period_s=self.period_s, settle=6)
+        return state, state.pose(name).position[2] - before > 0.5 * LIFT_M
+
+    def retreat(self, state: WorldState, *, up_m: float = 0.12) -> Motion:
+        """Open the hand and move straight up."""
+        state = yield from open_gripper(state, width_m=0.07)
+        goal = state.commanded_pose.translated(z=up_m)
+        return (yield from follow(state, (goal,), gripper=OPEN, pace=FREE, period_s=self.period_s, settle=2))
+
+    def pick(self, state: WorldState, name: str) -> Outcome:
+        """Take an object, again if the grasp failed.
+
+        Returns:
+            The last state and whether the object is in the hand.
+        """
+        for _ in range(self.attempts):
+            try:
+                state, _ = yield from self.reach(state, name)
+            except PlanningError:
+                return state, False
+            state, holds = yield from self.grasp(state, name)
+            if holds:
+                state, holds = yield from self.lift(state, name)
+            if holds and self.fumble is not None and self.fumble.drop:
+                state = yield from open_gripper(state, width_m=0.07)
+                return state, False
+            if holds:
+                return state, True
+            state = yield from self.retreat(state)
+            if self.fumble is not None:
+                return state, False
+        return state, False
+
+    def place(self, state: WorldState, name: str, target: str, relation: str) -> Outcome:
+        """Carry the held object to its target, put it down, let go and move away.
+
+        Returns:
+            The last state and whether the object was still in the hand on arrival.
+        """
+        try:
+            plan = self.planner.plan_place(state, name, place_goals(state, name, target, relation))
+        except PlanningError:
+            return state, False
+        state = yield from follow(state, plan.way, gripper=CLOSE, pace=CARRY, period_s=self.period_s)
+        if state.held != name:
+            return state, False
+        state = yield from follow(state, (plan.release,), gripper=CLOSE, pace=APPROACH, period_s=self.period_s)
+        arrived = state.touching("left_finger", name) and state.touching("right_finger", name)
+        state = yield from hold(state, 3, gripper=CLOSE)
+        state = yield from open_gripper(state, width_m=0.076)
+        state = yield from hold(state, 3, gripper=OPEN)
+        state = yield from follow(
+            state, (state.commanded_pose.translated(z=0.12),), gripper=OPEN, pace=APPROACH, period_s=self.period_s,
+            settle=2,
+        )
+        return state, arrived
+
+    def pick_and_place(self, state: WorldState, name: str, target: str, relation: str) -> Outcome:
+        """Bring an object to its target, starting over where it slipped out of the hand."""
+        for _ in range(self.attempts):
+            state, held = yield from self.pick(state, name)
+            if not held:
+                return state, False
+            state, placed = yield from self.place(state, name, target, relation)
+            if placed:
+                return state, True
+            if state.touching("left_finger", name) and state.touching("right_finger", name):
+                return state, False
+            state = yield from self.retreat(state)
+        return state, False
+
+    def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
+        """Grasp at a place where nothing stands, lift and open again."""
+        goal = Pose((place[0], place[1], height_m), normalise(multiply(from_yaw(yaw), DOWN)))
+        above = goal.translated(z=LIFT_M)
+        way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
+        state = yield from follow(state, way, gripper=OPEN, pace=FREE, period_s=self.period_s)
+        state = yield from follow(state, (goal,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        state = yield from close_gripper(state)
+        state = yield from follow(state, (above,), gripper=CLOSE, pace=CARRY, period_s=self.period_s, settle=2)
+        return (yield from open_gripper(state, width_m=0.07))
+
+    def approach_and_stop(self, state: WorldState, name: str) -> Motion:
+        """Start towards an object and stop in mid-air, well away from it."""
+        place = state.pose(name).position
+        start = state.commanded_pose
+        half = tuple(a + 0.4 * (b - a) for a, b in zip(start.position[:2], place[:2], strict=True))
+        goal = Pose((half[0], half[1], max(0.3, start.position[2] - 0.1)), start.quaternion)
+        return (yield from follow(state, (goal,), gripper=OPEN, pace=FREE, period_s=self.period_s))
+
+    def go_home(self, state: WorldState, home: Pose) -> Motion:
+        """Return to where the episode began, if it is not too far from there already."""
+        if distance(state.commanded_pose.position, home.position) < 0.01:
+            return state
+        way = self.planner.transit(state, home) or (home,)
+        return (yield from follow(state, way, gripper=OPEN, pace=FREE, period_s=self.period_s, settle=4))

@@ -1,0 +1,106 @@
+"""Where a held object has to go: the poses that satisfy a subgoal, the best first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from betterbench.errors import PlanningError
+from betterbench.geometry import Pose, Vector, from_yaw, normalise, rotate, yaw_of
+from betterbench.state import WorldState
+
+RELEASE_GAP_M = 0.002
+"""Height above its resting place at which an object is let go [m]."""
+ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
+"""Length and rise of the way in below an overhang [m]."""
+SPOTS = ((-0.9, 0.9), (0.9, 0.9), (-0.9, -0.9), (0.9, -0.9))
+"""Places within a container, as fractions of the half length and half width over which an item's centre may move."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceGoal:
+    """A pose at which an object is to be let go, and the side from which it comes there.
+
+    Attributes:
+        pose: Pose ``T_world_object`` to let go at.
+        approach: Displacement [m], world frame, from that pose to where the straight approach begins.
+    """
+
+    pose: Pose
+    approach: Vector = (0.0, 0.0, 0.08)
+
+
+def place_goals(state: WorldState, name: str, target: str, relation: str) -> tuple[PlaceGoal, ...]:
+    """Return poses at which an object satisfies a relation to a target, the best first.
+
+    Args:
+        state: State now.
+        name: Name of the object.
+        target: Name of the container or fixture.
+        relation: Name of the relation.
+
+    Raises:
+        PlanningError: If the relation is not one that these skills can bring about.
+    """
+    if relation == "on_ring":
+        return _on_ring(state, name, target)
+    if relation == "inside":
+        return _inside(state, name, target)
+    raise PlanningError(f"no skill brings about the relation {relation!r}")
+
+
+def _on_ring(state: WorldState, name: str, fixture: str) -> tuple[PlaceGoal, ...]:
+    """Return goals on the ring; the object slides in from the front of the fixture, below its overhanging head."""
+    frame = state.pose(fixture)
+    ring = state.info.object(fixture).region("ring")
+    x, y, z = frame.apply(ring.position)
+    facing = yaw_of(frame.quaternion)
+    base = 0.0 if any(r.name == "handle" for r in state.info.object(name).regions) else yaw_of(
+        state.pose(name).quaternion
+    ) - facing
+    turns = [0.0] + [sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)]
+    foot = next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
+    front = rotate(frame.quaternion, (ENTRY_M, 0.0, 0.0))
+    approach = (front[0], front[1], ENTRY_RISE_M)
+    goals = []
+    for turn in turns:
+        turned = from_yaw(facing + base + turn)
+        fx, fy, fz = rotate(turned, foot)
+        goals.append(PlaceGoal(Pose((x - fx, y - fy, z - fz + RELEASE_GAP_M), turned), approach))
+    return tuple(goals)
+
+
+def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ...]:
+    frame = state.pose(container)
+    info = state.info.object(container)
+    region = info.region("inside")
+    size = state.info.object(name).size_m
+    hx, hy, hz = region.half_size
+    room_x, room_y = hx - 0.5 * max(size[:2]) - 0.004, hy - 0.5 * max(size[:2]) - 0.004
+    floor = region.position[2] - hz
+    taken = [
+        (frame.inverse().apply(state.positions[i]), o.size_m)
+        for i, o in enumerate(state.info.objects)
+        if o.name not in (name, container) and not o.fixed and _within(state, i, container)
+    ]
+    now = yaw_of(state.pose(name).quaternion)
+    goals: list[tuple[float, Pose]] = []
+    for preference, (fx, fy) in enumerate(SPOTS):
+        spot = (region.position[0] + fx * room_x, region.position[1] + fy * room_y)
+        free = min(
+            (math.hypot(spot[0] - p[0], spot[1] - p[1]) - 0.5 * max(s[:2]) for p, s in taken), default=1.0
+        ) - 0.5 * max(size[:2])
+        crowding = 0.0 if free > 0.0 else -50.0 * free
+        for drop in (RELEASE_GAP_M, 0.02, 0.04, 0.06, 0.085):
+            for turn in (0.0, math.pi / 2, -math.pi / 2, math.pi / 4, -math.pi / 4, 3 * math.pi / 4, -3 * math.pi / 4):
+                place = frame.apply((spot[0], spot[1], floor + drop))
+                upright = normalise(from_yaw(now + turn))
+                cost = crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
+                goals.append((cost, Pose(place, upright)))
+    return tuple(PlaceGoal(pose) for _, pose in sorted(goals, key=lambda g: g[0]))
+
+
+def _within(state: WorldState, i: int, container: str) -> bool:
+    region = state.info.object(container).region("inside")
+    x, y, _ = (state.pose(container) @ region.pose).inverse().apply(state.positions[i])
+    return abs(x) <= region.half_size[0] and abs(y) <= region.half_size[1]

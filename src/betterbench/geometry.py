@@ -1,0 +1,180 @@
+"""Rigid-body geometry: poses, quaternions and rotations.
+
+Conventions, stated once for the whole project: metres and radians; quaternions are ``(w, x, y, z)`` with unit norm and
+the sign chosen so that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
+
+The functions work on plain Python floats. Predicates run once per control step, where a few multiplications on floats
+are several times faster than the same on tiny arrays, and they give the same bits live and offline.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+def normalise(q: Sequence[float]) -> Quaternion:
+    """Return the unit quaternion with ``w >= 0`` that describes the same rotation.
+
+    Args:
+        q: Quaternion (w, x, y, z), not zero.
+
+    Returns:
+        The normalised quaternion.
+
+    Raises:
+        ValueError: If all components are zero.
+    """
+    w, x, y, z = (float(c) for c in q)
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if norm == 0.0:
+        msg = "a quaternion of zero length describes no rotation"
+        raise ValueError(msg)
+    if w < 0.0:
+        norm = -norm
+    return (w / norm, x / norm, y / norm, z / norm)
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the Hamilton product ``a b``: first rotate by ``b``, then by ``a``."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """Return the inverse of a unit quaternion."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
+    """Rotate a vector by a unit quaternion.
+
+    Args:
+        q: Unit quaternion of ``R_a_b``.
+        v: Vector in frame ``b``.
+
+    Returns:
+        The vector in frame ``a``.
+    """
+    w, x, y, z = q
+    vx, vy, vz = v
+    tx = 2.0 * (y * vz - z * vy)
+    ty = 2.0 * (z * vx - x * vz)
+    tz = 2.0 * (x * vy - y * vx)
+    return (
+        vx + w * tx + y * tz - z * ty,
+        vy + w * ty + z * tx - x * tz,
+        vz + w * tz + x * ty - y * tx,
+    )
+
+
+def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
+    """Return the quaternion of a rotation vector (unit axis times angle [rad])."""
+    x, y, z = (float(c) for c in rotation_vector)
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < 1e-12:
+        return normalise((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
+    s = math.sin(0.5 * angle) / angle
+    return normalise((math.cos(0.5 * angle), s * x, s * y, s * z))
+
+
+def to_axis_angle(q: Quaternion) -> Vector:
+    """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
+    w, x, y, z = normalise(q)
+    s = math.sqrt(x * x + y * y + z * z)
+    if s < 1e-12:
+        return (2.0 * x, 2.0 * y, 2.0 * z)
+    scale = 2.0 * math.atan2(s, w) / s
+    return (scale * x, scale * y, scale * z)
+
+
+def from_yaw(yaw: float) -> Quaternion:
+    """Return the rotation by ``yaw`` [rad] about the vertical axis."""
+    return normalise((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
+
+
+def yaw_of(q: Quaternion) -> float:
+    """Return the heading [rad] of the rotated x axis, seen from above."""
+    w, x, y, z = q
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def tilt_of(q: Quaternion) -> float:
+    """Return the angle [rad] between the rotated z axis and the vertical."""
+    _, x, y, _ = q
+    return math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+
+
+def angle_between(a: Quaternion, b: Quaternion) -> float:
+    """Return the angle [rad] in [0, pi] of the rotation that takes ``a`` to ``b``."""
+    w, x, y, z = multiply(conjugate(a), b)
+    return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+
+
+def wrap_angle(angle: float) -> float:
+    """Return the same angle [rad] in (-pi, pi]."""
+    wrapped = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
+    """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
+    step = to_axis_angle(multiply(conjugate(a), b))
+    return normalise(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
+
+
+def distance(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the Euclidean distance of two points [m]."""
+    dx, dy, dz = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+def horizontal_distance(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the distance [m] of two points seen from above."""
+    dx, dy = a[0] - b[0], a[1] - b[1]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A rigid transform ``T_a_b``.
+
+    Attributes:
+        position: Origin of frame ``b`` in frame ``a`` [m].
+        quaternion: Rotation ``R_a_b`` as (w, x, y, z).
+    """
+
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = IDENTITY_QUATERNION
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Return ``T_a_c`` for ``self = T_a_b`` and ``other = T_b_c``."""
+        return Pose(self.apply(other.position), normalise(multiply(self.quaternion, other.quaternion)))
+
+    def apply(self, point: Sequence[float]) -> Vector:
+        """Return the coordinates in frame ``a`` of a point given in frame ``b``."""
+        x, y, z = rotate(self.quaternion, point)
+        return (self.position[0] + x, self.position[1] + y, self.position[2] + z)
+
+    def inverse(self) -> Pose:
+        """Return ``T_b_a``."""
+        q = conjugate(self.quaternion)
+        x, y, z = rotate(q, self.position)
+        return Pose((-x, -y, -z), q)
+
+    def translated(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+        """Return the pose moved by (x, y, z) [m] in frame ``a``."""
+        px, py, pz = self.position
+        return Pose((px + x, py + y, pz + z), self.quaternion)

@@ -1,0 +1,250 @@
+"""Action spaces: what the numbers of an action mean, declared as values that both sides of a handshake can compare.
+
+An :class:`ActionSpace` says how many numbers an action has, between which bounds, in which units, and under which convention
+(frame, what a delta is added to, gripper polarity). Policies and environments exchange these declarations and stop when
+they disagree; nothing here moves a robot.
+
+The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
+width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
+(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
+
+TRANSLATION_PER_UNIT_M = 0.05
+"""Translation of one action unit [m]; the output scale of robosuite's OSC_POSE controller, used by LIBERO."""
+
+ROTATION_PER_UNIT_RAD = 0.5
+"""Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
+
+JOINT_STEP_PER_UNIT_RAD = 0.1
+"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the slowest Panda joint's limit of 2.175 rad/s."""
+
+GRIPPER_CONVENTION = "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
+
+
+@dataclass(frozen=True, slots=True)
+class ActionSpace:
+    """Declaration of what the numbers of an action mean.
+
+    Attributes:
+        name: Name of the action space ("ee_delta").
+        components: Name of each number, in order; the last one is always "gripper".
+        units: Unit of each number after multiplication with its scale ("m", "rad", "1").
+        low: Smallest allowed value of each number; smaller ones are clipped.
+        high: Largest allowed value of each number; larger ones are clipped.
+        scale: What one unit of each number amounts to, in ``units``.
+        convention: Frame, reference and polarity in words, compared at every handshake.
+    """
+
+    name: str
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    scale: tuple[float, ...]
+    convention: str
+    _bounds: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check that all parts speak about the same number of components.
+
+        Raises:
+            InvalidInputError: If they do not, or if a bound is empty or not finite.
+        """
+        where = f"action space {self.name!r}"
+        for part in ("units", "low", "high", "scale"):
+            if len(getattr(self, part)) != len(self.components):
+                raise InvalidInputError(
+                    where,
+                    f"{part} has {len(getattr(self, part))} entries for {len(self.components)} components",
+                    "Give one entry per component",
+                )
+        if not all(math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
+            raise InvalidInputError(where, "a lower bound is not below its upper bound", "Give finite bounds, low < high")
+        bounds = (np.array(self.low), np.array(self.high))
+        for bound in bounds:
+            bound.setflags(write=False)
+        object.__setattr__(self, "_bounds", bounds)
+
+    @property
+    def dim(self) -> int:
+        """Number of components of an action."""
+        return len(self.components)
+
+    @property
+    def neutral(self) -> np.ndarray | None:
+        """The action that asks for no motion, shape (dim,), or None where that depends on the state of the robot."""
+        return np.zeros(self.dim) if self.is_delta else None
+
+    @property
+    def is_delta(self) -> bool:
+        """Whether actions are changes (zero means stay) rather than absolute targets."""
+        return self.name in {EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name}
+
+    def clip(self, action: object) -> np.ndarray:
+        """Return the action as it will be applied: float64 and inside the bounds.
+
+        Clipping is idempotent, so a recorded action can be applied again and gives the same bits.
+
+        Args:
+            action: Array or sequence of ``dim`` real numbers.
+
+        Returns:
+            New array, shape (dim,), float64.
+
+        Raises:
+            InvalidActionError: If the shape or type is wrong or a number is not finite.
+        """
+        given = action if isinstance(action, np.ndarray) else _as_array(action, self.name)
+        if given.dtype.kind not in "fiu":
+            raise InvalidActionError(
+                f"{self.name} action: its type is {given.dtype}, not a real number. Send float32 or float64."
+            )
+        if given.shape != (self.dim,):
+            raise InvalidActionError(
+                f"{self.name} action: its shape is {given.shape}, not ({self.dim},). "
+                f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
+            )
+        values = given.astype(np.float64)
+        if not np.isfinite(values).all():
+            bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values.tolist(), strict=True) if not math.isfinite(v))
+            raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
+        low, high = self._bounds
+        np.maximum(values, low, out=values)
+        np.minimum(values, high, out=values)
+        return values
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, which also travels in policy handshakes."""
+        return {
+            "name": self.name,
+            "components": list(self.components),
+            "units": list(self.units),
+            "low": list(self.low),
+            "high": list(self.high),
+            "scale": list(self.scale),
+            "convention": self.convention,
+        }
+
+    @classmethod
+    def from_json(cls, form: Mapping[str, Any]) -> ActionSpace:
+        """Read the JSON form.
+
+        Raises:
+            InvalidInputError: If a field is missing, unknown or of the wrong type.
+        """
+        try:
+            return cls(
+                name=str(form["name"]),
+                components=tuple(str(c) for c in form["components"]),
+                units=tuple(str(u) for u in form["units"]),
+                low=tuple(float(v) for v in form["low"]),
+                high=tuple(float(v) for v in form["high"]),
+                scale=tuple(float(v) for v in form["scale"]),
+                convention=str(form["convention"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError(
+                "action space", f"{error} is missing or malformed", "Send the JSON form that ActionSpace.to_json writes"
+            ) from error
+
+
+def _as_array(action: object, name: str) -> np.ndarray:
+    """Return an array of the given sequence, or raise InvalidActionError."""
+    try:
+        return np.asarray(action)
+    except (TypeError, ValueError) as error:
+        raise InvalidActionError(f"{name} action: it is no array of numbers ({error}). Send a flat numpy array.") from error
+
+
+_TWIST = ("x", "y", "z", "rx", "ry", "rz", "gripper")
+_TWIST_UNITS = ("m", "m", "m", "rad", "rad", "rad", "1")
+_TWIST_SCALE = (TRANSLATION_PER_UNIT_M,) * 3 + (ROTATION_PER_UNIT_RAD,) * 3 + (1.0,)
+_JOINTS = tuple(f"joint{i}" for i in range(1, 8)) + ("gripper",)
+
+EE_DELTA = ActionSpace(
+    name="ee_delta",
+    components=_TWIST,
+    units=_TWIST_UNITS,
+    low=(-1.0,) * 7,
+    high=(1.0,) * 7,
+    scale=_TWIST_SCALE,
+    convention=(
+        "base frame; translation, then rotation vector about base axes, both added to the last commanded pose, "
+        f"which leads the measured pose by a bounded distance; {GRIPPER_CONVENTION}"
+    ),
+)
+
+EE_DELTA_MEASURED = ActionSpace(
+    name="ee_delta_measured",
+    components=_TWIST,
+    units=_TWIST_UNITS,
+    low=(-1.0,) * 7,
+    high=(1.0,) * 7,
+    scale=_TWIST_SCALE,
+    convention=(
+        "base frame; translation, then rotation vector about base axes, both added to the measured pose; "
+        f"{GRIPPER_CONVENTION}"
+    ),
+)
+
+EE_POSE = ActionSpace(
+    name="ee_pose",
+    components=("x", "y", "z", "qw", "qx", "qy", "qz", "gripper"),
+    units=("m", "m", "m", "1", "1", "1", "1", "1"),
+    # A ball of the Panda's largest reach (0.855 m to the flange, Franka's data sheet) and the tool fits in this box.
+    low=(-1.2, -1.2, -0.5, -1.0, -1.0, -1.0, -1.0, -1.0),
+    high=(1.2, 1.2, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0),
+    scale=(1.0,) * 8,
+    convention=(
+        "base frame; absolute pose of the tool centre point as position and quaternion (w, x, y, z), "
+        f"normalised when applied; {GRIPPER_CONVENTION}"
+    ),
+)
+
+JOINT_POSITION = ActionSpace(
+    name="joint_position",
+    components=_JOINTS,
+    units=("rad",) * 7 + ("1",),
+    # The Panda's own joint limits are narrower and are enforced by the controller.
+    low=(-math.pi,) * 7 + (-1.0,),
+    high=(math.pi,) * 3 + (math.pi,) * 2 + (4.0, math.pi, 1.0),
+    scale=(1.0,) * 8,
+    convention=f"absolute joint angles, base to flange; {GRIPPER_CONVENTION}",
+)
+
+JOINT_DELTA = ActionSpace(
+    name="joint_delta",
+    components=_JOINTS,
+    units=("rad",) * 7 + ("1",),
+    low=(-1.0,) * 8,
+    high=(1.0,) * 8,
+    scale=(JOINT_STEP_PER_UNIT_RAD,) * 7 + (1.0,),
+    convention=f"joint steps, base to flange, added to the last commanded joint angles; {GRIPPER_CONVENTION}",
+)
+
+ACTION_SPACES: dict[str, ActionSpace] = {
+    space.name: space for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)
+}
+
+
+def action_space(name: str) -> ActionSpace:
+    """Return a registered action space by name.
+
+    Raises:
+        UnknownNameError: If there is no action space of this name.
+    """
+    try:
+        return ACTION_SPACES[name]
+    except KeyError:
+        raise UnknownNameError("action space", name, ACTION_SPACES) from None

@@ -1,0 +1,109 @@
+"""Observations: what a policy is allowed to see, with every convention declared as a value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import UnknownNameError
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSpec:
+    """One camera of an observation.
+
+    Attributes:
+        name: Camera in the scene ("front", "wrist", "left_shoulder", "right_shoulder").
+        width: Picture width [pixel].
+        height: Picture height [pixel].
+    """
+
+    name: str
+    width: int = 256
+    height: int = 256
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationSpec:
+    """Which pictures an observation holds, and whether depth and masks come with them.
+
+    Attributes:
+        name: Name of the preset.
+        cameras: Cameras, in order.
+        rate_hz: Rate at which observations are given [Hz].
+        depth: True to add depth pictures [m].
+        masks: True to add instance masks. Both are privileged and are refused for real policies unless asked for.
+    """
+
+    name: str
+    cameras: tuple[CameraSpec, ...]
+    rate_hz: float = 20.0
+    depth: bool = False
+    masks: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+_PRESETS = {
+    "default": ObservationSpec("default", (CameraSpec("front"), CameraSpec("wrist"))),
+    "state_only": ObservationSpec("state_only", ()),
+    "official": ObservationSpec(
+        "official",
+        (
+            CameraSpec("front_official", 448, 448),
+            CameraSpec("left_shoulder", 448, 448),
+            CameraSpec("right_shoulder", 448, 448),
+        ),
+        rate_hz=15.0,
+    ),
+}
+
+
+def observation_spec(name: str) -> ObservationSpec:
+    """Return an observation preset by name.
+
+    Args:
+        name: "default" (front and wrist, 256 x 256, 20 Hz), "official" (the three fixed 448 x 448 views at 15 Hz of the
+            paper's own release) or "state_only" (proprioception and the instruction alone).
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    try:
+        return _PRESETS[name]
+    except KeyError:
+        raise UnknownNameError("observation preset", name, _PRESETS) from None
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What a policy sees at one control step.
+
+    Attributes:
+        instruction: The sentence that says what to do.
+        step: Control steps taken since reset.
+        images: Per camera an upright RGB picture, (height, width, 3) uint8.
+        joint_positions: (7,) arm joint angles [rad].
+        joint_velocities: (7,) arm joint velocities [rad/s].
+        ee_position: (3,) tool centre point in the robot base frame [m].
+        ee_quaternion: (4,) tool rotation in the robot base frame, (w, x, y, z) with w >= 0.
+        gripper_width: Distance of the finger pads [m].
+        depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.
+        masks: Per camera (height, width) int32 instance ids; empty unless asked for.
+    """
+
+    instruction: str
+    step: int
+    images: Mapping[str, np.ndarray]
+    joint_positions: np.ndarray
+    joint_velocities: np.ndarray
+    ee_position: np.ndarray
+    ee_quaternion: np.ndarray
+    gripper_width: float
+    depth: Mapping[str, np.ndarray]
+    masks: Mapping[str, np.ndarray]

@@ -1,0 +1,32 @@
+"""Records of episodes and the folders of runs: the privileged truth on disk, readable without a simulator."""
+
+from betterbench.recording.builder import RecordBuilder
+from betterbench.recording.columns import Contacts
+from betterbench.recording.durable import write_durably
+from betterbench.recording.journal import Journal, JournalEntry, Status, TrialKey, read_journal
+from betterbench.recording.lock import RunLock
+from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
+from betterbench.recording.parquet import read_record, record_bytes, write_record
+from betterbench.recording.record import Record
+from betterbench.recording.run import RunFolder
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "Contacts",
+    "Journal",
+    "JournalEntry",
+    "Outcome",
+    "Record",
+    "RecordBuilder",
+    "RecordMetadata",
+    "RunFolder",
+    "RunLock",
+    "Status",
+    "Termination",
+    "TrialKey",
+    "read_journal",
+    "read_record",
+    "record_bytes",
+    "write_durably",
+    "write_record",
+]

@@ -1,0 +1,224 @@
+"""Building a record, one control step at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.errors import InvalidInputError
+from betterbench.recording.columns import Contacts
+from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination, dump_json
+from betterbench.recording.record import Record
+from betterbench.state import WorldState
+
+_SIMULATOR_ROWS = ("qpos", "qvel", "ctrl", "action", "applied")
+
+_FIRST_CAPACITY = 512
+"""Rows for which room is made at first: 25 s at 20 Hz. It doubles when it is used up."""
+
+
+class RecordBuilder:
+    """Collects the states of one episode.
+
+    Appending copies the simulator's arrays and keeps the state, which is a frozen value; all conversion waits for
+    :meth:`finish`, so a control step pays a few microseconds.
+
+    Args:
+        metadata: Which trial this is.
+
+    Raises:
+        InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
+    """
+
+    def __init__(self, metadata: RecordMetadata) -> None:
+        """Begin an empty record."""
+        if metadata.schema_version != SCHEMA_VERSION:
+            problem = f"{metadata.schema_version!r} cannot be written"
+            raise InvalidInputError("schema_version", problem, f"Leave it at {SCHEMA_VERSION}")
+        dump_json(metadata.to_json())
+        self._metadata = metadata
+        self._states: list[WorldState] = []
+        self._rows: list[npt.NDArray[np.float64]] = []
+        self._truths: list[tuple[Sequence[bool], Sequence[bool], bool, bool]] = []
+        self._shapes: tuple[tuple[int, ...], ...] = ()
+        self._lengths = (len(metadata.predicate_names), len(metadata.subgoal_names))
+        self._no_action = np.full(len(metadata.action_components), np.nan)
+
+    def __len__(self) -> int:
+        """Return the number of rows so far."""
+        return len(self._states)
+
+    def append(
+        self,
+        state: WorldState,
+        *,
+        qpos: npt.NDArray[np.float64],
+        qvel: npt.NDArray[np.float64],
+        ctrl: npt.NDArray[np.float64],
+        action: npt.NDArray[np.floating] | None = None,
+        applied: npt.NDArray[np.floating] | None = None,
+        predicates: Sequence[bool] = (),
+        subgoals: Sequence[bool] = (),
+        goal: bool,
+        forbidden: bool = False,
+    ) -> None:
+        """Append one row: the state at reset first, then the state after each action.
+
+        Args:
+            state: Privileged state; ``state.step`` is the number of rows so far.
+            qpos: Generalised positions, shape (nq,); copied.
+            qvel: Generalised velocities, shape (nv,); copied.
+            ctrl: Actuator commands, shape (nu,); copied.
+            action: Action asked by the policy, shape (dim,); None at reset and only there.
+            applied: Action after clipping, shape (dim,); None at reset and only there.
+            predicates: Truth of each predicate, in the order of the metadata.
+            subgoals: Truth of each subgoal, in the order of the metadata.
+            goal: Truth of the goal.
+            forbidden: Whether something forbidden happens.
+
+        Raises:
+            InvalidInputError: If the step is out of order, an array changes its shape or a truth value is missing.
+        """
+        step = len(self._states)
+        if state.step != step:
+            raise InvalidInputError(
+                "state.step", f"{state.step} where row {step} is due", "Append every control step once"
+            )
+        if state.info is not self._metadata.scene and state.info != self._metadata.scene:
+            raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
+        if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
+            raise InvalidInputError(
+                "action", f"given or missing in row {step}", "Give both actions in every row but row 0"
+            )
+        if action is None or applied is None:
+            action = applied = self._no_action
+        shapes = (qpos.shape, qvel.shape, ctrl.shape, action.shape, applied.shape)
+        if shapes != self._shapes:
+            self._check_shapes(shapes)
+        if (len(predicates), len(subgoals)) != self._lengths:
+            problem = f"{len(predicates)} and {len(subgoals)} truth values"
+            cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
+            raise InvalidInputError("predicates, subgoals", problem, cure)
+        rows = self._rows
+        if step == rows[0].shape[0]:
+            rows[:] = [np.concatenate([column, np.empty_like(column)]) for column in rows]
+        rows[0][step] = qpos
+        rows[1][step] = qvel
+        rows[2][step] = ctrl
+        rows[3][step] = action
+        rows[4][step] = applied
+        self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
+        self._states.append(state)
+
+    def finish(
+        self,
+        *,
+        termination: Termination,
+        success: bool,
+        error: str | None = None,
+        clipped_actions: int = 0,
+        invalid_actions: int = 0,
+    ) -> Record:
+        """Return the record of the episode.
+
+        Args:
+            termination: Why the episode ended.
+            success: Whether the trial counts as a success under its expected behaviour.
+            error: What went wrong, if anything.
+            clipped_actions: Actions that had to be clipped.
+            invalid_actions: Answers that could not be executed.
+
+        Raises:
+            InvalidInputError: If nothing was appended, a state does not list the scene's objects or the outcome
+                contradicts itself.
+        """
+        outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
+        if not self._states:
+            raise InvalidInputError("record", "has no rows", "Append the state at reset first")
+        dump_json(asdict(outcome))
+        states, n = self._states, len(self._metadata.scene.objects)
+        rows = len(states)
+        index = {o.name: i for i, o in enumerate(self._metadata.scene.objects)}
+        joints = len(states[0].joint_positions)
+
+        def floats(name: str, values: object, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+            try:
+                return np.array(values, dtype=np.float64).reshape(shape)
+            except (TypeError, ValueError) as problem:
+                raise InvalidInputError(
+                    f"state.{name}", str(problem), f"Give {shape[1:]} numbers in every row"
+                ) from problem
+
+        held = [-1 if s.held is None else index.get(s.held, -2) for s in states]
+        if -2 in held:
+            row = held.index(-2)
+            raise InvalidInputError(
+                "state.held", f"{states[row].held!r} is no object (row {row})", "Name a scene object"
+            )
+        bodies, contacts = _collect_contacts(states)
+        predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
+        qpos, qvel, ctrl, action, applied = (column[:rows].copy() for column in self._rows)
+        return Record(
+            metadata=self._metadata,
+            outcome=outcome,
+            bodies=bodies,
+            time=floats("time_s", [s.time_s for s in states], (rows,)),
+            qpos=qpos,
+            qvel=qvel,
+            ctrl=ctrl,
+            action=action,
+            applied=applied,
+            ee_position=floats("ee_pose", [s.ee_pose.position for s in states], (rows, 3)),
+            ee_quaternion=floats("ee_pose", [s.ee_pose.quaternion for s in states], (rows, 4)),
+            commanded_position=floats("commanded_pose", [s.commanded_pose.position for s in states], (rows, 3)),
+            commanded_quaternion=floats("commanded_pose", [s.commanded_pose.quaternion for s in states], (rows, 4)),
+            finger_width=floats("finger_width_m", [s.finger_width_m for s in states], (rows,)),
+            gripper_command=floats("gripper_command", [s.gripper_command for s in states], (rows,)),
+            joint_positions=floats("joint_positions", [s.joint_positions for s in states], (rows, joints)),
+            joint_velocities=floats("joint_velocities", [s.joint_velocities for s in states], (rows, joints)),
+            object_positions=floats("positions", [s.positions for s in states], (rows, n, 3)),
+            object_quaternions=floats("quaternions", [s.quaternions for s in states], (rows, n, 4)),
+            object_linear_speeds=floats("linear_speeds", [s.linear_speeds for s in states], (rows, n)),
+            object_angular_speeds=floats("angular_speeds", [s.angular_speeds for s in states], (rows, n)),
+            held=np.array(held, dtype=np.int16),
+            predicates=np.array(predicates, dtype=np.bool_).reshape(rows, len(self._metadata.predicate_names)),
+            subgoals=np.array(subgoals, dtype=np.bool_).reshape(rows, len(self._metadata.subgoal_names)),
+            goal=np.array(goals, dtype=np.bool_),
+            forbidden=np.array(forbidden, dtype=np.bool_),
+            contacts=contacts,
+        )
+
+    def _check_shapes(self, shapes: tuple[tuple[int, ...], ...]) -> None:
+        """Make room for rows of the first shapes, and refuse others later.
+
+        Raises:
+            InvalidInputError: If an array is not flat or has another shape than is due.
+        """
+        due = self._shapes or (*shapes[:3], self._no_action.shape, self._no_action.shape)
+        for name, shape, known in zip(_SIMULATOR_ROWS, shapes, due, strict=True):
+            if len(shape) != 1:
+                raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
+            if shape != known:
+                raise InvalidInputError(name, f"has the shape {shape}, not {known}", "Keep the shape of the episode")
+        self._shapes = shapes
+        self._rows = [np.empty((_FIRST_CAPACITY, *shape)) for shape in shapes]
+
+
+def _collect_contacts(states: Sequence[WorldState]) -> tuple[tuple[str, ...], Contacts]:
+    """Return the names of all touching bodies, in order of appearance, and the contacts of all states."""
+    index: dict[str, int] = {}
+    pairs: list[tuple[int, int]] = []
+    forces: list[float] = []
+    offsets = [0]
+    for state in states:
+        for contact in state.contacts:
+            a = index.setdefault(contact.a, len(index))
+            b = index.setdefault(contact.b, len(index))
+            pairs.append((a, b))
+            forces.append(contact.force_n)
+        offsets.append(len(pairs))
+    bodies = np.array(pairs, dtype=np.int16).reshape(len(pairs), 2)
+    return tuple(index), Contacts(np.array(offsets, dtype=np.int32), bodies, np.array(forces, dtype=np.float64))

@@ -1,0 +1,182 @@
+"""The columns of a record and their Parquet form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from betterbench.errors import RecordError
+
+Widths = Mapping[str, int]
+"""Numbers per row: ``nq``, ``nv``, ``nu``, ``joints``, ``action``, ``objects``, ``predicates``, ``subgoals``."""
+
+WIDTH_NAMES = ("nq", "nv", "nu", "joints", "action", "objects", "predicates", "subgoals")
+
+
+class Column(NamedTuple):
+    """One column of a record.
+
+    Attributes:
+        name: Name of the field of a record and of the Parquet column.
+        kind: Type of each number.
+        width: Name of the width, or None for one number per row.
+        tail: Numbers per item of the width (3 for a position).
+    """
+
+    name: str
+    kind: Literal["float64", "bool", "int16"]
+    width: str | None = None
+    tail: int = 1
+
+    def size(self, widths: Widths) -> int:
+        """Return the numbers per row."""
+        return self.tail if self.width is None else widths[self.width] * self.tail
+
+    def shape(self, rows: int, widths: Widths) -> tuple[int, ...]:
+        """Return the shape of the column's array in a record."""
+        shape = (rows,) if self.width is None else (rows, widths[self.width])
+        return shape if self.tail == 1 else (*shape, self.tail)
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("time", "float64"),
+    Column("qpos", "float64", "nq"),
+    Column("qvel", "float64", "nv"),
+    Column("ctrl", "float64", "nu"),
+    Column("action", "float64", "action"),
+    Column("applied", "float64", "action"),
+    Column("ee_position", "float64", None, 3),
+    Column("ee_quaternion", "float64", None, 4),
+    Column("commanded_position", "float64", None, 3),
+    Column("commanded_quaternion", "float64", None, 4),
+    Column("finger_width", "float64"),
+    Column("gripper_command", "float64"),
+    Column("joint_positions", "float64", "joints"),
+    Column("joint_velocities", "float64", "joints"),
+    Column("object_positions", "float64", "objects", 3),
+    Column("object_quaternions", "float64", "objects", 4),
+    Column("object_linear_speeds", "float64", "objects"),
+    Column("object_angular_speeds", "float64", "objects"),
+    Column("held", "int16"),
+    Column("predicates", "bool", "predicates"),
+    Column("subgoals", "bool", "subgoals"),
+    Column("goal", "bool"),
+    Column("forbidden", "bool"),
+)
+"""All columns of one value per row and width; contacts, whose number changes, stand beside them."""
+
+CONTACTS = "contacts"
+"""Name of the Parquet column that lists each row's contacts."""
+
+_NUMBERS = {"float64": pa.float64(), "bool": pa.bool_(), "int16": pa.int16()}
+_CONTACT_FIELDS = [
+    pa.field("a", pa.int16(), nullable=False),
+    pa.field("b", pa.int16(), nullable=False),
+    pa.field("force", pa.float64(), nullable=False),
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts:
+    """The touching pairs of all rows, one after the other.
+
+    Attributes:
+        offsets: (T + 1,) int32; the pairs of row ``t`` are ``offsets[t]`` to ``offsets[t + 1]``.
+        bodies: (C, 2) int16 indices into the record's list of body names.
+        forces: (C,) normal forces [N].
+    """
+
+    offsets: npt.NDArray[np.int32]
+    bodies: npt.NDArray[np.int16]
+    forces: npt.NDArray[np.float64]
+
+
+def arrow_schema(widths: Widths) -> pa.Schema:
+    """Return the Parquet columns for these widths; columns without numbers are left out."""
+    fields = []
+    for column in COLUMNS:
+        number = _NUMBERS[column.kind]
+        size = column.size(widths)
+        if column.width is None and column.tail == 1:
+            fields.append(pa.field(column.name, number, nullable=False))
+        elif size:
+            item = pa.field("element", number, nullable=False)
+            fields.append(pa.field(column.name, pa.list_(item, size), nullable=False))
+    contact = pa.field("element", pa.struct(_CONTACT_FIELDS), nullable=False)
+    fields.append(pa.field(CONTACTS, pa.list_(contact), nullable=False))
+    return pa.schema(fields)
+
+
+def split_columns(schema: pa.Schema) -> list[str]:
+    """Return the Parquet paths of all float columns, which compress best with their bytes regrouped."""
+    paths = [f"{CONTACTS}.list.element.force"]
+    for field in schema:
+        if field.type == pa.float64():
+            paths.append(field.name)
+        elif pa.types.is_fixed_size_list(field.type) and field.type.value_type == pa.float64():
+            paths.append(f"{field.name}.list.element")
+    return paths
+
+
+def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, widths: Widths) -> pa.Table:
+    """Return the Parquet form of a record's columns."""
+    schema = arrow_schema(widths)
+    parts: list[pa.Array] = []
+    for field in schema:
+        if field.name == CONTACTS:
+            item = pa.StructArray.from_arrays(
+                [
+                    pa.array(np.ascontiguousarray(contacts.bodies[:, 0])),
+                    pa.array(np.ascontiguousarray(contacts.bodies[:, 1])),
+                    pa.array(contacts.forces),
+                ],
+                fields=_CONTACT_FIELDS,
+            )
+            parts.append(pa.ListArray.from_arrays(pa.array(contacts.offsets), item, type=field.type))
+            continue
+        values = pa.array(np.ascontiguousarray(arrays[field.name]).reshape(-1))
+        if pa.types.is_fixed_size_list(field.type):
+            values = pa.FixedSizeListArray.from_arrays(values, type=field.type)
+        parts.append(values)
+    return pa.Table.from_arrays(parts, schema=schema)
+
+
+def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
+    """Return a record's columns from their Parquet form.
+
+    Args:
+        table: Table that matches ``arrow_schema(widths)``.
+        widths: Numbers per row.
+        bodies: Number of body names that contacts may point to.
+
+    Returns:
+        Arrays by column name, and the contacts.
+
+    Raises:
+        RecordError: If an index points to nothing.
+    """
+    rows = table.num_rows
+    arrays: dict[str, npt.NDArray[np.generic]] = {}
+    for column in COLUMNS:
+        shape = column.shape(rows, widths)
+        if column.size(widths) == 0:
+            arrays[column.name] = np.zeros(shape, dtype=column.kind)
+            continue
+        chunk = table.column(column.name).combine_chunks()
+        flat = chunk.flatten() if pa.types.is_fixed_size_list(chunk.type) else chunk
+        arrays[column.name] = flat.to_numpy(zero_copy_only=False).reshape(shape)
+    listed = table.column(CONTACTS).combine_chunks()
+    offsets = listed.offsets.to_numpy()
+    items = listed.flatten()
+    pairs = np.stack([items.field(0).to_numpy(), items.field(1).to_numpy()], axis=1)
+    held = arrays["held"].astype(np.int64)
+    if pairs.size and (pairs.min() < 0 or pairs.max() >= bodies):
+        raise RecordError("a contact names a body that is not listed; record the trial again")
+    if held.min() < -1 or held.max() >= widths["objects"]:
+        raise RecordError("the held object is not one of the scene; record the trial again")
+    return arrays, Contacts((offsets - offsets[0]).astype(np.int32), pairs, items.field(2).to_numpy())

@@ -1,0 +1,342 @@
+"""The arm controller: one action in, the references of all servos out.
+
+Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
+:mod:`betterbench.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It stays where it is when
+the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and :data:`ROTATION_LEAD_RAD`, so a
+blocked arm winds nothing up.
+
+What a controller remembers between actions is small and can be taken and put back (:meth:`ArmController.state`), so an
+episode can be continued from any recorded state.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidActionError, InvalidInputError
+from betterbench.geometry import (
+    Pose,
+    Quaternion,
+    Vector,
+    conjugate,
+    from_axis_angle,
+    multiply,
+    normalise,
+    to_axis_angle,
+)
+from betterbench.interface.actions import (
+    EE_DELTA,
+    EE_DELTA_MEASURED,
+    EE_POSE,
+    JOINT_DELTA,
+    JOINT_POSITION,
+    JOINT_STEP_PER_UNIT_RAD,
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    ActionSpace,
+)
+from betterbench.robots.ik import ArmIK
+from betterbench.robots.spec import RobotSpec
+
+POSITION_LEAD_M = 0.05
+"""Largest distance of the commanded from the measured position [m]: one action unit (design, section 4)."""
+
+ROTATION_LEAD_RAD = 0.5
+"""Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
+
+JOINT_LEAD_RAD = 0.3
+"""Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a joint at most,
+so it binds only where the arm is blocked or far from its reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """What a controller remembers between two actions, beyond the simulator's own state.
+
+    Attributes:
+        pose: Commanded pose ``T_base_tcp``.
+        joints: Commanded joint angles [rad].
+        width_m: Commanded distance of the finger pads [m].
+    """
+
+    pose: Pose
+    joints: tuple[float, ...]
+    width_m: float
+
+
+class ArmController:
+    """Turns actions of one action space into servo references, once per control step.
+
+    Args:
+        model: Compiled model that contains the robot with its base at the world origin.
+        spec: The robot.
+        action_space: Meaning of the actions; default ``ee_delta``.
+        prefix: What the scene put before the robot's names when it attached the robot.
+
+    Raises:
+        UnknownNameError: If the action space is none this controller drives.
+        InvalidInputError: If the model lacks a part of the robot or the time step does not divide the control period.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, spec: RobotSpec, action_space: ActionSpace = EE_DELTA, *, prefix: str = ""
+    ) -> None:
+        """Look up the addresses of all joints and servos."""
+        self.spec = spec
+        self.action_space = action_space
+        self.ik = ArmIK(spec)
+        self._advance = {
+            EE_DELTA.name: self._ee_delta,
+            EE_DELTA_MEASURED.name: self._ee_delta_measured,
+            EE_POSE.name: self._ee_pose,
+            JOINT_POSITION.name: self._joint_position,
+            JOINT_DELTA.name: self._joint_delta,
+        }.get(action_space.name)
+        if self._advance is None or action_space.dim != _DIMENSIONS[action_space.name]:
+            raise InvalidInputError(
+                "action space",
+                f"{action_space.name!r} is not one that the arm controller drives",
+                f"Choose one of {', '.join(_DIMENSIONS)}",
+            )
+        substeps = spec.control_period_s / model.opt.timestep
+        if abs(substeps - round(substeps)) > 1e-6:
+            raise InvalidInputError(
+                "time step",
+                f"{model.opt.timestep} s does not divide the control period of {spec.control_period_s} s",
+                "Use 0.002 s",
+            )
+        self.substeps = round(substeps)
+        self._period = self.substeps * float(model.opt.timestep)
+        try:
+            joints = [model.joint(prefix + name) for name in spec.arm_joints]
+            fingers = [model.joint(prefix + name) for name in spec.finger_joints]
+            position = [model.actuator(prefix + name) for name in spec.position_actuators]
+            velocity = [model.actuator(prefix + name) for name in spec.velocity_actuators]
+            gripper = model.actuator(prefix + spec.gripper_actuator)
+        except KeyError as error:
+            raise InvalidInputError(
+                f"robot {spec.name!r} in the model",
+                str(error.args[0]).splitlines()[0],
+                f"Attach the robot with the prefix {prefix!r} or name the prefix that was used",
+            ) from None
+        self._qpos = _run([int(j.qposadr[0]) for j in joints])
+        self._qvel = _run([int(j.dofadr[0]) for j in joints])
+        self._fingers = _run([int(j.qposadr[0]) for j in fingers])
+        self._position_ctrl = _run([int(a.id) for a in position])
+        self._velocity_ctrl = _run([int(a.id) for a in velocity])
+        self._act = _run([int(model.actuator_actadr[a.id]) for a in position])
+        self._gripper = int(gripper.id)
+        self._check_base(model, prefix)
+        self._pose = self.ik.forward(self.ik.home)
+        self._joints = self.ik.home.copy()
+        self._width = spec.gripper_opening_m
+
+    @property
+    def commanded_pose(self) -> Pose:
+        """Pose ``T_base_tcp`` that the arm is on its way to."""
+        return self._pose
+
+    @property
+    def commanded_width_m(self) -> float:
+        """Distance of the finger pads that the gripper is on its way to [m]; it may lead the measured one both ways."""
+        return self._width
+
+    def measured_pose(self, data: mujoco.MjData) -> Pose:
+        """Return ``T_base_tcp`` from the measured joint angles."""
+        return self.ik.forward(data.qpos[self._qpos])
+
+    def measured_width_m(self, data: mujoco.MjData) -> float:
+        """Return the measured distance of the finger pads [m]."""
+        left, right = data.qpos[self._fingers].tolist()
+        return float(left + right)
+
+    def home(self, data: mujoco.MjData) -> None:
+        """Put the arm at rest into its home posture with open fingers, and the controller with it.
+
+        Args:
+            data: State to change; call ``mj_forward`` before reading anything derived from it.
+        """
+        data.qpos[self._qpos] = self.ik.home
+        data.qvel[self._qvel] = 0.0
+        data.qpos[self._fingers] = 0.5 * self.spec.gripper_opening_m
+        self.reset(data)
+
+    def reset(self, data: mujoco.MjData) -> None:
+        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there.
+
+        Args:
+            data: State whose servo activations and controls are set.
+        """
+        joints = data.qpos[self._qpos]
+        self._joints = np.array(joints)
+        self._pose = self.ik.forward(self._joints)
+        self._width = self.measured_width_m(data)
+        data.act[self._act] = joints
+        data.ctrl[self._position_ctrl] = 0.0
+        data.ctrl[self._velocity_ctrl] = 0.0
+        data.ctrl[self._gripper] = self._width
+
+    def apply(self, data: mujoco.MjData, action: object) -> np.ndarray:
+        """Set the controls of the next control step.
+
+        Args:
+            data: State to read the measured joints from and to set ``ctrl`` in.
+            action: One action, shape (dim,).
+
+        Returns:
+            The action as applied: float64 and inside the bounds, shape (dim,). Applying it instead of ``action`` gives
+            the same bits.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or type, or a number that is not finite.
+        """
+        applied = self.action_space.clip(action)
+        numbers = applied.tolist()
+        measured = data.qpos[self._qpos]
+        reference = data.act[self._act]
+        advance = self._advance
+        if advance is None:
+            raise AssertionError("the constructor has checked the action space")
+        goal = advance(numbers, measured, reference)
+        rate = (goal - reference) / self._period
+        ctrl = data.ctrl
+        ctrl[self._position_ctrl] = rate
+        ctrl[self._velocity_ctrl] = rate
+        self._joints = goal
+        ctrl[self._gripper] = self._move_gripper(numbers[-1], self.measured_width_m(data))
+        return applied
+
+    def state(self) -> ControllerState:
+        """Return what the controller remembers between actions."""
+        return ControllerState(self._pose, tuple(self._joints.tolist()), self._width)
+
+    def restore(self, state: ControllerState) -> None:
+        """Put back what :meth:`state` returned; the simulator's state is restored separately.
+
+        Raises:
+            InvalidInputError: If the state belongs to another robot.
+        """
+        if len(state.joints) != self.ik.home.size:
+            raise InvalidInputError(
+                "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
+            )
+        self._pose = state.pose
+        self._joints = np.array(state.joints)
+        self._width = state.width_m
+
+    def _ee_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Add the action to the commanded pose, bound its lead, and step towards it."""
+        asked = _moved(self._pose, action)
+        self._pose = _bounded(asked, self.ik.forward(measured))
+        return self._towards(self._pose, measured, reference)
+
+    def _ee_delta_measured(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Add the action to the measured pose and step towards it."""
+        self._pose = _moved(self.ik.forward(measured), action)
+        return self._towards(self._pose, measured, reference)
+
+    def _ee_pose(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Step towards an absolute pose along the straight way, by one action unit at most."""
+        x, y, z, qw, qx, qy, qz = action[:7]
+        if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
+            raise InvalidActionError("ee_pose action: the quaternion is zero. Send a unit quaternion (w, x, y, z).")
+        self._pose = Pose((x, y, z), normalise((qw, qx, qy, qz)))
+        waypoint = _bounded(self._pose, self.ik.forward(reference))
+        return self._towards(_bounded(waypoint, self.ik.forward(measured)), measured, reference)
+
+    def _joint_position(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Step towards absolute joint angles."""
+        return self._joint_step(np.array(action[:-1]), measured, reference)
+
+    def _joint_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Add the action to the commanded joint angles."""
+        return self._joint_step(self._joints + JOINT_STEP_PER_UNIT_RAD * np.array(action[:-1]), measured, reference)
+
+    def _joint_step(self, goal: np.ndarray, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Return the next joint reference on the way to a joint goal, within limits of position, speed and lead."""
+        ik = self.ik
+        step = np.array(self.spec.joint_velocity) * self._period
+        goal = np.minimum(np.maximum(goal, ik.low), ik.high)
+        goal = np.minimum(np.maximum(goal, measured - JOINT_LEAD_RAD), measured + JOINT_LEAD_RAD)
+        goal = np.minimum(np.maximum(goal, reference - step), reference + step)
+        self._pose = ik.forward(goal)
+        return goal
+
+    def _towards(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """Return the next joint reference on the way to a pose."""
+        return self.ik.solve(
+            reference, target, lowest=measured - JOINT_LEAD_RAD, highest=measured + JOINT_LEAD_RAD
+        )
+
+    def _move_gripper(self, command: float, measured_width: float) -> float:
+        """Move the commanded distance of the pads at finite speed and return it [m]."""
+        if command != 0.0:
+            spec = self.spec
+            step = spec.gripper_speed_m_s * self._period
+            width = self._width - math.copysign(step, command)
+            width = min(max(width, measured_width - spec.gripper_lead_m), measured_width + spec.gripper_lead_m)
+            self._width = min(max(width, -spec.gripper_lead_m), spec.gripper_opening_m)
+        return self._width
+
+    def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
+        """Check that the robot stands where its kinematics assume it.
+
+        Raises:
+            InvalidInputError: If the base is not at the world origin or is turned.
+        """
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        base = data.body(prefix + self.spec.arm_bodies[0])
+        if np.abs(base.xpos).max() > 1e-9 or np.abs(base.xmat.reshape(3, 3) - np.eye(3)).max() > 1e-9:
+            raise InvalidInputError(
+                f"base of the robot {self.spec.name!r}",
+                f"it stands at {base.xpos.tolist()}, or is turned",
+                "Attach the robot at the world origin; all poses are given in the base frame",
+            )
+
+
+_DIMENSIONS = {space.name: space.dim for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)}
+
+
+def _run(addresses: list[int]) -> slice | np.ndarray:
+    """Return a slice where the addresses are evenly spaced, which numpy reads faster, else an index array."""
+    first = addresses[0]
+    step = addresses[1] - first
+    if addresses == list(range(first, first + step * len(addresses), step)):
+        return slice(first, first + step * len(addresses), step)
+    return np.array(addresses)
+
+
+def _moved(pose: Pose, action: list[float]) -> Pose:
+    """Return a pose moved by a Cartesian delta action, in the base frame."""
+    x, y, z = pose.position
+    s = TRANSLATION_PER_UNIT_M
+    position: Vector = (x + s * action[0], y + s * action[1], z + s * action[2])
+    quaternion: Quaternion = pose.quaternion
+    rx, ry, rz = action[3], action[4], action[5]
+    if rx != 0.0 or ry != 0.0 or rz != 0.0:
+        a = ROTATION_PER_UNIT_RAD
+        quaternion = normalise(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
+    return Pose(position, quaternion)
+
+
+def _bounded(pose: Pose, centre: Pose) -> Pose:
+    """Return the pose, drawn towards ``centre`` where it is farther away than a command may lead."""
+    position, quaternion = pose.position, pose.quaternion
+    cx, cy, cz = centre.position
+    dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz
+    lead = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if lead > POSITION_LEAD_M:
+        f = POSITION_LEAD_M / lead
+        position = (cx + f * dx, cy + f * dy, cz + f * dz)
+    turn = multiply(quaternion, conjugate(centre.quaternion))
+    # |w| of the turn is the cosine of half its angle.
+    if abs(turn[0]) < math.cos(0.5 * ROTATION_LEAD_RAD):
+        rx, ry, rz = to_axis_angle(turn)
+        f = ROTATION_LEAD_RAD / math.sqrt(rx * rx + ry * ry + rz * rz)
+        quaternion = normalise(multiply(from_axis_angle((f * rx, f * ry, f * rz)), centre.quaternion))
+    return Pose(position, quaternion)

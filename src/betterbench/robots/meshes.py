@@ -1,0 +1,227 @@
+"""The arm's visual meshes: found in an installed wheel, decimated once, kept in the user's cache.
+
+The STL files come with the ``gymnasium-robotics`` wheel and hold 134,000 triangles; software rendering is bound by
+triangles, so each file is split into its connected parts, the parts are sorted into paints, and each paint of a link is
+decimated to its share of a fixed budget.
+
+The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so two
+processes that prepare it at once both succeed and end with the same file. A file that cannot be read is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+import logging
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import fast_simplification
+import numpy as np
+import platformdirs
+import trimesh
+
+from betterbench.errors import MissingDependencyError
+from betterbench.robots.spec import Progress
+
+_log = logging.getLogger(__name__)
+
+RECIPE_VERSION = 1
+"""Raise this number when the preparation changes, so that old cache files are not used."""
+
+_MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
+
+
+@dataclass(frozen=True, slots=True)
+class MeshPart:
+    """One paint of one link.
+
+    Attributes:
+        link: Stem of the source file ("link3", "hand").
+        paint: Name of the paint ("shell", "dark").
+        vertices: Corners in the link frame [m], shape (V, 3), float32.
+        faces: Corner numbers per triangle, shape (F, 3), int32.
+    """
+
+    link: str
+    paint: str
+    vertices: np.ndarray
+    faces: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """Name of the part in models and in the cache file."""
+        return f"{self.link}_{self.paint}"
+
+
+PaintRule = Callable[[str, int], str]
+"""Maps (link, rank of a connected part by area, largest first) to the name of a paint."""
+
+
+def mesh_folder() -> Path:
+    """Return the folder of the visual STL files without importing the package that holds them.
+
+    Raises:
+        MissingDependencyError: If the package is not installed or lacks the files.
+    """
+    found = importlib.util.find_spec("gymnasium_robotics")
+    folders = list(found.submodule_search_locations or ()) if found is not None else []
+    for folder in folders:
+        if (Path(folder) / _MESH_FOLDER).is_dir():
+            return Path(folder) / _MESH_FOLDER
+    raise MissingDependencyError(
+        "The Panda's meshes come with the package gymnasium-robotics, which is not installed or incomplete. "
+        'Run: pip install "gymnasium-robotics>=1.4.2".'
+    )
+
+
+def visual_parts(
+    shares: dict[str, float],
+    paint: PaintRule,
+    *,
+    faces: int,
+    cache_folder: Path | None = None,
+    progress: Progress | None = None,
+) -> tuple[MeshPart, ...]:
+    """Return the decimated visual meshes, from the cache where possible.
+
+    Args:
+        shares: Per source file stem, its weight in the face budget (multiplies its surface).
+        paint: Sorts the connected parts of each file into paints.
+        faces: Largest number of triangles of all parts together.
+        cache_folder: Where to keep the result; by default the user's cache folder.
+        progress: Told about each link while the meshes are prepared; not called when the cache is used.
+
+    Returns:
+        The parts, ordered by link and paint.
+
+    Raises:
+        MissingDependencyError: If a source file is missing.
+    """
+    folder = mesh_folder()
+    sources: dict[str, bytes] = {}
+    key = hashlib.sha256(f"recipe {RECIPE_VERSION}, {faces} faces, {sorted(shares.items())}".encode())
+    for link in shares:
+        path = folder / f"{link}.stl"
+        try:
+            sources[link] = path.read_bytes()
+        except FileNotFoundError:
+            raise MissingDependencyError(
+                f"The mesh {path.name} is missing from the installed gymnasium-robotics. "
+                'Run: pip install --force-reinstall "gymnasium-robotics>=1.4.2".'
+            ) from None
+        key.update(hashlib.sha256(sources[link]).digest())
+        key.update(" ".join(paint(link, rank) for rank in range(64)).encode())
+    home = cache_folder or platformdirs.user_cache_path("betterbench") / "robots"
+    cached = home / f"{key.hexdigest()[:24]}.npz"
+    parts = _read_cache(cached)
+    if parts is None:
+        parts = _prepare(sources, shares, paint, faces, progress)
+        _write_cache(cached, parts)
+    return parts
+
+
+def _prepare(
+    sources: dict[str, bytes], shares: dict[str, float], paint: PaintRule, budget: int, progress: Progress | None
+) -> tuple[MeshPart, ...]:
+    """Split, sort and decimate all sources so that all parts together keep within the budget."""
+    painted: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]] = {}
+    weights: dict[tuple[str, str], float] = {}
+    for done, (link, data) in enumerate(sources.items()):
+        if progress is not None:
+            progress("reading the arm's meshes", done, len(sources))
+        mesh = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
+        mesh.merge_vertices()
+        labels = _connected(len(mesh.vertices), np.asarray(mesh.faces))[mesh.faces[:, 0]]
+        areas = np.bincount(labels, weights=mesh.area_faces)
+        rank_of = np.empty(len(areas), dtype=np.int64)
+        rank_of[np.argsort(-areas, kind="stable")] = np.arange(len(areas))
+        names = np.array([paint(link, int(rank)) for rank in rank_of])[labels]
+        for name in sorted(set(names.tolist())):
+            chosen = np.asarray(mesh.faces)[names == name]
+            used, renumbered = np.unique(chosen, return_inverse=True)
+            painted[link, name] = (np.asarray(mesh.vertices)[used], renumbered.reshape(-1, 3))
+            weights[link, name] = shares[link] * float(mesh.area_faces[names == name].sum())
+    total = sum(weights.values())
+    parts = []
+    for done, ((link, name), (vertices, triangles)) in enumerate(sorted(painted.items())):
+        if progress is not None:
+            progress("decimating the arm's meshes", done, len(painted))
+        target = max(12, int(budget * weights[link, name] / total))
+        if len(triangles) > target:
+            vertices, triangles = fast_simplification.simplify(
+                vertices.astype(np.float32), triangles.astype(np.int32), target_count=target
+            )
+        parts.append(MeshPart(link, name, vertices.astype(np.float32), triangles.astype(np.int32)))
+    if progress is not None:
+        progress("decimating the arm's meshes", len(painted), len(painted))
+    return tuple(parts)
+
+
+def _connected(count: int, faces: np.ndarray) -> np.ndarray:
+    """Return per vertex the number of its connected part.
+
+    Every vertex takes the smallest label around it until nothing changes; following labels to their own labels halves
+    the remaining distance each round.
+
+    Args:
+        count: Number of vertices.
+        faces: Triangles, shape (F, 3).
+
+    Returns:
+        Part numbers 0, 1, …, shape (count,).
+    """
+    labels = np.arange(count)
+    while True:
+        before = labels.copy()
+        lowest = labels[faces].min(axis=1)
+        for corner in range(3):
+            np.minimum.at(labels, faces[:, corner], lowest)
+        labels = labels[labels]
+        if np.array_equal(labels, before):
+            return np.unique(labels, return_inverse=True)[1]
+
+
+def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
+    """Return the parts of a cache file, or None if there is none that can be read."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            parts = []
+            for name in stored["names"].tolist():
+                link, _, paint = str(name).rpartition("_")
+                vertices, faces = stored[f"{name}.v"], stored[f"{name}.f"]
+                if faces.size == 0 or int(faces.max()) >= len(vertices) or not np.isfinite(vertices).all():
+                    _log.warning("The cached mesh %s in %s is damaged; it is made again.", name, path)
+                    return None
+                parts.append(MeshPart(link, paint, vertices, faces))
+            return tuple(parts)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        _log.warning("The mesh cache %s cannot be read; it is made again.", path)
+        return None
+
+
+def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
+    """Write the parts beside the target and rename; an unwritable cache is not an error, only slower next time."""
+    arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
+    for part in parts:
+        arrays[f"{part.name}.v"] = part.vertices
+        arrays[f"{part.name}.f"] = part.faces
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, beside = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.savez(stream, **arrays)
+            Path(beside).replace(path)
+        except OSError:
+            Path(beside).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        _log.warning("The mesh cache %s cannot be written (%s); the meshes are prepared on every start.", path, error)

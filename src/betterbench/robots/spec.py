@@ -1,0 +1,179 @@
+"""What the rest of the house knows about a robot: one frozen value per robot and a register to find it by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import mujoco
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what is being done, steps done, steps in all) during long work."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSpec:
+    """Everything that controllers, scenes and experts have to know about a robot.
+
+    Names are those of the robot's own model; a scene that attaches it under a prefix hands the prefix on. Arm joints are
+    listed from base to flange and all per-joint tuples follow that order.
+
+    Attributes:
+        name: Name in the register ("panda").
+        title: What people call it.
+        source: Where kinematics, masses and meshes come from.
+        licence: Licence of what is used.
+        arm_joints: Names of the arm joints.
+        position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
+        velocity_actuators: Per arm joint, the servo that damps the joint towards the reference velocity.
+        gripper_actuator: Position servo on the distance of the finger pads.
+        finger_joints: Slide joints of the fingers; their sum is the distance of the pads.
+        finger_bodies: Bodies of the left (+y of the hand) and the right finger.
+        pad_geoms: Collision geoms of the left and the right pad.
+        hand_body: Body that carries the fingers.
+        arm_bodies: Bodies of the arm without hand and fingers.
+        tcp_site: Tool centre point between the pads; z along the approach, y along the opening of the fingers.
+        home_joints: Ready pose [rad].
+        joint_low: Lower joint limits [rad].
+        joint_high: Upper joint limits [rad].
+        joint_velocity: Velocity limits [rad/s].
+        joint_effort: Torque that the servos may use [N m].
+        gripper_opening_m: Largest distance of the pads [m].
+        gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
+        gripper_force_n: Largest force of each pad on an object [N].
+        gripper_lead_m: How far the commanded distance of the pads may lead the measured one [m].
+        control_rate_hz: Rate of actions [Hz].
+        reach_m: Largest distance of the flange from the shoulder [m].
+    """
+
+    name: str
+    title: str
+    source: str
+    licence: str
+    arm_joints: tuple[str, ...]
+    position_actuators: tuple[str, ...]
+    velocity_actuators: tuple[str, ...]
+    gripper_actuator: str
+    finger_joints: tuple[str, str]
+    finger_bodies: tuple[str, str]
+    pad_geoms: tuple[str, str]
+    hand_body: str
+    arm_bodies: tuple[str, ...]
+    tcp_site: str
+    home_joints: tuple[float, ...]
+    joint_low: tuple[float, ...]
+    joint_high: tuple[float, ...]
+    joint_velocity: tuple[float, ...]
+    joint_effort: tuple[float, ...]
+    gripper_opening_m: float
+    gripper_speed_m_s: float
+    gripper_force_n: float
+    gripper_lead_m: float
+    control_rate_hz: float
+    reach_m: float
+
+    def __post_init__(self) -> None:
+        """Check that the per-joint tuples agree.
+
+        Raises:
+            InvalidInputError: If a tuple has another length than there are joints, or home is outside the limits.
+        """
+        n = len(self.arm_joints)
+        per_joint = ("position_actuators", "velocity_actuators", "home_joints", "joint_low", "joint_high")
+        for field in (*per_joint, "joint_velocity", "joint_effort"):
+            if len(getattr(self, field)) != n:
+                raise InvalidInputError(
+                    f"robot {self.name!r}", f"{field} has {len(getattr(self, field))} entries", f"Give one per joint ({n})"
+                )
+        for joint, low, home, high in zip(
+            self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True
+        ):
+            if not low < home < high:
+                raise InvalidInputError(
+                    f"robot {self.name!r}", f"home of {joint} is outside [{low}, {high}] rad", "Choose home inside"
+                )
+
+    @property
+    def control_period_s(self) -> float:
+        """Time between two actions [s]."""
+        return 1.0 / self.control_rate_hz
+
+    def contact_name(self, body: str) -> str | None:
+        """Return what a contact of this body is recorded as, or None for a body that is not part of the robot.
+
+        Args:
+            body: Body name in the robot's own model, without the prefix of the scene.
+        """
+        if body == self.finger_bodies[0]:
+            return "left_finger"
+        if body == self.finger_bodies[1]:
+            return "right_finger"
+        if body == self.hand_body:
+            return "hand"
+        return "arm" if body in self.arm_bodies else None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form for records and handshakes."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+
+class RobotBuilder(Protocol):
+    """Builds a robot's model description."""
+
+    def __call__(self, *, visuals: bool, progress: Progress | None) -> mujoco.MjSpec:
+        """Return a fresh description, with visual meshes or without."""
+
+
+_ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
+
+
+def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
+    """Make a robot known by its name.
+
+    Raises:
+        InvalidInputError: If the name is taken.
+    """
+    if spec.name in _ROBOTS:
+        raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
+    _ROBOTS[spec.name] = (spec, builder)
+
+
+def robot_names() -> tuple[str, ...]:
+    """Return the names of all registered robots."""
+    return tuple(sorted(_ROBOTS))
+
+
+def robot(name: str) -> RobotSpec:
+    """Return a robot by name.
+
+    Raises:
+        UnknownNameError: If no robot of this name is registered.
+    """
+    try:
+        return _ROBOTS[name][0]
+    except KeyError:
+        raise UnknownNameError("robot", name, _ROBOTS) from None
+
+
+def build_robot_spec(
+    name: str = "panda", *, visuals: bool = True, progress: Progress | None = None
+) -> mujoco.MjSpec:
+    """Return a fresh MuJoCo description of a robot, to be attached to a scene or compiled alone.
+
+    Args:
+        name: Name of the robot.
+        visuals: Whether to load the visual meshes; physics is the same without.
+        progress: Told about the one-time preparation of the meshes.
+
+    Returns:
+        The description. Its base is at the origin of its world body.
+
+    Raises:
+        UnknownNameError: If no robot of this name is registered.
+        MissingDependencyError: If the package that holds the meshes is not installed.
+    """
+    robot(name)
+    return _ROBOTS[name][1](visuals=visuals, progress=progress)

@@ -1,0 +1,202 @@
+"""From a condition and a seed to a compiled model: which assets stand where, and which geometry belongs to whom."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.assets import Asset, build, looks
+from betterbench.geometry import Pose, Vector, from_yaw, rotate
+from betterbench.robots import RobotSpec, build_robot_spec, robot
+from betterbench.scenes.objects import add_asset, rest_pose
+from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
+from betterbench.tasks import Condition, ObjectSpec, Task, stream
+
+ROBOT_PREFIX = "robot/"
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """One object of a scene: what it is and where it starts.
+
+    Attributes:
+        spec: The object as the condition wants it.
+        asset: The asset chosen for it.
+        pose: Pose ``T_world_object`` at reset.
+    """
+
+    spec: ObjectSpec
+    asset: Asset
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledScene:
+    """A compiled model and the meaning of its parts. It is shared by every scene with the same assets.
+
+    Attributes:
+        model: The compiled model.
+        content_hash: Hash of everything that went into it (hex, 16 characters).
+        robot: The robot.
+        bodies: Body id per object, in scene order.
+        qpos_addresses: First index into qpos per object, -1 for fixed ones.
+        dof_addresses: First index into qvel per object, -1 for fixed ones.
+        geom_labels: (ngeom,) index into the label table per geometry: objects first, then :data:`LABELS`; -1 for none.
+    """
+
+    model: mujoco.MjModel
+    content_hash: str
+    robot: RobotSpec
+    bodies: np.ndarray
+    qpos_addresses: np.ndarray
+    dof_addresses: np.ndarray
+    geom_labels: np.ndarray
+
+
+LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
+"""Names of bodies that are no objects, as contacts name them."""
+
+
+def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
+    """Return the look of an object in a trial: one draw per kind of thing, so that like things look alike."""
+    purpose = f"look:{spec.category}:{spec.colour}"
+    return int(stream(task, seed, purpose).integers(len(looks(spec.category))))
+
+
+def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
+    """Return where a slot's occupant stands in a trial: nominal place plus the slot's own jitter.
+
+    The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
+
+    Returns:
+        Position on the table [m] and heading [rad].
+    """
+    slot = task.slot(slot_name)
+    dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
+    position = (slot.x + slot.jitter_m * float(dx), slot.y + slot.jitter_m * float(dy), 0.0)
+    return position, slot.yaw + slot.yaw_jitter * float(dyaw)
+
+
+def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placement, ...]:
+    """Return all objects of a condition with their assets and poses, in an order that names do not influence."""
+    chosen = {o.name: build(o.category, look=look_of(task.id, seed, o), colour=o.colour) for o in condition.objects}
+    poses: dict[str, Pose] = {}
+    for name, slot in condition.layout.items():
+        position, yaw = slot_pose(task, seed, slot)
+        ground = Pose(position, from_yaw(yaw))
+        poses[name] = ground if condition.object(name).fixed else ground @ rest_pose(chosen[name])
+    for name, target in condition.preplaced.items():
+        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[target], poses[target])
+    placements = [Placement(o, chosen[o.name], poses[o.name]) for o in condition.objects]
+
+    def order(p: Placement) -> tuple[str, ...]:
+        where = condition.layout.get(p.spec.name, "~" + condition.preplaced.get(p.spec.name, ""))
+        return (p.spec.role, p.asset.identity, where)
+
+    return tuple(sorted(placements, key=order))
+
+
+def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose) -> Pose:  # noqa: N803
+    """Return where an object rests that is at its target from the start, well inside the tolerance of the goal."""
+    dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
+    names = {r.name for r in target.regions}
+    if "ring" in names:
+        turn = from_yaw(0.1 * float(dyaw))
+        foot = next((r.position for r in asset.regions if r.name == "base"), (0.0, 0.0, 0.0))
+        fx, fy, fz = rotate(turn, foot)
+        x, y, z = target.region("ring").position
+        turned = Pose((x - fx + 0.003 * float(dx), y - fy + 0.003 * float(dy), z - fz), turn)
+    else:
+        inner = target.region("inside")
+        x, y, z = inner.position
+        place = Pose((x + 0.02 * float(dx), y + 0.02 * float(dy), z - inner.half_size[2]))
+        turned = Pose(place.position, from_yaw(float(dyaw)))
+    return T_world_target @ turned @ rest_pose(asset)
+
+
+_CACHE: OrderedDict[str, CompiledScene] = OrderedDict()
+_CACHE_SIZE = 24
+_LOCK = threading.Lock()
+
+
+def compile_scene(
+    placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, stage_look: int = 0
+) -> CompiledScene:
+    """Return the compiled model of a set of objects, from a cache where possible.
+
+    Only what a model holds decides: assets, fixed poses, robot and render quality. Names, slots and start poses of free
+    objects do not, so trials that differ in layout or language share one model.
+
+    Args:
+        placements: The objects.
+        quality: Render quality.
+        robot_name: Name of the robot.
+        stage_look: Look of the table and the room.
+    """
+    digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
+    for p in placements:
+        digest.update(f"|{p.asset.content_hash()}|{p.spec.fixed}|{p.pose if p.spec.fixed else ''}".encode())
+    key = digest.hexdigest()[:16]
+    with _LOCK:
+        if key in _CACHE:
+            _CACHE.move_to_end(key)
+            return _CACHE[key]
+        compiled = _compile(placements, quality, key, robot_name, stage_look)
+        _CACHE[key] = compiled
+        while len(_CACHE) > _CACHE_SIZE:
+            _CACHE.popitem(last=False)
+        return compiled
+
+
+def _compile(
+    placements: tuple[Placement, ...], quality: Quality, key: str, robot_name: str, stage_look: int
+) -> CompiledScene:
+    description = robot(robot_name)
+    spec = stage_spec(quality, look=stage_look)
+    arm = build_robot_spec(robot_name)
+    spec.worldbody.add_frame().attach_body(arm.worldbody.first_body(), ROBOT_PREFIX, "")
+    add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))
+    names = [f"object{i}_{p.asset.category}" for i, p in enumerate(placements)]
+    for name, p in zip(names, placements, strict=True):
+        add_asset(spec, name, p.asset, pose=p.pose if p.spec.fixed else None)
+    model = spec.compile()
+    bodies = np.array([model.body(name).id for name in names], dtype=np.int32)
+    qpos = np.full(len(names), -1, dtype=np.int32)
+    dofs = np.full(len(names), -1, dtype=np.int32)
+    for i, p in enumerate(placements):
+        if not p.spec.fixed:
+            joint = int(model.body_jntadr[bodies[i]])
+            qpos[i], dofs[i] = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    return CompiledScene(model, key, description, bodies, qpos, dofs, _label_geoms(model, bodies, description))
+
+
+def _label_geoms(model: mujoco.MjModel, bodies: np.ndarray, description: RobotSpec) -> np.ndarray:
+    n = len(bodies)
+    label_of = {name: n + i for i, name in enumerate(LABELS)}
+    body_label = np.full(model.nbody, -1, dtype=np.int32)
+    for body in range(1, model.nbody):
+        name = model.body(body).name
+        if name.startswith(ROBOT_PREFIX):
+            part = name.removeprefix(ROBOT_PREFIX)
+            body_label[body] = label_of[description.contact_name(part) or "arm"]
+        elif name in label_of:
+            body_label[body] = label_of[name]
+    body_label[bodies] = np.arange(n)
+    labels = body_label[model.geom_bodyid].copy()
+    for geom in range(model.ngeom):
+        name = model.geom(geom).name
+        if name in label_of:
+            labels[geom] = label_of[name]
+    return labels
+
+
+@functools.lru_cache(maxsize=1)
+def engine_version() -> str:
+    """Return the version of the physics engine."""
+    return str(mujoco.__version__)

@@ -1,0 +1,256 @@
+"""The scene: a compiled model, its state, and the only two ways to change it, reset and step."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import PremiseError
+from betterbench.geometry import Pose, normalise
+from betterbench.interface.actions import ActionSpace
+from betterbench.robots import ArmController
+from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.scenes.stage import QUALITIES, Quality
+from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
+from betterbench.tasks import Condition, Task, broken_premises, regime_of
+
+TIMESTEP_S = 0.002
+CONTROL_RATE_HZ = 20.0
+
+
+class Scene:
+    """One trial's world. It is alive: everything else in the project is a frozen value.
+
+    The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
+    that no object's start depends on another one.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        condition: Condition,
+        *,
+        seed: int,
+        action_space: ActionSpace,
+        quality: Quality = QUALITIES["standard"],
+        robot_name: str = "panda",
+        control_rate_hz: float = CONTROL_RATE_HZ,
+    ) -> None:
+        """Build and compile the scene, then reset it.
+
+        Args:
+            task: The task.
+            condition: The condition to set up.
+            seed: Seed of the trial; it decides looks and jitter.
+            action_space: Action space that :meth:`step` takes.
+            quality: Render quality; it is part of the model.
+            robot_name: Name of the robot.
+            control_rate_hz: Control rate [Hz]; a control step is a whole number of physics steps of 2 ms.
+        """
+        self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
+        self.action_space = action_space
+        self.placements = place_objects(task, condition, seed)
+        self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name)
+        self.model = self.compiled.model
+        self.data = mujoco.MjData(self.model)
+        self.physics_steps = max(1, round(1.0 / (TIMESTEP_S * control_rate_hz)))
+        self.control_rate_hz = 1.0 / (TIMESTEP_S * self.physics_steps)
+        self.controller = ArmController(self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX)
+        self._find_addresses()
+        self._home_qpos = self._initial_qpos()
+        self._step = 0
+        self._gripper_command = -1.0
+        self.info = self._describe()
+        self.reset(check_premise=False)
+
+    def _find_addresses(self) -> None:
+        c, r = self.compiled, self.compiled.robot
+        self._arm_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.arm_joints])
+        self._arm_dofs = np.array([self.model.joint(ROBOT_PREFIX + j).dofadr[0] for j in r.arm_joints])
+        self._finger_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.finger_joints])
+        self._tcp = self.model.site(ROBOT_PREFIX + r.tcp_site).id
+        self._free = np.flatnonzero(c.dof_addresses >= 0)
+        self._free_dofs = c.dof_addresses[self._free][:, None] + np.arange(6)[None, :]
+        self._names = tuple(p.spec.name for p in self.placements)
+        self._labels = (*self._names, *LABELS)
+        n = len(self._names)
+        self._left, self._right, self._table = n, n + 1, n + 4
+        self._relevant_below = n + 3
+        self._quaternion = np.empty(4)
+
+    def _initial_qpos(self) -> np.ndarray:
+        c = self.compiled
+        qpos = self.model.qpos0.copy()
+        qpos[self._arm_qpos] = c.robot.home_joints
+        qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
+        for i, placement in enumerate(self.placements):
+            address = c.qpos_addresses[i]
+            if address >= 0:
+                qpos[address : address + 3] = placement.pose.position
+                qpos[address + 3 : address + 7] = placement.pose.quaternion
+        return qpos
+
+    def _describe(self) -> SceneInfo:
+        regime = regime_of(self.task)
+        slots = tuple(
+            SlotInfo(
+                s.name,
+                (s.x, s.y, 0.0),
+                s.yaw,
+                regime.standing_kinds.get(s.name, ()),
+                tuple(sorted(k for k, slots in regime.kind_slots.items() if s.name in slots)),
+            )
+            for s in self.task.slots
+        )
+        objects = tuple(_object_info(p, self.condition.layout.get(p.spec.name)) for p in self.placements)
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self._home_qpos
+        mujoco.mj_kinematics(self.model, data)
+        x, y, z = (float(v) for v in data.site_xpos[self._tcp])
+        return SceneInfo(objects, slots, (x, y, z), self.compiled.robot.gripper_opening_m)
+
+    @property
+    def arm_addresses(self) -> np.ndarray:
+        """(7,) indices of the arm joints into qpos."""
+        return self._arm_qpos
+
+    @property
+    def finger_addresses(self) -> np.ndarray:
+        """(2,) indices of the finger joints into qpos."""
+        return self._finger_qpos
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names that contacts use: objects first, then the parts of the robot and the stage."""
+        return self._labels
+
+    def reset(self, *, check_premise: bool = True) -> WorldState:
+        """Put everything back to the start of the trial.
+
+        Args:
+            check_premise: True to refuse a scene that does not show what its instruction presupposes.
+
+        Returns:
+            The state at reset.
+
+        Raises:
+            PremiseError: If the premise does not hold.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = self._home_qpos
+        self.controller.reset(self.data)
+        mujoco.mj_forward(self.model, self.data)
+        self._step = 0
+        self._gripper_command = -1.0
+        state = self.state()
+        if check_premise:
+            problems = broken_premises(self.condition, state)
+            if problems:
+                text = "; ".join(problems)
+                msg = (
+                    f"{self.condition.id} seed {self.seed}: the scene does not show what the instruction presupposes "
+                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
+                    "the run stops instead of lowering a score."
+                )
+                raise PremiseError(msg)
+        return state
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Execute one action for one control step.
+
+        Args:
+            action: Action in the scene's action space.
+
+        Returns:
+            The action that was really applied, after clipping.
+
+        Raises:
+            InvalidActionError: If the action is not finite or has the wrong shape.
+        """
+        applied = self.controller.apply(self.data, action)
+        mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
+        mujoco.mj_kinematics(self.model, self.data)
+        self._gripper_command = float(applied[-1])
+        self._step += 1
+        return applied
+
+    def state(self) -> WorldState:
+        """Return everything that is true now."""
+        data, c = self.data, self.compiled
+        positions = tuple(map(tuple, data.xpos[c.bodies].tolist()))
+        quaternions = tuple(map(tuple, data.xquat[c.bodies].tolist()))
+        n = len(self._names)
+        linear, angular = [0.0] * n, [0.0] * n
+        for i, (vx, vy, vz, wx, wy, wz) in zip(self._free.tolist(), data.qvel[self._free_dofs].tolist(), strict=True):
+            linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
+            angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
+        mujoco.mju_mat2Quat(self._quaternion, data.site_xmat[self._tcp])
+        x, y, z = data.site_xpos[self._tcp].tolist()
+        contacts, held = self._contacts()
+        return WorldState(
+            info=self.info,
+            step=self._step,
+            time_s=self._step * TIMESTEP_S * self.physics_steps,
+            positions=positions,
+            quaternions=quaternions,
+            linear_speeds=tuple(linear),
+            angular_speeds=tuple(angular),
+            ee_pose=Pose((x, y, z), normalise(self._quaternion.tolist())),
+            commanded_pose=self.controller.commanded_pose,
+            finger_width_m=float(data.qpos[self._finger_qpos].sum()),
+            gripper_command=self._gripper_command,
+            joint_positions=tuple(data.qpos[self._arm_qpos].tolist()),
+            joint_velocities=tuple(data.qvel[self._arm_dofs].tolist()),
+            contacts=contacts,
+            held=held,
+        )
+
+    def _contacts(self) -> tuple[tuple[Contact, ...], str | None]:
+        data = self.data
+        if data.ncon == 0:
+            return (), None
+        contact = data.contact
+        pairs = self.compiled.geom_labels[contact.geom].tolist()
+        addresses = contact.efc_address
+        forces = np.where(addresses >= 0, data.efc_force[np.maximum(addresses, 0)], 0.0).tolist()
+        total: dict[tuple[int, int], float] = {}
+        below = self._relevant_below
+        for (a, b), force in zip(pairs, forces, strict=True):
+            if a == b or a < 0 or b < 0 or (a >= below and b >= below):
+                continue
+            key = (a, b) if a < b else (b, a)
+            total[key] = total.get(key, 0.0) + force
+        labels = self._labels
+        contacts = tuple(Contact(labels[a], labels[b], total[a, b]) for a, b in sorted(total))
+        return contacts, self._held(total)
+
+    def _held(self, touching: dict[tuple[int, int], float]) -> str | None:
+        n = len(self._names)
+        for i in range(n):
+            if (i, self._left) in touching and (i, self._right) in touching:
+                supported = any(
+                    (a == i and (b < n or b == self._table)) or (b == i and a < n) for a, b in touching
+                )
+                if not supported:
+                    return self._names[i]
+        return None
+
+
+def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
+    spec, asset = placement.spec, placement.asset
+    return ObjectInfo(
+        name=spec.name,
+        kind=spec.kind,
+        asset=asset.identity,
+        category=asset.category,
+        colour=asset.colour,
+        shape=asset.shape,
+        role=spec.role,
+        fixed=spec.fixed,
+        mass_kg=asset.mass_kg,
+        size_m=asset.size_m,
+        regions=asset.regions,
+        slot=slot,
+    )

@@ -1,0 +1,491 @@
+"""The stage: the empty world that every task shares, and the quality presets that pictures of it are made with.
+
+World frame: metres, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
+0``; the robot stands on a pedestal at the origin, the table begins in front of it, the floor is at ``z = -0.75``.
+
+Cameras of the stage:
+
+===================  =========================  ==========================================================
+name                 position [m]               purpose
+===================  =========================  ==========================================================
+``front``            (1.6, 0, 0.9)              default view towards the robot; the workspace fills it
+``front_official``   (1.6, 0, 0.9)              the same place with the wider lens of the official preset
+``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
+``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
+``wrist``            on the hand                added by :func:`add_wrist_camera`
+===================  =========================  ==========================================================
+
+The physical part of a stage (bodies, collision shapes, solver options) depends on nothing. A look changes tints only
+and a quality changes nothing but what the renderer does, so a policy rolled out under any of them meets the same
+physics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.geometry import Vector
+
+PHYSICS_TIMESTEP_S = 0.002
+"""Duration of one physics step [s] (500 Hz)."""
+
+FLOOR_HEIGHT_M = -0.75
+"""Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
+
+TABLE_X_M = (0.15, 0.95)
+"""Extent of the table top along x [m]."""
+
+TABLE_Y_M = (-0.6, 0.6)
+"""Extent of the table top along y [m]."""
+
+TABLE_THICKNESS_M = 0.04
+"""Thickness of the table top [m]."""
+
+CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
+"""Cameras that every stage has; ``wrist`` joins them with the robot."""
+
+WRIST_CAMERA = "wrist"
+"""Name of the camera on the hand."""
+
+# Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
+_PEDESTAL_X_M = (-0.23, 0.13)
+_PEDESTAL_HALF_WIDTH_M = 0.16
+
+_TEXTURE_SIZE = 512
+_MAX_SAMPLES = 16
+_MAX_SHADOW_MAP = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How pictures are made; part of every record, because pixels differ between qualities.
+
+    Depth and masks do not depend on the quality: they are always sampled at pixel centres.
+
+    Attributes:
+        name: Name of the preset.
+        shadows: True to let the key light cast shadows.
+        shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
+        samples: Samples per pixel of the multisampled buffer; 0 for none.
+    """
+
+    name: str
+    shadows: bool
+    shadow_map_size: int
+    samples: int
+
+    def __post_init__(self) -> None:
+        """Refuse values that OpenGL cannot take."""
+        if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
+            raise InvalidInputError(
+                "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
+            )
+        if self.shadows and not 1 <= self.shadow_map_size <= _MAX_SHADOW_MAP:
+            raise InvalidInputError(
+                "quality.shadow_map_size", f"{self.shadow_map_size} texels", f"Use 1 to {_MAX_SHADOW_MAP}"
+            )
+        if not self.shadows and self.shadow_map_size != 0:
+            raise InvalidInputError("quality.shadow_map_size", "set, but shadows are off", "Use 0 without shadows")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Quality:
+        """Return the quality of a JSON form.
+
+        Args:
+            value: What :meth:`to_json` returned.
+
+        Raises:
+            InvalidInputError: If a field is missing, unknown, of the wrong type or out of range.
+        """
+        types = {"name": str, "shadows": bool, "shadow_map_size": int, "samples": int}
+        if set(value) != set(types):
+            raise InvalidInputError("quality", f"has the fields {sorted(value)}", f"Give exactly {sorted(types)}")
+        for field, kind in types.items():
+            if type(value[field]) is not kind:
+                raise InvalidInputError(
+                    f"quality.{field}", f"{value[field]!r} is no {kind.__name__}", "Correct its type"
+                )
+        return cls(**value)
+
+
+FAST = Quality("fast", shadows=False, shadow_map_size=0, samples=0)
+"""No shadows, no multisampling: for large sweeps on machines without a graphics card."""
+
+STANDARD = Quality("standard", shadows=True, shadow_map_size=512, samples=4)
+"""One shadow (3 mm texels, less than a pixel of the front view) and four samples per pixel: for reported scores."""
+
+HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
+"""Fine shadow edges and eight samples per pixel: for figures and videos."""
+
+QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
+"""The presets by name."""
+
+
+def quality_preset(name: str) -> Quality:
+    """Return a quality preset by name.
+
+    Args:
+        name: "fast", "standard" or "high".
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    try:
+        return QUALITIES[name]
+    except KeyError:
+        raise UnknownNameError("quality", name, QUALITIES) from None
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """The tints of a stage.
+
+    Attributes:
+        name: What a person would call it.
+        surface: Material of the table top: "wood", "laminate" or "cloth".
+        table: Mean colour of the table top (r, g, b), each in [0, 1].
+        wall: Colour of the wall behind the robot.
+        floor: Colour of the floor.
+    """
+
+    name: str
+    surface: str
+    table: Vector
+    wall: Vector
+    floor: Vector
+
+
+LOOKS: tuple[Look, ...] = (
+    Look("oak", "wood", (0.70, 0.57, 0.43), (0.74, 0.76, 0.77), (0.40, 0.41, 0.43)),
+    Look("grey laminate", "laminate", (0.58, 0.59, 0.60), (0.80, 0.77, 0.72), (0.45, 0.40, 0.36)),
+    Look("walnut", "wood", (0.45, 0.33, 0.25), (0.70, 0.74, 0.72), (0.50, 0.50, 0.49)),
+    Look("blue cloth", "cloth", (0.27, 0.40, 0.60), (0.74, 0.76, 0.77), (0.40, 0.41, 0.43)),
+    Look("green cloth", "cloth", (0.30, 0.52, 0.38), (0.74, 0.76, 0.77), (0.40, 0.41, 0.43)),
+)
+"""The looks by number; 0 is the default. The two cloths are those of the real-world fruit basket."""
+
+
+def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
+    """Return the empty world: options, table, pedestal, floor, wall, lights and fixed cameras.
+
+    The caller attaches the robot, adds objects and compiles. The returned spec shares nothing with other calls, and two
+    calls with equal arguments describe the same model.
+
+    Args:
+        quality: Written into the model's visual settings, so that other viewers show it as the renderer does.
+        look: Number of an entry in :data:`LOOKS`.
+
+    Returns:
+        A new specification; angles in it are radians.
+
+    Raises:
+        InvalidInputError: If there is no such look.
+    """
+    if not 0 <= look < len(LOOKS):
+        known = ", ".join(f"{number} {entry.name}" for number, entry in enumerate(LOOKS))
+        raise InvalidInputError("look", f"there is no look {look}", f"Use one of: {known}")
+    tint = LOOKS[look]
+    spec = mujoco.MjSpec()
+    spec.modelname = "betterbench"
+    set_physics(spec)
+    _set_visuals(spec, quality)
+    _add_materials(spec, tint)
+    _add_furniture(spec)
+    _add_lights(spec)
+    _add_cameras(spec)
+    return spec
+
+
+def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
+    """Add the ``wrist`` camera to a hand, like a depth camera screwed to the flange.
+
+    The hand frame is that of the Franka hand: z out of the hand between the fingers (finger tips at about 0.11 m), y
+    the direction in which the fingers open, x the side that faces away from the robot when the hand points down. The
+    camera looks past the fingers at what is about to be grasped; the picture's up direction is the hand's +x, so that
+    with the hand pointing down, up is away from the robot and left is the robot's left.
+
+    Args:
+        hand_body: Body of the hand in the stage's spec or in a robot's spec that is attached later.
+
+    Returns:
+        The new camera.
+    """
+    position, target = (0.075, 0.0, 0.02), (0.012, 0.0, 0.16)
+    return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
+
+
+def set_physics(spec: mujoco.MjSpec) -> None:
+    """Set the solver and compiler options of the whole benchmark."""
+    spec.compiler.degree = False
+    spec.compiler.autolimits = True
+    option = spec.option
+    option.timestep = PHYSICS_TIMESTEP_S
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10.0
+    option.noslip_iterations = 3
+    # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
+    spec.default.geom.condim = 4
+
+
+def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
+    """Fix everything that MuJoCo would otherwise derive from the content of the scene, and write the quality down."""
+    # With a fixed extent, clipping planes and shadow bounds stay the same whatever stands on the table.
+    spec.stat.extent = 1.0
+    spec.stat.center = [0.5, 0.0, 0.0]
+    visual = spec.visual
+    visual.map.znear = 0.01
+    visual.map.zfar = 20.0
+    # The key light's shadow map spans +-0.8 m about the point it is aimed at: the table and the arm above it.
+    visual.map.shadowclip = 0.8
+    visual.quality.shadowsize = quality.shadow_map_size
+    visual.quality.offsamples = quality.samples
+    visual.global_.offwidth = 448
+    visual.global_.offheight = 448
+    visual.headlight.active = 1
+    visual.headlight.ambient = [0.36, 0.36, 0.36]
+    visual.headlight.diffuse = [0.08, 0.08, 0.08]
+    visual.headlight.specular = [0.0, 0.0, 0.0]
+
+
+def _add_materials(spec: mujoco.MjSpec, tint: Look) -> None:
+    """Add the sky, the textures and the materials."""
+    texture2d, rgb_role = mujoco.mjtTexture.mjTEXTURE_2D, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.89, 0.92],
+        rgb2=[0.62, 0.66, 0.70],
+        width=64,
+        height=384,
+    )
+    painter = {"wood": _wood, "laminate": _laminate, "cloth": _cloth}[tint.surface]
+    pixels = painter(np.asarray(tint.table), _TEXTURE_SIZE)
+    texture = spec.add_texture(name="table_top", type=texture2d, width=_TEXTURE_SIZE, height=_TEXTURE_SIZE, nchannel=3)
+    texture.data = pixels.tobytes()
+    top = spec.add_material(name="table_top", specular=0.08, shininess=0.2, rgba=[1.0, 1.0, 1.0, 1.0])
+    textures = list(top.textures)
+    textures[rgb_role] = "table_top"
+    top.textures = textures
+    for name, colour, specular in (
+        ("wall", tint.wall, 0.0),
+        ("floor", tint.floor, 0.0),
+        ("metal", (0.30, 0.31, 0.33), 0.3),
+        ("pedestal", (0.36, 0.37, 0.39), 0.15),
+    ):
+        spec.add_material(name=name, rgba=[*colour, 1.0], specular=specular, shininess=0.3)
+
+
+def _add_furniture(spec: mujoco.MjSpec) -> None:
+    """Add floor, wall, pedestal and table, all of them static."""
+    box, plane = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_PLANE
+    world = spec.worldbody
+    # The larger friction of two surfaces counts; these are low, so that every object brings its own.
+    friction = [0.5, 0.005, 0.0001]
+    world.add_geom(
+        name="floor",
+        type=plane,
+        pos=[0.0, 0.0, FLOOR_HEIGHT_M],
+        size=[6.0, 6.0, 0.5],
+        material="floor",
+        friction=friction,
+    )
+    wall = world.add_geom(name="wall", type=box, pos=[-1.55, 0.0, 1.0], size=[0.05, 6.0, 1.75], material="wall")
+    wall.contype, wall.conaffinity = 0, 0
+
+    x_low, x_high = _PEDESTAL_X_M
+    half_height = -0.5 * FLOOR_HEIGHT_M
+    pedestal = spec.worldbody.add_body(name="pedestal")
+    pedestal.add_geom(
+        name="pedestal",
+        type=box,
+        pos=[0.5 * (x_low + x_high), 0.0, -half_height],
+        size=[0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M, half_height],
+        material="pedestal",
+        friction=friction,
+    )
+
+    (x_low, x_high), (y_low, y_high) = TABLE_X_M, TABLE_Y_M
+    centre = [0.5 * (x_low + x_high), 0.5 * (y_low + y_high)]
+    half_x, half_y = 0.5 * (x_high - x_low), 0.5 * (y_high - y_low)
+    table = spec.worldbody.add_body(name="table")
+    table.add_geom(
+        name="table",
+        type=box,
+        pos=[*centre, -0.5 * TABLE_THICKNESS_M],
+        size=[half_x, half_y, 0.5 * TABLE_THICKNESS_M],
+        material="table_top",
+        friction=friction,
+    )
+    leg, inset = 0.025, 0.05
+    leg_half_height = 0.5 * (-FLOOR_HEIGHT_M - TABLE_THICKNESS_M)
+    for number, (side_x, side_y) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
+        table.add_geom(
+            name=f"table_leg_{number}",
+            type=box,
+            pos=[
+                centre[0] + side_x * (half_x - inset),
+                centre[1] + side_y * (half_y - inset),
+                FLOOR_HEIGHT_M + leg_half_height,
+            ],
+            size=[leg, leg, leg_half_height],
+            material="metal",
+            friction=friction,
+        )
+
+
+def _add_lights(spec: mujoco.MjSpec) -> None:
+    """Add a key light that may cast the one shadow, and a fill light from the other side.
+
+    Ambient 0.36, headlight 0.08, key 0.40 and fill 0.22 add up to less than 1 on any surface at once, so that no colour
+    is clipped and white stays distinguishable from light grey.
+    """
+    world = spec.worldbody
+    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    key = np.array([-0.55, -0.35, -1.0])
+    key /= np.linalg.norm(key)
+    aim = np.array([0.45, 0.0, 0.1])
+    world.add_light(
+        name="key",
+        type=directional,
+        pos=(aim - 1.6 * key).tolist(),
+        dir=key.tolist(),
+        castshadow=True,
+        ambient=[0.0, 0.0, 0.0],
+        diffuse=[0.40, 0.40, 0.39],
+        specular=[0.3, 0.3, 0.3],
+    )
+    fill = np.array([0.35, 0.7, -0.8])
+    fill /= np.linalg.norm(fill)
+    world.add_light(
+        name="fill",
+        type=directional,
+        pos=(aim - 1.6 * fill).tolist(),
+        dir=fill.tolist(),
+        castshadow=False,
+        ambient=[0.0, 0.0, 0.0],
+        diffuse=[0.21, 0.21, 0.22],
+        specular=[0.0, 0.0, 0.0],
+    )
+
+
+def _add_cameras(spec: mujoco.MjSpec) -> None:
+    """Add the four fixed cameras."""
+    world = spec.worldbody
+    front = (1.6, 0.0, 0.9)
+    # 38 degrees hold the workspace x 0.3..0.75, y -0.4..0.4 m with a margin of 5 % of the picture on each side.
+    _add_camera(world, "front", front, (0.42, 0.0, 0.05), fovy_deg=38.0)
+    # Positions and lens of the paper's own release; it looks at the table's centre from all three.
+    _add_camera(world, "front_official", front, (0.45, 0.0, 0.05), fovy_deg=47.0)
+    _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+
+
+def _add_camera(
+    body: mujoco.MjsBody,
+    name: str,
+    position: Vector,
+    target: Vector,
+    *,
+    up: Vector = (0.0, 0.0, 1.0),
+    fovy_deg: float,
+) -> mujoco.MjsCamera:
+    """Add a fixed camera that looks at a point.
+
+    Args:
+        body: Body that carries the camera.
+        name: Name of the camera.
+        position: Optical centre in the body frame [m].
+        target: Point in the body frame that appears in the middle of the picture [m].
+        up: Direction in the body frame that points upwards in the picture; not parallel to the line of sight.
+        fovy_deg: Vertical field of view [degree], the unit that MuJoCo keeps whatever the compiler's angle unit.
+
+    Returns:
+        The new camera.
+    """
+    backward = np.asarray(position) - np.asarray(target)
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross(np.asarray(up), backward)
+    right = right / np.linalg.norm(right)
+    upward = np.cross(backward, right)
+    camera = body.add_camera(name=name, pos=list(position), fovy=fovy_deg)
+    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
+    camera.alt.xyaxes = [*right.tolist(), *upward.tolist()]
+    return camera
+
+
+def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:
+    """Return periodic smooth noise: random values on a coarse grid, blended by cosine weights.
+
+    Args:
+        rng: Source of the values.
+        size: Side of the result [pixel].
+        cells: Number of grid cells along the rows and the columns.
+
+    Returns:
+        (size, size) float64 values in [-1, 1].
+    """
+    grid = rng.uniform(-1.0, 1.0, size=cells)
+    for axis, count in enumerate(cells):
+        place = np.arange(size) * (count / size)
+        low = place.astype(int)
+        weight = 0.5 - 0.5 * np.cos(math.pi * (place - low))
+        shape = (-1, 1) if axis == 0 else (1, -1)
+        weight = weight.reshape(shape)
+        grid = np.take(grid, low % count, axis) * (1.0 - weight) + np.take(grid, (low + 1) % count, axis) * weight
+    return np.asarray(grid)
+
+
+def _to_pixels(colour: np.ndarray, brightness: np.ndarray) -> np.ndarray:
+    """Return (n, n, 3) uint8 pixels of a colour (3,) in [0, 1] times a brightness (n, n) about 1."""
+    return np.clip(np.rint(255.0 * colour * brightness[:, :, None]), 0, 255).astype(np.uint8)
+
+
+def _wood(colour: np.ndarray, size: int) -> np.ndarray:
+    """Return glued wooden staves that run along the texture's columns, low in contrast.
+
+    Args:
+        colour: (3,) mean colour, each in [0, 1].
+        size: Side of the picture [pixel].
+
+    Returns:
+        (size, size, 3) uint8 pixels.
+    """
+    rng = np.random.default_rng(20_011)
+    staves = 8
+    stave = np.arange(size) * staves // size
+    tone = np.array([0.035, -0.03, 0.01, -0.045, 0.04, -0.005, 0.025, -0.03])[stave]
+    shift = rng.integers(0, size, size=staves)[stave]
+    grain = 0.6 * _smooth_noise(rng, size, (64, 4)) + 0.4 * _smooth_noise(rng, size, (256, 6))
+    cloud = _smooth_noise(rng, size, (16, 2))
+    columns = (np.arange(size)[None, :] + shift[:, None]) % size
+    grain = np.take_along_axis(grain, columns, axis=1)
+    seam = np.where(np.arange(size) % (size // staves) == 0, 0.07, 0.0)
+    return _to_pixels(colour, 1.0 + tone[:, None] + 0.03 * grain + 0.02 * cloud - seam[:, None])
+
+
+def _laminate(colour: np.ndarray, size: int) -> np.ndarray:
+    """Return a plain laminate with a fine speckle; arguments and result as for :func:`_wood`."""
+    rng = np.random.default_rng(20_012)
+    speckle = 0.6 * _smooth_noise(rng, size, (256, 256)) + 0.4 * _smooth_noise(rng, size, (24, 24))
+    return _to_pixels(colour, 1.0 + 0.035 * speckle)
+
+
+def _cloth(colour: np.ndarray, size: int) -> np.ndarray:
+    """Return a woven cloth: two crossed threads; arguments and result as for :func:`_wood`."""
+    rng = np.random.default_rng(20_013)
+    place = np.arange(size) * (2.0 * math.pi * 64 / size)
+    weave = np.sin(place)[:, None] * np.sin(place)[None, :]
+    return _to_pixels(colour, 1.0 + 0.05 * weave + 0.03 * _smooth_noise(rng, size, (48, 48)))

@@ -1,0 +1,6 @@
+"""What is true: the privileged state of a scene, which no policy ever sees."""
+
+from betterbench.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
+from betterbench.state.world import Contact, PrivilegedPolicy, WorldState
+
+__all__ = ["Contact", "ObjectInfo", "PrivilegedPolicy", "Region", "SceneInfo", "SlotInfo", "WorldState"]

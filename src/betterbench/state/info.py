@@ -1,0 +1,184 @@
+"""The part of the truth that does not change during an episode: objects, their shapes and the slots of the table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from betterbench.errors import RecordError, UnknownNameError
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A named box or disc in an object's frame that tasks refer to: an opening, a ring, a handle, a stacking surface.
+
+    Attributes:
+        name: What the region is ("inside", "ring", "handle", "top").
+        position: Centre in the object frame [m].
+        half_size: Half extents along the region's own axes [m]. For a disc the first two are its radius.
+        quaternion: Rotation of the region in the object frame (w, x, y, z).
+    """
+
+    name: str
+    position: Vector
+    half_size: Vector
+    quaternion: Quaternion = IDENTITY_QUATERNION
+
+    @property
+    def pose(self) -> Pose:
+        """Pose ``T_object_region``."""
+        return Pose(self.position, self.quaternion)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectInfo:
+    """What is known about one object of a scene for as long as the scene exists.
+
+    Attributes:
+        name: Name in the scene ("burger_1"); it carries no meaning for any verdict.
+        kind: What instructions call it ("burger"); two objects of one kind are interchangeable.
+        asset: Identity of the asset ("burger#3").
+        category: Category of the asset ("burger", "can").
+        colour: Colour word a person would use ("red").
+        shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
+        role: "item", "distractor", "container" or "fixture".
+        fixed: True if the object cannot move.
+        mass_kg: Mass [kg].
+        size_m: Extents of the bounding box in the object frame [m]; the origin is the centre of its bottom face.
+        regions: Named regions of the asset.
+        slot: Name of the slot the object starts at, or None.
+    """
+
+    name: str
+    kind: str
+    asset: str
+    category: str
+    colour: str
+    shape: str
+    role: str
+    fixed: bool
+    mass_kg: float
+    size_m: Vector
+    regions: tuple[Region, ...] = ()
+    slot: str | None = None
+
+    def region(self, name: str) -> Region:
+        """Return a region by name.
+
+        Raises:
+            UnknownNameError: If the asset has no such region.
+        """
+        for region in self.regions:
+            if region.name == name:
+                return region
+        raise UnknownNameError(f"region of {self.name}", name, (r.name for r in self.regions))
+
+
+@dataclass(frozen=True, slots=True)
+class SlotInfo:
+    """A named place on the table.
+
+    Attributes:
+        name: Name of the slot.
+        position: Centre on the table [m], world frame.
+        yaw: Nominal heading of what stands there [rad].
+        trained_kinds: Kinds of object that stood here in the training regime.
+        picked_kinds: Kinds of object that were picked here in the training regime.
+    """
+
+    name: str
+    position: Vector
+    yaw: float
+    trained_kinds: tuple[str, ...] = ()
+    picked_kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class SceneInfo:
+    """The unchanging truth about one scene.
+
+    Attributes:
+        objects: All objects, in the order in which states list them.
+        slots: All slots of the task.
+        home_position: End-effector position at reset [m], world frame.
+        gripper_opening_m: Largest distance of the finger pads [m].
+    """
+
+    objects: tuple[ObjectInfo, ...]
+    slots: tuple[SlotInfo, ...]
+    home_position: Vector
+    gripper_opening_m: float
+    _index: dict[str, int] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Index the objects by name."""
+        self._index.update({o.name: i for i, o in enumerate(self.objects)})
+
+    def index(self, name: str) -> int:
+        """Return an object's position in the lists of a state.
+
+        Raises:
+            UnknownNameError: If the scene has no such object.
+        """
+        try:
+            return self._index[name]
+        except KeyError:
+            raise UnknownNameError("object", name, self._index) from None
+
+    def object(self, name: str) -> ObjectInfo:
+        """Return an object by name."""
+        return self.objects[self.index(name)]
+
+    def __contains__(self, name: str) -> bool:
+        """Tell whether the scene has an object of this name."""
+        return name in self._index
+
+    def of_kind(self, kind: str) -> tuple[ObjectInfo, ...]:
+        """Return all objects that an instruction could mean by ``kind``."""
+        return tuple(o for o in self.objects if o.kind == kind)
+
+    def slot(self, name: str) -> SlotInfo:
+        """Return a slot by name."""
+        for slot in self.slots:
+            if slot.name == name:
+                return slot
+        raise UnknownNameError("slot", name, (s.name for s in self.slots))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        form = asdict(self)
+        del form["_index"]
+        return form
+
+    @classmethod
+    def from_json(cls, form: Mapping[str, Any]) -> SceneInfo:
+        """Read the JSON form.
+
+        Raises:
+            RecordError: If a field is missing or of the wrong shape.
+        """
+        try:
+            objects = tuple(
+                ObjectInfo(
+                    **{
+                        **o,
+                        "size_m": tuple(o["size_m"]),
+                        "regions": tuple(
+                            Region(r["name"], tuple(r["position"]), tuple(r["half_size"]), tuple(r["quaternion"]))
+                            for r in o["regions"]
+                        ),
+                    }
+                )
+                for o in form["objects"]
+            )
+            slots = tuple(
+                SlotInfo(
+                    s["name"], tuple(s["position"]), s["yaw"], tuple(s["trained_kinds"]), tuple(s["picked_kinds"])
+                )
+                for s in form["slots"]
+            )
+            return cls(objects, slots, tuple(form["home_position"]), float(form["gripper_opening_m"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordError(f"scene description: {error!r} is missing or malformed; record it again") from error

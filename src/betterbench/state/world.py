@@ -1,0 +1,98 @@
+"""The part of the truth that changes: one privileged state per control step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from betterbench.geometry import Pose, Quaternion, Vector
+from betterbench.state.info import SceneInfo
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One pair of touching bodies.
+
+    Attributes:
+        a: First body: an object name, "left_finger", "right_finger", "hand", "arm", "table" or "floor".
+        b: Second body, likewise.
+        force_n: Sum of the normal forces of all contact points of the pair [N].
+    """
+
+    a: str
+    b: str
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class WorldState:
+    """Everything that is true at one control step.
+
+    Objects are listed in the order of ``info.objects``. All values are in the world frame.
+
+    Attributes:
+        info: The unchanging truth.
+        step: Number of control steps taken since reset.
+        time_s: Simulated time since reset [s].
+        positions: Object positions [m].
+        quaternions: Object rotations (w, x, y, z).
+        linear_speeds: Object speeds [m/s].
+        angular_speeds: Object turning speeds [rad/s].
+        ee_pose: Pose of the tool centre point between the finger pads; z points along the approach.
+        commanded_pose: Pose the controller is driving the tool centre point to.
+        finger_width_m: Distance of the finger pads [m].
+        gripper_command: Last applied gripper command, -1 open to +1 closed.
+        joint_positions: Arm joint angles [rad].
+        joint_velocities: Arm joint velocities [rad/s].
+        contacts: Touching pairs that involve the gripper or an object.
+        held: Name of the object that both fingers touch and that nothing else supports, or None.
+    """
+
+    info: SceneInfo
+    step: int
+    time_s: float
+    positions: tuple[Vector, ...]
+    quaternions: tuple[Quaternion, ...]
+    linear_speeds: tuple[float, ...]
+    angular_speeds: tuple[float, ...]
+    ee_pose: Pose
+    commanded_pose: Pose
+    finger_width_m: float
+    gripper_command: float
+    joint_positions: tuple[float, ...]
+    joint_velocities: tuple[float, ...]
+    contacts: tuple[Contact, ...]
+    held: str | None
+
+    def pose(self, name: str) -> Pose:
+        """Return ``T_world_object`` of a named object."""
+        i = self.info.index(name)
+        return Pose(self.positions[i], self.quaternions[i])
+
+    def touching(self, a: str, b: str) -> bool:
+        """Tell whether two named bodies touch."""
+        return any((c.a == a and c.b == b) or (c.a == b and c.b == a) for c in self.contacts)
+
+    def touched_by_gripper(self, name: str) -> bool:
+        """Tell whether any part of the gripper touches the object."""
+        for c in self.contacts:
+            other = c.b if c.a == name else c.a if c.b == name else None
+            if other in GRIPPER_BODIES:
+                return True
+        return False
+
+
+GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
+
+
+class PrivilegedPolicy(Protocol):
+    """A mind that sees the truth: the expert and the calibration zoo."""
+
+    @property
+    def name(self) -> str:
+        """Address of the policy ("expert", "zoo:lexical")."""
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return one action in the ``ee_delta`` action space, shape (7,)."""

@@ -1,0 +1,51 @@
+"""Numbers with their uncertainty: intervals, exact tests, corrections and what few trials can detect."""
+
+from betterbench.statistics.bootstrap import paired_bootstrap
+from betterbench.statistics.chance import chance_p
+from betterbench.statistics.difference import (
+    Difference,
+    delta_success_rate,
+    newcombe_difference,
+    newcombe_paired_difference,
+)
+from betterbench.statistics.interval import Interval, IntervalMethod, clopper_pearson_interval, wilson_interval
+from betterbench.statistics.multiplicity import holm
+from betterbench.statistics.paired import PairedTable, mcnemar_p
+from betterbench.statistics.power import (
+    DetectableDifference,
+    paired_power,
+    smallest_paired_difference,
+    smallest_unpaired_difference,
+    unpaired_power,
+)
+from betterbench.statistics.rate import Rate
+from betterbench.statistics.rounding import percent, round_half_up
+from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
+
+__all__ = [
+    "DetectableDifference",
+    "Difference",
+    "Interval",
+    "IntervalMethod",
+    "PairedTable",
+    "Rate",
+    "barnard_p",
+    "barnard_p_values",
+    "boschloo_p",
+    "chance_p",
+    "clopper_pearson_interval",
+    "delta_success_rate",
+    "fisher_p",
+    "holm",
+    "mcnemar_p",
+    "newcombe_difference",
+    "newcombe_paired_difference",
+    "paired_bootstrap",
+    "paired_power",
+    "percent",
+    "round_half_up",
+    "smallest_paired_difference",
+    "smallest_unpaired_difference",
+    "unpaired_power",
+    "wilson_interval",
+]

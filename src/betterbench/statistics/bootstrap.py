@@ -1,0 +1,101 @@
+"""The paired bootstrap of a difference of rates, by stratum and by cluster."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.difference import Difference
+from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
+
+DEFAULT_RESAMPLES = 10_000
+"""With this many resamples the Monte Carlo error of a 2.5 % tail is 0.16 percentage points."""
+
+
+def paired_bootstrap(
+    first: Sequence[float],
+    second: Sequence[float],
+    *,
+    generator: np.random.Generator,
+    strata: Sequence[str] | None = None,
+    clusters: Sequence[str] | None = None,
+    resamples: int = DEFAULT_RESAMPLES,
+    confidence: float = DEFAULT_CONFIDENCE,
+) -> Difference:
+    """Return the mean difference of pairs with its percentile bootstrap interval.
+
+    Whole clusters are drawn with replacement, within each stratum separately. Give the task as stratum, so that the set
+    of tasks is kept as it is, and the twin as cluster when several variations share one twin, because such pairs are
+    not independent. The result does not depend on the order of the pairs.
+
+    The interval has no width when all pairs differ by the same amount; for few or clear-cut pairs of successes use
+    :func:`~betterbench.statistics.difference.newcombe_paired_difference`.
+
+    Args:
+        first: Score of the first of each pair, shape (n,): 0 or 1 for success, or a fraction such as progress.
+        second: Score of the second of each pair, shape (n,).
+        generator: Source of randomness.
+        strata: Name of each pair's stratum, shape (n,); one stratum if not given.
+        clusters: Name of each pair's cluster inside its stratum, shape (n,); each pair by itself if not given.
+        resamples: Number of bootstrap resamples.
+        confidence: Two-sided confidence level, between 0 and 1.
+
+    Returns:
+        ``mean(first - second)``; without pairs the value is None and the interval is [-1, 1].
+
+    Raises:
+        InvalidInputError: If the lengths differ, a score is not between 0 and 1, or a number is out of range.
+    """
+    check_fraction("confidence", confidence)
+    if resamples < 1:
+        raise InvalidInputError("resamples", f"{resamples} is not a number of resamples", "Use 10000")
+    scores = _paired_scores(first, second)
+    n = len(scores)
+    strata = _names("strata", strata, n) or [""] * n
+    names = _names("clusters", clusters, n) or [str(i) for i in range(n)]
+    if n == 0:
+        return Difference(None, -1.0, 1.0, "paired bootstrap", confidence)
+    members: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for stratum, cluster, score in zip(strata, names, scores.tolist(), strict=True):
+        members[stratum][cluster].append(score)
+    sums, sizes = np.zeros(resamples), np.zeros(resamples)
+    for stratum in sorted(members):
+        # Clusters with the same sum and size are interchangeable, so drawing how often each kind comes up is exact.
+        kinds = Counter((float(np.sum(np.sort(values))), len(values)) for values in members[stratum].values())
+        ordered = sorted(kinds.items())
+        total = kinds.total()
+        draws = generator.multinomial(total, [count / total for _, count in ordered], size=resamples)
+        sums += draws @ np.array([kind[0] for kind, _ in ordered])
+        sizes += draws @ np.array([float(kind[1]) for kind, _ in ordered])
+    means = sums / sizes
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(means, (tail, 1.0 - tail))
+    return Difference(float(np.sum(np.sort(scores))) / n, float(low), float(high), "paired bootstrap", confidence)
+
+
+def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArray[np.float64]:
+    """Return the differences of valid pairs of scores, shape (n,)."""
+    if len(first) != len(second):
+        problem = f"{len(first)} first and {len(second)} second scores do not pair up"
+        raise InvalidInputError("first, second", problem, "Give one of each per pair, in the same order")
+    sides = []
+    for where, side in (("first", first), ("second", second)):
+        values = np.asarray(side, dtype=np.float64)
+        if not bool(np.all((values >= 0.0) & (values <= 1.0))):
+            raise InvalidInputError(where, "a score is not between 0 and 1", "Give 0 or 1 for success, or a fraction")
+        sides.append(values)
+    difference: npt.NDArray[np.float64] = sides[0] - sides[1]
+    return difference
+
+
+def _names(where: str, names: Sequence[str] | None, n: int) -> list[str]:
+    """Return a list of names that is as long as the pairs, or an empty list when none are given."""
+    if names is None:
+        return []
+    if len(names) != n:
+        raise InvalidInputError(where, f"{len(names)} names for {n} pairs", "Give one name per pair")
+    return list(names)

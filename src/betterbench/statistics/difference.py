@@ -1,0 +1,178 @@
+"""Differences of rates with their intervals: two rates, and a novel condition against the mean of the seen ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypedDict
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import DEFAULT_CONFIDENCE, Interval, check_fraction, wilson_interval
+from betterbench.statistics.paired import PairedTable
+from betterbench.statistics.rate import Rate
+
+POINTS = 100.0
+"""Percentage points in one whole."""
+
+
+class DifferenceForm(TypedDict):
+    """JSON form of a difference; the ends and the value are fractions."""
+
+    value: float | None
+    low: float
+    high: float
+    method: str
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A difference of rates.
+
+    Attributes:
+        value: First minus second, as a fraction, or None if a side has no trials.
+        low: Lower end of the interval, as a fraction.
+        high: Upper end of the interval, as a fraction.
+        method: How the interval was made.
+        confidence: Two-sided confidence level of the interval.
+    """
+
+    value: float | None
+    low: float
+    high: float
+    method: str
+    confidence: float = DEFAULT_CONFIDENCE
+
+    @property
+    def value_pp(self) -> float | None:
+        """The difference in percentage points."""
+        return None if self.value is None else self.value * POINTS
+
+    @property
+    def low_pp(self) -> float:
+        """Lower end in percentage points."""
+        return self.low * POINTS
+
+    @property
+    def high_pp(self) -> float:
+        """Upper end in percentage points."""
+        return self.high * POINTS
+
+    @property
+    def excludes_zero(self) -> bool:
+        """Whether the interval leaves no room for "no difference"."""
+        return self.low > 0.0 or self.high < 0.0
+
+    def to_json(self) -> DifferenceForm:
+        """Return the JSON form."""
+        return {
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "method": self.method,
+            "confidence": self.confidence,
+        }
+
+
+def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
+    """Return the difference of two independent rates with Newcombe's interval.
+
+    This is the hybrid score interval (method 10 of Newcombe, Statistics in Medicine 17, 1998, 873-890): the distances
+    from each rate to the ends of its Wilson interval are added in quadrature.
+
+    Args:
+        first: The rate that counts positive.
+        second: The rate that counts negative.
+        confidence: Two-sided confidence level, between 0 and 1.
+
+    Returns:
+        ``first - second``; with no trials on a side the value is None and the interval is [-1, 1].
+
+    Raises:
+        InvalidInputError: If the level is not between 0 and 1.
+    """
+    return _contrast(((1.0, first), (-1.0, second)), confidence, "newcombe")
+
+
+def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
+    """Return ``SR(novel composition) - mean SR(seen compositions)``; read it with :attr:`Difference.value_pp`.
+
+    The seen conditions are averaged with equal weight whatever their numbers of trials. The interval adds the distances
+    to the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
+    Medicine 27, 2008, 1693-1702); with one seen condition it is Newcombe's.
+
+    Args:
+        novel: Success rate of the novel composition.
+        seen: Success rates of the seen compositions, at least one, from independent trials.
+        confidence: Two-sided confidence level, between 0 and 1.
+
+    Returns:
+        The difference; with no trials in a condition the value is None and the interval is [-1, 1].
+
+    Raises:
+        InvalidInputError: If no seen condition is given or the level is not between 0 and 1.
+    """
+    if not seen:
+        raise InvalidInputError("seen", "no seen composition to compare with", "Give at least one success rate")
+    weight = -1.0 / len(seen)
+    return _contrast(((1.0, novel), *((weight, rate) for rate in seen)), confidence, "wilson in quadrature")
+
+
+def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
+    """Return the difference of two rates measured on the same trials with Newcombe's interval for pairs.
+
+    This is method 10 of Newcombe, Statistics in Medicine 17, 1998, 2635-2650: Wilson intervals in quadrature, less the
+    share that the correlation of the pairs explains. Unlike the bootstrap it keeps a sensible width when all
+    pairs agree or all pairs differ the same way.
+
+    Args:
+        table: Counts of the four kinds of pairs.
+        confidence: Two-sided confidence level, between 0 and 1.
+
+    Returns:
+        ``first - second``; with no pairs the value is None and the interval is [-1, 1].
+
+    Raises:
+        InvalidInputError: If the level is not between 0 and 1.
+    """
+    method = "newcombe paired"
+    check_fraction("confidence", confidence)
+    n = table.n
+    if n == 0:
+        return Difference(None, -1.0, 1.0, method, confidence)
+    a, b, c, d = table.both, table.only_first, table.only_second, table.neither
+    p1, p2 = (a + b) / n, (a + c) / n
+    l1, u1 = wilson_interval(a + b, n, confidence=confidence)
+    l2, u2 = wilson_interval(a + c, n, confidence=confidence)
+    product = float((a + b) * (c + d) * (a + c) * (b + d))
+    association = float(a * d - b * c)
+    if association > 0.0:  # Newcombe's continuity correction of a positive correlation
+        association = max(0.0, association - n / 2.0)
+    phi = association / math.sqrt(product) if product else 0.0
+    down = _correlated_length(p1 - l1, u2 - p2, phi)
+    up = _correlated_length(u1 - p1, p2 - l2, phi)
+    value = (b - c) / n
+    return Difference(value, max(-1.0, value - down), min(1.0, value + up), method, confidence)
+
+
+def _correlated_length(x: float, y: float, phi: float) -> float:
+    """Return the length of the difference of two deviations with correlation ``phi``."""
+    return math.sqrt(max(0.0, x * x - 2.0 * phi * x * y + y * y))
+
+
+def _contrast(terms: Sequence[tuple[float, Rate]], confidence: float, method: str) -> Difference:
+    """Return a weighted sum of independent rates with Wilson intervals added in quadrature."""
+    check_fraction("confidence", confidence)
+    value = down = up = 0.0
+    for weight, rate in terms:
+        p = rate.value
+        if p is None:
+            return Difference(None, -1.0, 1.0, method, confidence)
+        ends = wilson_interval(rate.k, rate.n, confidence=confidence)
+        ends = ends if weight > 0.0 else Interval(ends.high, ends.low)
+        value += weight * p
+        down += (weight * (p - ends.low)) ** 2
+        up += (weight * (ends.high - p)) ** 2
+    low, high = value - math.sqrt(down), value + math.sqrt(up)
+    return Difference(value, max(-1.0, low), min(1.0, high), method, confidence)

@@ -1,0 +1,216 @@
+"""What a number of trials can find: power, and the smallest difference that is detected.
+
+Definition: the smallest detectable difference is the smallest true difference, in steps of 0.1 percentage points, at
+which the two-sided test at level ``alpha`` rejects "no difference" with a probability of at least ``power``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import special, stats
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import check_fraction
+from betterbench.statistics.unpaired import barnard_p_values, binomial_probabilities
+
+DEFAULT_ALPHA = 0.05
+"""Two-sided level of the test."""
+
+DEFAULT_POWER = 0.8
+"""Probability of finding a true difference, the usual planning value."""
+
+EXACT_ARM_LIMIT = 300
+"""Largest number of trials per arm for which power is summed over all outcomes of Barnard's test (0.2 s and 0.7 MB).
+Above, the normal approximation is used; at this size the two give the same smallest difference to 0.1 points."""
+
+_STEPS = 1000
+"""Steps of 0.1 percentage points in the search for the smallest difference."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectableDifference:
+    """The smallest true difference that a number of trials finds.
+
+    Attributes:
+        value: The difference as a fraction, or None if not even the largest possible one is found.
+        n: Pairs, or trials in each arm.
+        alpha: Two-sided level of the test.
+        power: Probability of finding it.
+        assumption: Test and assumption behind the number, as a phrase for a caption.
+    """
+
+    value: float | None
+    n: int
+    alpha: float
+    power: float
+    assumption: str
+
+
+def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: float = DEFAULT_ALPHA) -> float:
+    """Return the power of the exact McNemar test.
+
+    Args:
+        n: Number of pairs.
+        difference: True difference of the two rates, between 0 and 1.
+        opposite: True share of pairs that differ the other way; ``difference + 2 opposite`` is at most 1.
+        alpha: Two-sided level of the test.
+
+    Returns:
+        The probability of a p-value of at most ``alpha``, summed exactly over all outcomes.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+    """
+    _check_plan(n, alpha)
+    discordant_share = difference + 2.0 * opposite
+    if difference < 0.0 or opposite < 0.0 or discordant_share > 1.0 + 1e-12:
+        problem = f"difference {difference:g} with {opposite:g} the other way is impossible"
+        raise InvalidInputError("difference, opposite", problem, "Keep difference + 2 opposite within 0 and 1")
+    if discordant_share == 0.0:
+        return 0.0
+    m = np.arange(1, n + 1)
+    # Largest smaller count that is still significant for m discordant pairs; -1 if none is.
+    smaller = np.arange(n // 2 + 1)
+    p_values = 2.0 * special.bdtr(smaller[None, :].astype(float), m[:, None], 0.5)
+    usable = (smaller[None, :] * 2 <= m[:, None]) & (p_values <= alpha)
+    critical = usable.sum(axis=1) - 1
+    share = (difference + opposite) / discordant_share
+    found = stats.binom.cdf(critical, m, share) + stats.binom.sf(m - critical - 1, m, share)
+    found = np.where(critical >= 0, found, 0.0)
+    mass = binomial_probabilities(n, min(1.0, discordant_share))[1:]
+    return min(1.0, float(mass @ found))
+
+
+def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAULT_ALPHA) -> float:
+    """Return the power of Barnard's test for two independent arms of equal size.
+
+    Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above, the normal approximation of the pooled
+    score test is used.
+
+    Args:
+        n: Trials in each arm.
+        first: True rate of the first arm, from 0 to 1.
+        second: True rate of the second arm, from 0 to 1.
+        alpha: Two-sided level of the test.
+
+    Returns:
+        The probability of a p-value of at most ``alpha``.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+    """
+    _check_plan(n, alpha)
+    for where, rate in (("first", first), ("second", second)):
+        if not 0.0 <= rate <= 1.0:
+            raise InvalidInputError(where, f"{rate!r} is no rate", "Give a fraction from 0 to 1")
+    if n > EXACT_ARM_LIMIT:
+        return _normal_power(n, first, second, alpha)
+    rejected = _p_value_bytes(n)
+    p_values = np.frombuffer(rejected, dtype=np.float64).reshape(n + 1, n + 1)
+    arms = binomial_probabilities(n, first), binomial_probabilities(n, second)
+    return min(1.0, float(arms[0] @ (p_values <= alpha) @ arms[1]))
+
+
+def smallest_paired_difference(
+    n: int, *, opposite: float = 0.0, alpha: float = DEFAULT_ALPHA, power: float = DEFAULT_POWER
+) -> DetectableDifference:
+    """Return the smallest difference that ``n`` pairs find with the exact McNemar test.
+
+    With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favourable case, so no
+    smaller difference can be found with this many pairs.
+
+    Args:
+        n: Number of pairs.
+        opposite: True share of pairs that differ the other way, below one half.
+        alpha: Two-sided level of the test.
+        power: Probability of finding the difference.
+
+    Returns:
+        The difference and what it assumes.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+    """
+    _check_plan(n, alpha)
+    check_fraction("power", power)
+    if not 0.0 <= opposite < 0.5:
+        raise InvalidInputError("opposite", f"{opposite!r} is out of range", "Give a share from 0 to below 0.5")
+    value = _smallest(lambda d: paired_power(n, d, opposite=opposite, alpha=alpha), 1.0 - 2.0 * opposite, power)
+    assumption = f"exact McNemar test, {opposite:.0%} of the pairs differing the other way"
+    return DetectableDifference(value, n, alpha, power, assumption)
+
+
+def smallest_unpaired_difference(
+    n: int, *, reference: float = 0.5, alpha: float = DEFAULT_ALPHA, power: float = DEFAULT_POWER
+) -> DetectableDifference:
+    """Return the smallest difference that two independent arms of ``n`` trials find with Barnard's test.
+
+    One arm has the reference rate, the other lies below it (above it, if the reference is below one half).
+
+    Args:
+        n: Trials in each arm.
+        reference: True rate of the first arm, from 0 to 1.
+        alpha: Two-sided level of the test.
+        power: Probability of finding the difference.
+
+    Returns:
+        The difference and what it assumes.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+    """
+    _check_plan(n, alpha)
+    check_fraction("power", power)
+    if not 0.0 <= reference <= 1.0:
+        raise InvalidInputError("reference", f"{reference!r} is no rate", "Give a fraction from 0 to 1")
+    sign = -1.0 if reference >= 0.5 else 1.0
+    room = max(reference, 1.0 - reference)
+    value = _smallest(
+        lambda d: unpaired_power(n, reference, min(1.0, max(0.0, reference + sign * d)), alpha=alpha), room, power
+    )
+    how = "exact" if n <= EXACT_ARM_LIMIT else "normal approximation"
+    assumption = f"Barnard's test ({how}), {'down' if sign < 0 else 'up'} from a rate of {reference:.0%}"
+    return DetectableDifference(value, n, alpha, power, assumption)
+
+
+def _smallest(power_at: Callable[[float], float], room: float, power: float) -> float | None:
+    """Return the smallest step within ``room`` whose power suffices, by bisection over a growing power."""
+    low, high = 0, int(np.floor(room * _STEPS + 1e-9))
+    if power_at(high / _STEPS) < power:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        if power_at(middle / _STEPS) >= power:
+            high = middle
+        else:
+            low = middle
+    return high / _STEPS
+
+
+def _normal_power(n: int, first: float, second: float, alpha: float) -> float:
+    """Return the power of the pooled score test for two arms of ``n`` trials in the normal approximation."""
+    gap = abs(first - second)
+    mean = (first + second) / 2.0
+    null = float(np.sqrt(2.0 * mean * (1.0 - mean) / n))
+    true = float(np.sqrt((first * (1.0 - first) + second * (1.0 - second)) / n))
+    critical = float(special.ndtri(1.0 - alpha / 2.0)) * null
+    if true == 0.0:
+        return float(gap > critical)
+    return float(special.ndtr((gap - critical) / true) + special.ndtr((-gap - critical) / true))
+
+
+@lru_cache(maxsize=8)
+def _p_value_bytes(n: int) -> bytes:
+    """Return the immutable bytes of Barnard's p-values of all outcomes, which do not depend on the true rates."""
+    return barnard_p_values(n).tobytes()
+
+
+def _check_plan(n: int, alpha: float) -> None:
+    """Refuse an empty experiment and an impossible level."""
+    if n < 1:
+        raise InvalidInputError("n", f"{n} trials find nothing", "Give at least 1")
+    check_fraction("alpha", alpha)

@@ -1,0 +1,88 @@
+"""A rate: how often something happened in a number of trials, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypedDict
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import (
+    DEFAULT_CONFIDENCE,
+    Interval,
+    IntervalMethod,
+    check_counts,
+    check_fraction,
+    clopper_pearson_interval,
+    wilson_interval,
+)
+
+_METHODS = {"wilson": wilson_interval, "clopper_pearson": clopper_pearson_interval}
+
+
+class RateForm(TypedDict):
+    """JSON form of a rate."""
+
+    k: int
+    n: int
+    value: float | None
+    low: float
+    high: float
+    method: str
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """``k`` successes in ``n`` trials.
+
+    Attributes:
+        k: Number of successes.
+        n: Number of trials. With 0 trials the value is None and the interval is [0, 1].
+        method: How the interval is made: "wilson" (default) or "clopper_pearson" (guaranteed coverage).
+        confidence: Two-sided confidence level of the interval.
+    """
+
+    k: int
+    n: int
+    method: IntervalMethod = "wilson"
+    confidence: float = DEFAULT_CONFIDENCE
+
+    def __post_init__(self) -> None:
+        """Refuse impossible counts, unknown methods and impossible levels."""
+        check_counts(self.k, self.n)
+        check_fraction("confidence", self.confidence)
+        if self.method not in _METHODS:
+            raise InvalidInputError("method", f"{self.method!r} is no interval", f"Use one of {', '.join(_METHODS)}")
+
+    @property
+    def value(self) -> float | None:
+        """The share of successes as a fraction, or None without trials."""
+        return self.k / self.n if self.n else None
+
+    @property
+    def interval(self) -> Interval:
+        """The confidence interval of the underlying rate."""
+        return _METHODS[self.method](self.k, self.n, confidence=self.confidence)
+
+    @property
+    def low(self) -> float:
+        """Lower end of the interval."""
+        return self.interval.low
+
+    @property
+    def high(self) -> float:
+        """Upper end of the interval."""
+        return self.interval.high
+
+    def to_json(self) -> RateForm:
+        """Return the JSON form with the interval written out."""
+        low, high = self.interval
+        return {
+            "k": self.k,
+            "n": self.n,
+            "value": self.value,
+            "low": low,
+            "high": high,
+            "method": self.method,
+            "confidence": self.confidence,
+        }

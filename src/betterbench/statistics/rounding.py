@@ -1,0 +1,59 @@
+"""Decimal rounding as people do it on paper: halves go away from zero."""
+
+from __future__ import annotations
+
+from decimal import Context, Decimal
+from fractions import Fraction
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import check_counts
+
+_FLOAT_DIGITS = 12
+"""Significant decimal digits of a float that count. A float has 15; the rest is the noise of adding and dividing
+decimals in binary, which would push 7.685 to one side or the other."""
+
+
+def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decimal:
+    """Round to a number of decimals, with halves away from zero.
+
+    Python's ``round`` sends 7.685 to 7.68, since the nearest float lies below and halves go to even digits; the tables
+    of papers are rounded in decimal.
+
+    Args:
+        value: A finite number. Fractions, decimals, integers and numerals are taken exactly, floats to 12 digits.
+        digits: Decimals to keep, at least 0.
+
+    Returns:
+        The rounded number with exactly that many decimals.
+
+    Raises:
+        InvalidInputError: If the value is not a finite number or the number of decimals is negative.
+    """
+    if digits < 0:
+        raise InvalidInputError("digits", f"{digits} is not a number of decimals", "Give 0 or more")
+    try:
+        exact = Fraction(f"{value:.{_FLOAT_DIGITS - 1}e}") if isinstance(value, float) else Fraction(value)
+    except (ValueError, OverflowError, ZeroDivisionError) as error:
+        raise InvalidInputError("value", f"{value!r} is not a finite number", "Give a number such as 7.685") from error
+    scaled = abs(exact) * 10**digits
+    whole = int(scaled) + (1 if scaled - int(scaled) >= Fraction(1, 2) else 0)
+    sign = "-" if exact < 0 and whole else ""
+    return Decimal(f"{sign}{whole}").scaleb(-digits, Context(prec=max(28, len(str(whole)) + digits)))
+
+
+def percent(k: int, n: int, *, digits: int = 1) -> Decimal | None:
+    """Return ``k`` of ``n`` in percent, computed exactly and rounded half up.
+
+    Args:
+        k: Number of successes.
+        n: Number of trials.
+        digits: Decimals to keep.
+
+    Returns:
+        The percentage, or None without trials.
+
+    Raises:
+        InvalidInputError: If the counts are impossible.
+    """
+    check_counts(k, n)
+    return round_half_up(Fraction(100 * k, n), digits) if n else None

@@ -1,0 +1,34 @@
+"""The four axes along which a task is turned, and what a right policy is expected to do."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Axis(StrEnum):
+    """One of the four families of causal intervention (paper, section 4)."""
+
+    SPATIAL_LAYOUT_SHIFT = "spatial_layout_shift"
+    PRIMITIVE_RECOMPOSITION = "primitive_recomposition"
+    ADVERSARIAL_OBJECT_PERTURBATION = "adversarial_object_perturbation"
+    TEMPORAL_EXTRAPOLATION = "temporal_extrapolation"
+
+    @property
+    def letter(self) -> str:
+        """Letter that begins the ids of this axis' variations: L, R, O or T."""
+        return {"s": "L", "p": "R", "a": "O", "t": "T"}[self.value[0]]
+
+
+class Expected(StrEnum):
+    """What a policy that understood the instruction does."""
+
+    SUCCEED = "succeed"
+    REFUSE = "refuse"
+    STAY_STILL = "stay_still"
+
+
+class Support(StrEnum):
+    """Whether every pick and place pose of a variation lies inside the training regime."""
+
+    SEEN = "seen"
+    NOVEL = "novel"

@@ -1,0 +1,129 @@
+"""Conditions: one fully specified setting of a task, and the objects and slots it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+from betterbench.errors import UnknownNameError
+from betterbench.tasks.axes import Expected
+from betterbench.tasks.subgoal import Instruction, Reference
+
+Role = Literal["item", "distractor", "container", "fixture"]
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A named place on the table.
+
+    Attributes:
+        name: Name of the slot.
+        x: Centre [m], world frame.
+        y: Centre [m], world frame.
+        yaw: Nominal heading of what stands there [rad].
+        jitter_m: Half width of the uniform position jitter [m].
+        yaw_jitter: Half width of the uniform heading jitter [rad].
+    """
+
+    name: str
+    x: float
+    y: float
+    yaw: float = 0.0
+    jitter_m: float = 0.015
+    yaw_jitter: float = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSpec:
+    """An object as a condition wants it.
+
+    Attributes:
+        name: Name in the scene. It carries no meaning: renaming every object changes no verdict.
+        kind: What instructions call it ("red mug").
+        category: Category of its asset ("mug").
+        colour: Colour of its asset, or None to let the generator choose.
+        role: Part it plays.
+        fixed: True if it cannot move.
+    """
+
+    name: str
+    kind: str
+    category: str
+    colour: str | None = None
+    role: Role = "item"
+    fixed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One fully specified setting: layout, identities, initial state, instruction, goal and ordered subgoals.
+
+    Attributes:
+        task: Task id.
+        name: Name within the task ("train1", "L3").
+        objects: All objects.
+        layout: Object name to slot name, for every object that starts on the table.
+        instruction: The sentence and what it asks for.
+        preplaced: Object name to the name of the target it already rests at.
+        expected: What a right policy does.
+        mid_task_look: True if the initial state looks like the middle of a demonstration.
+        premise_broken: True if the instruction presupposes something that is deliberately not there.
+    """
+
+    task: str
+    name: str
+    objects: tuple[ObjectSpec, ...]
+    layout: Mapping[str, str]
+    instruction: Instruction
+    preplaced: Mapping[str, str] = field(default_factory=dict)
+    expected: Expected = Expected.SUCCEED
+    mid_task_look: bool = False
+    premise_broken: bool = False
+
+    @property
+    def id(self) -> str:
+        """Identifier across tasks ("fast_food/train1")."""
+        return f"{self.task}/{self.name}"
+
+    def object(self, name: str) -> ObjectSpec:
+        """Return an object by name.
+
+        Raises:
+            UnknownNameError: If the condition has no such object.
+        """
+        for spec in self.objects:
+            if spec.name == name:
+                return spec
+        raise UnknownNameError(f"object of {self.id}", name, (o.name for o in self.objects))
+
+    def occupant(self, slot: str) -> str | None:
+        """Return the name of the object that starts in a slot, or None."""
+        for name, place in self.layout.items():
+            if place == slot:
+                return name
+        return None
+
+    def resolve(self, reference: Reference) -> tuple[str, ...]:
+        """Return the names of the objects that a reference can mean, in a stable order."""
+        if reference.slot is not None:
+            occupant = self.occupant(reference.slot)
+            return () if occupant is None else (occupant,)
+        return tuple(sorted(o.name for o in self.objects if o.kind == reference.kind))
+
+    def meant_kinds(self) -> frozenset[str]:
+        """Return the kinds of object that the instruction means."""
+        return frozenset(
+            self.object(name).kind for goal in self.instruction.subgoals for name in self.resolve(goal.reference)
+        )
+
+    def with_(self, **changes: Any) -> Condition:
+        """Return a copy with some fields changed."""
+        return replace(self, **changes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        form = asdict(replace(self, layout={}, preplaced={}))
+        form["layout"] = dict(self.layout)
+        form["preplaced"] = dict(self.preplaced)
+        return form

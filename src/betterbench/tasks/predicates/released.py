@@ -1,0 +1,10 @@
+"""Release: whether the gripper has let go of an object."""
+
+from __future__ import annotations
+
+from betterbench.state import WorldState
+
+
+def released(state: WorldState, name: str) -> bool:
+    """Tell whether neither finger nor the hand touches the object."""
+    return not state.touched_by_gripper(name)

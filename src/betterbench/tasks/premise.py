@@ -1,0 +1,55 @@
+"""The premise: what an instruction presupposes must be what the scene shows when an episode begins."""
+
+from __future__ import annotations
+
+from betterbench.geometry import horizontal_distance
+from betterbench.state import WorldState
+from betterbench.tasks.axes import Expected
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.predicates import at_rest, relation, upright
+
+SLOT_TOLERANCE_M = 0.04
+"""Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
+settling."""
+
+
+def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
+    """Return what the scene at reset does not show although the instruction presupposes it.
+
+    Args:
+        condition: The condition in force.
+        state: The state at reset.
+
+    Returns:
+        One sentence per broken premise; empty if all is well.
+    """
+    problems: list[str] = []
+    info = state.info
+    for name, slot in condition.layout.items():
+        if horizontal_distance(state.pose(name).position, info.slot(slot).position) > SLOT_TOLERANCE_M:
+            problems.append(f"{name} does not stand in its slot {slot!r}")
+    for o in info.objects:
+        if not o.fixed and not (upright(state, o.name) and at_rest(state, o.name)):
+            problems.append(f"{o.name} does not stand still and upright")
+    for name, target in condition.preplaced.items():
+        if not any(
+            relation(goal.relation)(state, name, target)
+            for goal in condition.instruction.subgoals
+            if goal.target == target
+        ):
+            problems.append(f"{name} is not at {target} although it was placed there")
+    if condition.premise_broken:
+        return tuple(problems)
+    done = 0
+    for goal in condition.instruction.subgoals:
+        names = condition.resolve(goal.reference)
+        if len(names) < goal.count:
+            problems.append(f"the instruction names {goal.word!r}, but the scene holds {len(names)} of {goal.count}")
+            continue
+        there = sum(relation(goal.relation)(state, name, goal.target) for name in names)
+        done += there >= goal.count
+    if condition.expected is Expected.STAY_STILL and done < len(condition.instruction.subgoals):
+        problems.append("nothing should be left to do, but a subgoal is open")
+    if condition.expected is Expected.SUCCEED and done == len(condition.instruction.subgoals):
+        problems.append("the goal is already reached")
+    return tuple(problems)

@@ -1,0 +1,39 @@
+"""The registry of tasks: a decorated function gives a task its command, its card and its tests."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+from betterbench.errors import UnknownNameError
+from betterbench.tasks.task import Task
+
+_BUILDERS: dict[str, Callable[[], Task]] = {}
+
+
+def task(build: Callable[[], Task]) -> Callable[[], Task]:
+    """Register a function that returns a task under the function's name."""
+    _BUILDERS[build.__name__] = functools.cache(build)
+    return build
+
+
+def get_task(name: str) -> Task:
+    """Return a task by id.
+
+    Raises:
+        UnknownNameError: If there is no such task.
+    """
+    try:
+        return _BUILDERS[name]()
+    except KeyError:
+        raise UnknownNameError("task", name, _BUILDERS) from None
+
+
+def task_names() -> tuple[str, ...]:
+    """Return the ids of all tasks, sorted."""
+    return tuple(sorted(_BUILDERS))
+
+
+def all_tasks() -> tuple[Task, ...]:
+    """Return all tasks, sorted by id."""
+    return tuple(get_task(name) for name in task_names())

@@ -1,0 +1,61 @@
+"""Subgoals: what an instruction asks for, step by step, as relations between the things it names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """The way an instruction picks out an object: by what it is, or by where it stands at the start.
+
+    Attributes:
+        kind: Kind of object that is meant ("burger", "red mug"), or None.
+        slot: Slot whose occupant is meant ("far"), or None. Exactly one of the two is given.
+    """
+
+    kind: str | None = None
+    slot: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check that exactly one way of picking out is given."""
+        if (self.kind is None) == (self.slot is None):
+            msg = "a reference names either a kind or a slot"
+            raise ValueError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class Subgoal:
+    """One step of an instruction.
+
+    Attributes:
+        name: Name of the step ("pack_burger"); it serves in records, reports and questions.
+        relation: Name of the relation that has to hold ("inside", "on_ring").
+        reference: Which object.
+        target: Scene name of the container or fixture it has to be related to.
+        word: The word of the instruction that picks out the object ("red", "top", "burger").
+        count: How many objects of that reference must be there for this step to be done; the second of two equal steps
+            has 2.
+    """
+
+    name: str
+    relation: str
+    reference: Reference
+    target: str
+    word: str
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """A sentence together with what it asks for.
+
+    Attributes:
+        text: The sentence a policy is given.
+        subgoals: Its steps, in the order in which they are asked.
+        ordered: True if the order is part of the goal.
+    """
+
+    text: str
+    subgoals: tuple[Subgoal, ...]
+    ordered: bool = False

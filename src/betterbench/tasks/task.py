@@ -1,0 +1,72 @@
+"""The task: fixtures and slots, the training regime with its confounds, and the variations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+from betterbench.tasks.condition import Condition, Slot
+from betterbench.tasks.template import Template
+from betterbench.tasks.variation import Variation
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A base task.
+
+    Attributes:
+        id: Identifier ("fast_food").
+        version: Version of its behaviour: a changed goal, tolerance or sentence moves it.
+        title: Name for people.
+        template: The constraint template it fills in.
+        slots: Named places on the table.
+        training: The training regime.
+        variations: The test variations.
+        description: What is to be done, one sentence.
+    """
+
+    id: str
+    version: int
+    title: str
+    template: Template
+    slots: tuple[Slot, ...]
+    training: tuple[Condition, ...]
+    variations: tuple[Variation, ...]
+    description: str
+
+    def slot(self, name: str) -> Slot:
+        """Return a slot by name.
+
+        Raises:
+            UnknownNameError: If the task has no such slot.
+        """
+        for slot in self.slots:
+            if slot.name == name:
+                return slot
+        raise UnknownNameError(f"slot of {self.id}", name, (s.name for s in self.slots))
+
+    def train(self, name: str) -> Condition:
+        """Return a training condition by name.
+
+        Raises:
+            UnknownNameError: If the regime has no such condition.
+        """
+        for condition in self.training:
+            if condition.name == name:
+                return condition
+        raise UnknownNameError(f"training condition of {self.id}", name, (c.name for c in self.training))
+
+    def variation(self, name: str) -> Variation:
+        """Return a variation by name.
+
+        Raises:
+            UnknownNameError: If the task has no such variation.
+        """
+        for variation in self.variations:
+            if variation.name == name:
+                return variation
+        raise UnknownNameError(f"variation of {self.id}", name, (v.name for v in self.variations))
+
+    def step_limit(self, condition: Condition) -> int:
+        """Return the number of control steps after which an episode of the condition ends."""
+        return self.template.step_limit(condition)

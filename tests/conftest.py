@@ -1,0 +1,54 @@
+"""What every test shares: the GL back end, reproducible examples, and golden files."""
+
+from __future__ import annotations
+
+import ctypes
+import difflib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("betterbench", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("betterbench")
+
+
+def _gl_backend() -> str:
+    """Names the off-screen GL back end whose library can be loaded here."""
+    try:
+        ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return "osmesa"
+    return "egl"
+
+
+# Before anything imports mujoco; `make test` has chosen already, a bare `pytest` has not.
+os.environ.setdefault("MUJOCO_GL", _gl_backend())
+os.environ.setdefault("LP_NUM_THREADS", "0")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--regenerate-golden", action="store_true", help="rewrite golden files and print what changed")
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -> Callable[[str, str], None]:
+    """Compares a text with the file ``golden/NAME`` beside the test; `make golden` rewrites the file."""
+
+    def compare(name: str, text: str) -> None:
+        file = Path(request.path).parent / "golden" / name
+        stored = file.read_text(encoding="utf-8") if file.exists() else ""
+        changes = "\n".join(difflib.unified_diff(stored.splitlines(), text.splitlines(), "stored", "now", lineterm=""))
+        if request.config.getoption("--regenerate-golden"):
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+            with capsys.disabled():
+                request.config.get_terminal_writer().line(f"\n{file.name}: {changes or 'unchanged'}")
+            return
+        assert file.exists(), f"{file} does not exist: write it with `make golden`"
+        assert stored == text, f"{file.name} differs (`make golden` rewrites it):\n{changes}"
+
+    return compare

@@ -1,0 +1,273 @@
+"""Laws of records: nothing is lost, nothing is added, nothing depends on anything else."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.recording import RecordBuilder, RecordMetadata, read_record, record_bytes, write_record
+from betterbench.state import WorldState
+
+
+@pytest.mark.parametrize(("rows", "objects"), [(1, 3), (2, 0), (40, 1), (600, 3)])
+def test_written_and_read_is_equal_in_every_bit(make_record, tmp_path, rows, objects) -> None:
+    record, states = make_record(rows=rows, objects=objects)
+    write_record(record, tmp_path / "deep" / "er" / "7.parquet")
+    again = read_record(tmp_path / "deep" / "er" / "7.parquet")
+    assert again.same_bits(record)
+    assert len(again) == rows == again.n_steps + 1
+    assert list(again.states()) == states == [again.state(i) for i in range(rows)]
+    assert record_bytes(again) == record_bytes(record)
+
+
+def test_states_keep_signed_zeros_and_subnormals(make_record) -> None:
+    record, _ = make_record(rows=3)
+    for value, expected in zip(record.state(1).joint_velocities, (-0.0, 5e-324), strict=False):
+        assert value.hex() == expected.hex()
+
+
+def test_states_hold_plain_python_values(make_record) -> None:
+    def leaves(value: object) -> set[type]:
+        if isinstance(value, tuple):
+            return set().union(*(leaves(v) for v in value)) if value else set()
+        if dataclasses.is_dataclass(value):
+            return set().union(*(leaves(getattr(value, f.name)) for f in dataclasses.fields(value)))
+        return {type(value)}
+
+    state = next(s for s in make_record(rows=20)[0].states() if s.held and s.contacts)
+    fields = [f.name for f in dataclasses.fields(WorldState) if f.name != "info"]
+    assert set().union(*(leaves(getattr(state, name)) for name in fields)) == {int, float, str}
+
+
+def test_the_same_episode_gives_the_same_bytes_in_another_process(make_record, tmp_path) -> None:
+    record, _ = make_record(rows=30)
+    write_record(record, tmp_path / "a.parquet")
+    code = (
+        "import sys; from pathlib import Path; from betterbench.recording import read_record, write_record;"
+        "write_record(read_record(Path(sys.argv[1])), Path(sys.argv[2]))"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.parquet"), str(tmp_path / "b.parquet")], check=True)
+    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.parquet", "b.parquet"]
+
+
+def test_every_bit_counts_in_the_comparison(make_record) -> None:
+    record, _ = make_record(rows=5)
+    changed = record.qpos.copy()
+    changed[3, 4] = np.nextafter(changed[3, 4], 9.0)
+    assert not record.same_bits(dataclasses.replace(record, qpos=changed))
+    assert not record.same_bits(dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, seed=8)))
+    assert record.same_bits(dataclasses.replace(record, qpos=record.qpos.copy()))
+
+
+def test_row_zero_has_no_action_and_the_others_have_theirs(make_record) -> None:
+    record, _ = make_record(rows=5)
+    assert np.isnan(record.action[0]).all()
+    assert np.isnan(record.applied[0]).all()
+    assert np.array_equal(record.applied[1:], record.action[1:].clip(-1, 1))
+
+
+def test_arrays_are_copies_and_read_only(make_metadata, make_state) -> None:
+    meta = make_metadata()
+    builder, qpos = RecordBuilder(meta), np.zeros(5)
+    builder.append(
+        make_state(meta.scene, 0, np.random.default_rng(0)),
+        qpos=qpos,
+        qvel=qpos,
+        ctrl=qpos,
+        predicates=(True, False),
+        subgoals=(True, False),
+        goal=True,
+    )
+    qpos[:] = 1.0
+    record = builder.finish(termination="success", success=True)
+    assert not record.qpos.any()
+    with pytest.raises(ValueError, match="read-only"):
+        record.qpos[0, 0] = 2.0
+    assert record.predicates.tolist() == [[True, False]]
+
+
+def test_metadata_and_outcome_come_back(make_record, tmp_path) -> None:
+    record, _ = make_record(rows=2, termination="policy_error", error="answer took 12 s", invalid_actions=1)
+    write_record(record, tmp_path / "r.parquet")
+    again = read_record(tmp_path / "r.parquet")
+    assert again.metadata == record.metadata
+    assert again.outcome == record.outcome
+    assert again.outcome.error == "answer took 12 s"
+    assert RecordMetadata.from_json(json.loads(json.dumps(record.metadata.to_json()))) == record.metadata
+
+
+def test_any_parquet_reader_understands_the_file(make_record, tmp_path) -> None:
+    record, states = make_record(rows=8)
+    write_record(record, tmp_path / "r.parquet")
+    rows = pq.read_table(tmp_path / "r.parquet").to_pylist()
+    assert rows[3]["qpos"] == record.qpos[3].tolist()
+    pairs = [(record.bodies[c["a"]], record.bodies[c["b"]], c["force"]) for c in rows[5]["contacts"]]
+    assert pairs == [(c.a, c.b, c.force_n) for c in states[5].contacts]
+
+
+def test_rows_count_from_both_ends(make_record) -> None:
+    record, states = make_record(rows=4)
+    assert record.state(-1) == states[3]
+    for row in (4, -5):
+        with pytest.raises(IndexError, match="4 rows"):
+            record.state(row)
+
+
+def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record) -> None:
+    # Random bits do not compress, so this is the worst case of 3 moving objects; a real scene has 15, mostly at rest.
+    record, _ = make_record(rows=201)
+    assert len(record_bytes(record)) / 10 < 60_000
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"step": 3}, "state.step: 3 where row 1 is due"),
+        ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), not \(50,\)"),
+        ({"action": np.zeros(3)}, r"action: has the shape \(3,\), not \(7,\)"),
+        ({"applied": None}, "action: given or missing in row 1"),
+        ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
+        ({"other_scene": True}, "state.info: is not the scene"),
+    ],
+)
+def test_a_row_that_does_not_fit_is_refused(make_metadata, make_state, changes, message) -> None:
+    meta, rng = make_metadata(), np.random.default_rng(0)
+    builder = RecordBuilder(meta)
+    arrays = {"qpos": np.zeros(50), "qvel": np.zeros(47), "ctrl": np.zeros(8)}
+    truths = {"predicates": (True, True), "subgoals": (True, True), "goal": False}
+    builder.append(make_state(meta.scene, 0, rng), **arrays, **truths)
+    changes = dict(changes)
+    info = make_metadata(objects=2).scene if changes.pop("other_scene", False) else meta.scene
+    state = make_state(info, changes.pop("step", 1), rng)
+    row = {**arrays, "action": np.zeros(7), "applied": np.zeros(7), **truths, **changes}
+    with pytest.raises(InvalidInputError, match=message):
+        builder.append(state, **row)
+    assert len(builder) == 1
+
+
+def test_what_cannot_be_a_record_is_refused(make_metadata, make_state) -> None:
+    meta = make_metadata()
+    with pytest.raises(InvalidInputError, match="record: has no rows"):
+        RecordBuilder(meta).finish(termination="success", success=True)
+    with pytest.raises(InvalidInputError, match=r"metadata: .*JSON compliant"):
+        RecordBuilder(make_metadata(control_rate_hz=float("nan")))
+    with pytest.raises(InvalidInputError, match="schema_version"):
+        RecordBuilder(make_metadata(schema_version=2))
+    builder = RecordBuilder(meta)
+    state = dataclasses.replace(make_state(meta.scene, 0, np.random.default_rng(0)), held="nothing known")
+    some = np.zeros(3)
+    builder.append(state, qpos=some, qvel=some, ctrl=some, predicates=(0, 0), subgoals=(0, 0), goal=False)
+    with pytest.raises(InvalidInputError, match=r"state\.held: 'nothing known' is no object"):
+        builder.finish(termination="success", success=True)
+    with pytest.raises(InvalidInputError, match=r"success: true although the episode ended by policy_error"):
+        builder.finish(termination="policy_error", success=True)
+    with pytest.raises(InvalidInputError, match="Use one of success, failure"):
+        builder.finish(termination="boredom", success=False)
+
+
+def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
+    path = tmp_path / "7.parquet"
+    with pytest.raises(RecordError, match=r"7\.parquet: there is no such record"):
+        read_record(path)
+    good = record_bytes(make_record(rows=30)[0])
+    for bad in (b"", b"not parquet", good[: len(good) // 2], good[:-4] + b"XXXX", b"PAR1" * 5):
+        path.write_bytes(bad)
+        with pytest.raises(RecordError, match=r"7\.parquet: is damaged or no record .* run the same command again"):
+            read_record(path)
+    with pytest.raises(RecordError, match="damaged"):
+        read_record(tmp_path)
+
+
+def test_flipped_bytes_never_change_a_record_unnoticed(make_record, tmp_path) -> None:
+    record, _ = make_record(rows=5)
+    good = record_bytes(record)
+    rng, path = np.random.default_rng(0), tmp_path / "7.parquet"
+    noticed = 0
+    for _ in range(200):
+        bad = bytearray(good)
+        bad[rng.integers(len(bad))] ^= 1 << rng.integers(8)
+        path.write_bytes(bytes(bad))
+        try:
+            again = read_record(path)
+        except RecordError:
+            noticed += 1
+        else:
+            # Only texts of the footer carry no checksum of their own.
+            assert all(a.tobytes() == b.tobytes() for a, b in zip(columns(again), columns(record), strict=True))
+    assert noticed > 100
+
+
+def columns(record) -> list[np.ndarray]:
+    return [*record.arrays().values(), record.contacts.offsets, record.contacts.bodies, record.contacts.forces]
+
+
+def rewritten(record, path, change) -> None:
+    """Write a record whose JSON document was changed."""
+    write_record(record, path)
+    table = pq.read_table(path)
+    form = json.loads(table.schema.metadata[b"betterbench"])
+    change(form)
+    pq.write_table(table.replace_schema_metadata({b"betterbench": json.dumps(form).encode()}), path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f["metadata"].update(schema_version=99), "schema version 99 is not 1.* the version that wrote it"),
+        (lambda f: f["metadata"].pop("seed"), "metadata field 'seed' is missing"),
+        (lambda f: f["metadata"].update(seed="7"), "metadata field 'seed' cannot be '7'"),
+        (lambda f: f["metadata"].update(surprise=1), "metadata field 'surprise' is unknown"),
+        (lambda f: f["metadata"]["scene"].pop("objects"), "scene description"),
+        (lambda f: f.pop("outcome"), "'outcome' is missing"),
+        (lambda f: f["outcome"].update(success="yes"), "'outcome' is malformed"),
+        (lambda f: f["outcome"].update(termination="boredom"), "boredom"),
+        (lambda f: f["bodies"].clear(), "a contact names a body that is not listed"),
+        (lambda f: f["widths"].update(nq=51), "its columns qpos do not fit"),
+        (lambda f: f["widths"].update(nq=-1), "its width 'nq' cannot be -1"),
+        (lambda f: f["widths"].update(objects=2), "its width 'objects' is 2, but 3 are named"),
+        (lambda f: f.update(metadata=[1]), "'metadata' is missing or malformed"),
+    ],
+)
+def test_a_changed_document_is_refused(make_record, tmp_path, change, message) -> None:
+    rewritten(make_record(rows=20)[0], tmp_path / "r.parquet", change)
+    with pytest.raises(RecordError, match=rf"r\.parquet: .*{message}"):
+        read_record(tmp_path / "r.parquet")
+
+
+def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
+    path = tmp_path / "r.parquet"
+    pq.write_table(pa.table({"a": [1, 2]}), path)
+    with pytest.raises(RecordError, match="is a Parquet file but no record"):
+        read_record(path)
+    write_record(make_record(rows=3)[0], path)
+    table = pq.read_table(path)
+    pq.write_table(table.drop_columns(["goal"]), path)
+    with pytest.raises(RecordError, match="its columns goal do not fit"):
+        read_record(path)
+    pq.write_table(table.slice(0, 0), path)
+    with pytest.raises(RecordError, match="has no rows"):
+        read_record(path)
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_part(make_record, tmp_path, monkeypatch) -> None:
+    path = tmp_path / "r.parquet"
+    old, new = make_record(rows=3)[0], make_record(rows=4)[0]
+    write_record(old, path)
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_record(new, path)
+    assert read_record(path).same_bits(old)
+    assert [p.name for p in tmp_path.iterdir()] == ["r.parquet"]

@@ -1,0 +1,512 @@
+#!/usr/bin/env python3
+"""Makes the project's environment from a bare ``python3``: uv, the hash-pinned packages in ``.venv``, the GL library.
+
+Needs the standard library only, so that ``make test`` and ``make demo`` work on a fresh machine. Everything is done
+once: a stamp in ``.venv`` remembers the locks it was filled from, and a second call returns at once. The package index,
+the certificates and the proxy come from pip's usual configuration (environment and files), which uv does not read by
+itself; nothing of it is written anywhere.
+
+Examples:
+    python3 tools/setup_environment.py              everything `make test` needs
+    python3 tools/setup_environment.py --no-gl      without the graphics library (formatting, linting, types)
+    python3 tools/setup_environment.py --lock runtime   without the developers' tools
+    python3 tools/setup_environment.py --relock     write requirements/*.lock anew
+"""
+
+from __future__ import annotations
+
+import argparse
+import configparser
+import contextlib
+import fcntl
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+VENV_PYTHON = VENV / "bin" / "python"
+UV_HOME = ROOT / ".uv"
+LOCKS = ROOT / "requirements"
+BOOTSTRAP_LOCK = LOCKS / "bootstrap.lock"
+STAMP = VENV / "betterbench-setup.stamp"
+GL_STAMP = VENV / "mujoco-gl"
+
+OLDEST_PYTHON = (3, 11)
+# The oldest uv that this script was tried with; older ones have no `uv venv --clear`.
+OLDEST_UV = (0, 8, 0)
+GL_PACKAGES = ("libegl1", "libgl1")
+
+# Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver behind it fails here
+# and not in the middle of a run. It runs in a process of its own because broken drivers crash. The numbers are from the
+# headers: EGL_PLATFORM_DEVICE_EXT = 0x313F (Khronos registry), OSMESA_RGBA = GL_RGBA = 0x1908 (Mesa, OpenGL).
+PROBES = {
+    "egl": """
+import ctypes
+egl = ctypes.CDLL("libEGL.so.1")
+try:
+    ctypes.CDLL("libOpenGL.so.0")
+except OSError:
+    ctypes.CDLL("libGL.so.1")
+egl.eglGetProcAddress.restype = ctypes.c_void_p
+egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+query_address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+display_address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
+if not query_address or not display_address:
+    raise SystemExit(1)
+query = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(query_address)
+get_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(display_address)
+devices, count = (ctypes.c_void_p * 16)(), ctypes.c_int()
+if not query(16, devices, ctypes.byref(count)):
+    raise SystemExit(1)
+egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+for device in devices[: count.value]:
+    display = get_display(0x313F, device, None)
+    if display and egl.eglInitialize(display, None, None):
+        raise SystemExit(0)
+raise SystemExit(1)
+""",
+    "osmesa": """
+import ctypes, ctypes.util
+name = ctypes.util.find_library("OSMesa") or "libOSMesa.so.8"
+osmesa = ctypes.CDLL(name)
+osmesa.OSMesaCreateContext.restype = ctypes.c_void_p
+osmesa.OSMesaCreateContext.argtypes = [ctypes.c_uint, ctypes.c_void_p]
+raise SystemExit(0 if osmesa.OSMesaCreateContext(0x1908, None) else 1)
+""",
+}
+
+
+class SetupError(Exception):
+    """The set-up cannot go on; the text says what to run."""
+
+
+def say(message: str) -> None:
+    """Shows one short line of progress on stderr.
+
+    Args:
+        message: What is going on.
+    """
+    print(f"[setup] {message}", file=sys.stderr, flush=True)
+
+
+def run(
+    command: Sequence[str | Path], *, env: Mapping[str, str] | None = None, quiet: bool = False
+) -> subprocess.CompletedProcess[str]:
+    """Runs a command without a shell and never raises for its exit status.
+
+    Args:
+        command: Program and arguments.
+        env: Environment of the program; this process's own where None.
+        quiet: Keep the output instead of showing it.
+
+    Returns:
+        The finished process; ``stdout`` holds both streams where `quiet`.
+    """
+    words = [str(word) for word in command]
+    stdout, stderr = (subprocess.PIPE, subprocess.STDOUT) if quiet else (sys.stderr, None)
+    try:
+        return subprocess.run(words, env=env, check=False, text=True, stdout=stdout, stderr=stderr)
+    except FileNotFoundError:
+        return subprocess.CompletedProcess(words, 127, stdout=f"{words[0]}: not found")
+
+
+# ------------------------------------------------------------------------------------------- pip's configuration
+
+
+def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
+    """Reads pip's configuration the way pip does: global, user, then site file, PIP_CONFIG_FILE, then PIP_* variables.
+
+    Args:
+        environ: The process environment.
+
+    Returns:
+        Long option name without dashes in front ("extra-index-url") to its text; later sources win.
+    """
+    home = Path(environ.get("HOME", "~")).expanduser()
+    chosen = environ.get("PIP_CONFIG_FILE")
+    files = [Path(folder) / "pip" / "pip.conf" for folder in environ.get("XDG_CONFIG_DIRS", "/etc/xdg").split(":")]
+    files += [Path("/etc/pip.conf"), home / ".pip" / "pip.conf"]
+    files.append(Path(environ.get("XDG_CONFIG_HOME", home / ".config")) / "pip" / "pip.conf")
+    files.append(Path(sys.prefix) / "pip.conf")
+    if chosen == os.devnull:
+        files = []
+    elif chosen:
+        files.append(Path(chosen))
+    settings: dict[str, str] = {}
+    for file in files:
+        parser = configparser.RawConfigParser()
+        try:
+            parser.read(file, encoding="utf-8")
+        except (configparser.Error, OSError) as error:
+            raise SetupError(f"{file}: pip's configuration cannot be read ({error}). Mend or remove it.") from error
+        for section in ("global", "install"):
+            if parser.has_section(section):
+                settings.update({key.replace("_", "-"): value for key, value in parser.items(section)})
+    for name, value in environ.items():
+        if name.startswith("PIP_") and value:
+            settings[name[4:].lower().replace("_", "-")] = value
+    return settings
+
+
+def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False) -> dict[str, str]:
+    """Translates pip's configuration into uv's variables; a UV_* variable that is already set stays as it is.
+
+    Args:
+        environ: The process environment.
+        main_index_only: Leave further indexes and folders of wheels out: a lock is made from the main index alone,
+            where each release has the files of every platform.
+
+    Returns:
+        The environment for uv and for the pip that installs it.
+    """
+    settings = pip_settings(environ)
+    env = dict(environ)
+
+    def offer(variable: str, value: str | None, *, separator: str = " ") -> None:
+        if value and value.split():
+            env.setdefault(variable, separator.join(value.split()))
+
+    offer("UV_DEFAULT_INDEX", None if "UV_INDEX_URL" in environ else settings.get("index-url"))
+    if not main_index_only:
+        offer("UV_INDEX", None if "UV_EXTRA_INDEX_URL" in environ else settings.get("extra-index-url"))
+        offer("UV_FIND_LINKS", settings.get("find-links"), separator=",")
+        # pip asks all indexes alike; hashes keep a stranger's file out.
+        env.setdefault("UV_INDEX_STRATEGY", "unsafe-best-match")
+    offer("UV_INSECURE_HOST", settings.get("trusted-host"))
+    offer("UV_HTTP_TIMEOUT", settings.get("default-timeout") or settings.get("timeout"))
+    offer("SSL_CERT_FILE", settings.get("cert"))
+    for proxy in ("HTTPS_PROXY", "HTTP_PROXY"):
+        if proxy.lower() not in environ:
+            offer(proxy, settings.get("proxy"))
+    env.setdefault("UV_PYTHON_DOWNLOADS", "never")
+    # uv must act on .venv and on no environment that happens to be active.
+    for name in ("VIRTUAL_ENV", "CONDA_PREFIX", "PYTHONPATH", "PYTHONHOME"):
+        env.pop(name, None)
+    return env
+
+
+# ---------------------------------------------------------------------------------------------- system packages
+
+
+def administrator() -> list[str] | None:
+    """Finds out how to run apt-get.
+
+    Returns:
+        Words to put in front of the command (none for root), or None where it is not possible or not wanted.
+    """
+    if os.environ.get("BETTER_NO_APT") or not shutil.which("apt-get"):
+        return None
+    if os.geteuid() == 0:
+        return []
+    if shutil.which("sudo") and run(["sudo", "-n", "true"], quiet=True).returncode == 0:
+        return ["sudo", "-n"]
+    return None
+
+
+def apt_line(packages: Sequence[str]) -> str:
+    """Writes the line a person can run to get the packages.
+
+    Args:
+        packages: Names of Debian packages.
+
+    Returns:
+        One shell line.
+    """
+    sudo = "" if os.geteuid() == 0 else "sudo "
+    return f"{sudo}apt-get update && {sudo}apt-get install -y --no-install-recommends {' '.join(packages)}"
+
+
+def apt_install(packages: Sequence[str]) -> bool:
+    """Installs Debian packages where that is allowed.
+
+    Args:
+        packages: Names of Debian packages.
+
+    Returns:
+        Whether apt-get ran and succeeded.
+    """
+    prefix = administrator()
+    if prefix is None:
+        return False
+    say(f"installing {' '.join(packages)} with apt-get")
+    # `env` because sudo drops the variables of its caller.
+    apt = [*prefix, "env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-q"]
+    for step in (["update"], ["install", "-y", "--no-install-recommends", *packages]):
+        done = run([*apt, *step], quiet=True)
+        if done.returncode != 0:
+            say("apt-get failed: " + " / ".join(done.stdout.strip().splitlines()[-3:]))
+            return False
+    return True
+
+
+def working_gl() -> str | None:
+    """Tries the off-screen GL back ends.
+
+    Returns:
+        The value for MUJOCO_GL ("egl" or "osmesa"), or None where neither works.
+    """
+    for name, probe in PROBES.items():
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            tried = subprocess.run([sys.executable, "-c", probe], check=False, capture_output=True, timeout=60)
+            if tried.returncode == 0:
+                return name
+    return None
+
+
+def ensure_gl() -> None:
+    """Sees to it that MuJoCo can render, and notes the back end for the Makefile.
+
+    Raises:
+        SetupError: No back end works and none could be installed.
+    """
+    if os.environ.get("MUJOCO_GL") or GL_STAMP.exists():
+        return
+    backend = working_gl() if sys.platform.startswith("linux") else "glfw"
+    if backend is None and apt_install(GL_PACKAGES):
+        backend = working_gl()
+    if backend is None:
+        raise SetupError(
+            "No off-screen OpenGL (EGL or OSMesa) was found, and MuJoCo needs it to draw. Run\n"
+            f"    {apt_line(GL_PACKAGES)}\n"
+            "and then the same command again, or set MUJOCO_GL yourself to skip this check."
+        )
+    GL_STAMP.write_text(backend, encoding="ascii")
+    say(f"rendering with {backend}")
+
+
+# ------------------------------------------------------------------------------------------------------------ uv
+
+
+def uv_works(uv: Path | str) -> bool:
+    """Tells whether a uv can be used.
+
+    Args:
+        uv: The program.
+
+    Returns:
+        True where it runs and is new enough.
+    """
+    shown = run([uv, "--version"], quiet=True)
+    version = re.search(r"(\d+)\.(\d+)\.(\d+)", shown.stdout or "")
+    return shown.returncode == 0 and version is not None and tuple(map(int, version.groups())) >= OLDEST_UV
+
+
+def venv_with_pip(folder: Path) -> bool:
+    """Makes a virtual environment with the standard library.
+
+    Args:
+        folder: Where.
+
+    Returns:
+        Whether it has a pip; Debian's python3 cannot do that without its venv package.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    made = run([sys.executable, "-m", "venv", folder], quiet=True)
+    return (
+        made.returncode == 0 and run([folder / "bin" / "python", "-m", "pip", "--version"], quiet=True).returncode == 0
+    )
+
+
+def find_uv(env: Mapping[str, str]) -> Path:
+    """Finds uv on the path or in the project, or installs it from the package index into the project.
+
+    Args:
+        env: The environment for pip.
+
+    Returns:
+        The program.
+
+    Raises:
+        SetupError: This Python has neither venv nor pip, and they could not be installed, or the installation failed.
+    """
+    on_path = shutil.which("uv")
+    local = (UV_HOME / "bin" / "uv", UV_HOME / "target" / "bin" / "uv")
+    for candidate in (*([Path(on_path)] if on_path else []), *local):
+        if candidate.exists() and uv_works(candidate):
+            return candidate
+    say("installing uv into .uv")
+    install: list[str | Path] = [
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--require-hashes",
+        "--no-deps",
+        "-r",
+        BOOTSTRAP_LOCK,
+    ]
+    venv_package = f"python{sys.version_info.major}.{sys.version_info.minor}-venv"
+    if venv_with_pip(UV_HOME):
+        command: list[str | Path] = [UV_HOME / "bin" / "python", "-m", "pip", *install]
+    elif run([sys.executable, "-m", "pip", "--version"], quiet=True).returncode == 0:
+        command = [sys.executable, "-m", "pip", *install, "--target", UV_HOME / "target", "--upgrade"]
+    elif apt_install([venv_package]) and venv_with_pip(UV_HOME):
+        command = [UV_HOME / "bin" / "python", "-m", "pip", *install]
+    else:
+        shutil.rmtree(UV_HOME, ignore_errors=True)
+        raise SetupError(
+            f"This Python ({sys.executable}) has neither venv nor pip. Run\n"
+            f"    {apt_line([venv_package])}\n"
+            "(or put uv on the PATH) and then the same command again."
+        )
+    done = run(command, env=env, quiet=True)
+    for candidate in local:
+        if done.returncode == 0 and candidate.exists() and uv_works(candidate):
+            return candidate
+    raise SetupError(
+        f"uv could not be installed:\n{(done.stdout or '').strip()}\n"
+        "Check the network and pip's configuration (index, certificate, proxy), or put uv on the PATH."
+    )
+
+
+# -------------------------------------------------------------------------------------------------- environment
+
+
+def fingerprint(lock: str) -> str:
+    """Digests everything the content of ``.venv`` depends on.
+
+    Args:
+        lock: "dev" or "runtime".
+
+    Returns:
+        The text of the stamp: the name of the lock and a digest.
+    """
+    digest = hashlib.sha256(f"{ROOT}\n{lock}\n".encode())
+    for file in (LOCKS / f"{lock}.lock", BOOTSTRAP_LOCK, ROOT / "pyproject.toml", Path(__file__)):
+        digest.update(file.read_bytes())
+    return f"{lock} {digest.hexdigest()}\n"
+
+
+def is_filled(lock: str) -> bool:
+    """Tells whether ``.venv`` already holds what a lock asks for.
+
+    Args:
+        lock: "dev" or "runtime"; the developers' environment holds the runtime's too.
+
+    Returns:
+        True where nothing has to be done.
+    """
+    if not STAMP.exists() or not VENV_PYTHON.exists():
+        return False
+    accepted = {fingerprint(lock), fingerprint("dev")}
+    return STAMP.read_text(encoding="ascii") in accepted
+
+
+def fill(lock: str) -> None:
+    """Makes ``.venv`` where there is none and installs the locked packages and this one (editable) into it.
+
+    Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
+
+    Args:
+        lock: "dev" or "runtime".
+
+    Raises:
+        SetupError: uv failed; its own message stands above.
+    """
+    started = time.monotonic()
+    env = uv_environment(os.environ)
+    uv = find_uv(env)
+    steps: list[list[str | Path]] = []
+    if run([VENV_PYTHON, "-c", "import sys; sys.exit(sys.version_info < (3, 11))"], quiet=True).returncode != 0:
+        say(f"creating .venv with Python {sys.version.split()[0]}")
+        steps.append([uv, "venv", "--quiet", "--clear", "--python", sys.executable, VENV])
+    STAMP.unlink(missing_ok=True)
+    install: list[str | Path] = [uv, "pip", "install", "--quiet", "--python", VENV_PYTHON]
+    locked = LOCKS / f"{lock}.lock"
+    steps.append([*install, "--require-hashes", "--no-deps", "--only-binary", ":all:", "-r", locked])
+    steps.append([*install, "--no-deps", "--build-constraints", BOOTSTRAP_LOCK, "--editable", ROOT])
+    say(f"installing {locked.relative_to(ROOT)} into .venv (a few hundred MB the first time)")
+    for step in steps:
+        if run(step, env=env).returncode != 0:
+            raise SetupError(
+                f"`{' '.join(str(word) for word in step[:3])}` failed; its message stands above. "
+                "Check the network and pip's configuration, then run the same command again."
+            )
+    STAMP.write_text(fingerprint(lock), encoding="ascii")
+    say(f"environment ready in {time.monotonic() - started:.0f} s")
+
+
+def relock(*, upgrade: bool) -> None:
+    """Writes the locks anew: for every platform and Python, with hashes, naming no host.
+
+    Args:
+        upgrade: Take the newest versions instead of keeping the locked ones where they still fit.
+
+    Raises:
+        SetupError: uv failed, or a lock names a host or a path.
+    """
+    env = uv_environment(os.environ, main_index_only=True)
+    uv = find_uv(env)
+    common: list[str | Path] = [uv, "pip", "compile", "--quiet", "--universal", "--generate-hashes"]
+    common += ["--fork-strategy", "fewest", "--no-header", "--no-annotate", "--python-version", "3.11"]
+    common += ["--no-emit-index-url", "--no-emit-find-links", *(["--upgrade"] if upgrade else [])]
+    project = ROOT / "pyproject.toml"
+    runtime, dev = LOCKS / "runtime.lock", LOCKS / "dev.lock"
+    steps: dict[Path, list[str | Path]] = {
+        BOOTSTRAP_LOCK: [LOCKS / "bootstrap.in"],
+        runtime: [project],
+        dev: [project, "--extra", "dev", "--constraints", runtime],
+    }
+    for lock, words in steps.items():
+        say(f"resolving {lock.relative_to(ROOT)}")
+        if run([*common, *words, "--output-file", lock], env=env).returncode != 0:
+            raise SetupError(f"uv could not resolve {lock.relative_to(ROOT)}; its message stands above.")
+        leak = re.search(r"^.*(://| @ |^-).*$", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        if leak:
+            raise SetupError(f"{lock.relative_to(ROOT)} names a host, a path or an option: {leak.group().strip()[:60]}")
+
+
+@contextlib.contextmanager
+def alone() -> Iterator[None]:
+    """Lets one set-up at a time work on this tree; a second one waits and then finds everything done.
+
+    Yields:
+        Nothing.
+    """
+    with (ROOT / ".setup.lock").open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
+def main() -> int:
+    """Reads the arguments and does what they ask for.
+
+    Returns:
+        Exit status: 0, or 2 where something has to be done by a person first.
+    """
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "--lock", choices=("dev", "runtime"), default="dev", help="which packages (default: %(default)s)"
+    )
+    parser.add_argument("--no-gl", action="store_true", help="leave the graphics library out")
+    parser.add_argument("--relock", action="store_true", help="write requirements/*.lock anew and stop")
+    parser.add_argument("--upgrade", action="store_true", help="with --relock: take the newest versions")
+    options = parser.parse_args()
+    if sys.version_info < OLDEST_PYTHON:
+        wanted = ".".join(map(str, OLDEST_PYTHON))
+        say(f"Python {wanted} or newer is needed and {sys.executable} is {sys.version.split()[0]}.")
+        say("Name another one: make PYTHON=python3.12 test")
+        return 2
+    try:
+        with alone():
+            if options.relock:
+                relock(upgrade=options.upgrade)
+                return 0
+            if not is_filled(options.lock):
+                fill(options.lock)
+            if not options.no_gl:
+                ensure_gl()
+    except SetupError as error:
+        say(str(error))
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
