@@ -166,7 +166,9 @@ class Metric:
     Attributes:
         name: What is measured ("success_rate", "intention_accuracy", "delta_sr", "distractor_grasp_rate",
             "illusion_gap", "reasoning_failure_rate", "execution_failure_rate", "progress").
-        scope: What it is measured over ("overall", "fast_food", "fast_food/T1", "axis:temporal_extrapolation").
+        scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
+            conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
+            "fast_food/T1", "fast_food/train1".
         k: Count of the numerator, or None where the number is no single rate.
         n: Count of the denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.

@@ -33,6 +33,8 @@ SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 """Heights of the tool centre point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
 """Distance between configurations that are checked along a way."""
+MAX_JOINT_STEP_RAD = 0.6
+"""Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
@@ -95,13 +97,18 @@ class Planner:
             if joints is None:
                 reasons.append("out of reach")
                 continue
-            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}), state=state)
+            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
             if down is not None:
                 reasons.append(down)
                 continue
-            way = self._transit(state, above, opening)
-            if way is None:
+            found = self._transit(state, above, opening)
+            if found is None:
                 reasons.append("no free way there")
+                continue
+            way, joints = found
+            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
+            if down is not None:
+                reasons.append(down)
                 continue
             return PickPlan(name, way, grasp_pose, opening)
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
@@ -128,18 +135,24 @@ class Planner:
             if joints is None:
                 reasons.append("out of reach")
                 continue
-            blocked = self._way_is_free(
-                joints, (above, release), state.finger_width_m, state=state, held=name, T_tcp_object=T_tcp_object
+            blocked, _ = self._way_is_free(
+                joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
             )
             if blocked is None:
-                opened = self._opened_blocked(joints, release, name, goal.pose)
-                blocked = opened
+                blocked = self._opened_blocked(joints, release, name, goal.pose)
             if blocked is not None:
                 reasons.append(blocked)
                 continue
-            way = self._transit(state, above, state.finger_width_m, held=name, T_tcp_object=T_tcp_object)
-            if way is None:
+            found = self._transit(state, above, state.finger_width_m, held=name, T_tcp_object=T_tcp_object)
+            if found is None:
                 reasons.append("no free way there")
+                continue
+            way, joints = found
+            blocked, _ = self._way_is_free(
+                joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
+            )
+            if blocked is not None:
+                reasons.append(blocked)
                 continue
             return PlacePlan(way, release, release.translated(z=0.12))
         raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
@@ -147,7 +160,8 @@ class Planner:
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
         """Return a free way to a pose with an empty, open hand, or None."""
         self._clearance.load(state)
-        return self._transit(state, goal, self._opening)
+        found = self._transit(state, goal, self._opening)
+        return None if found is None else found[0]
 
     def _opened_blocked(self, joints: np.ndarray, release: Pose, name: str, goal: Pose) -> str | None:
         """Tell what the opening fingers would touch once the object stands where it shall stand."""
@@ -205,8 +219,8 @@ class Planner:
         *,
         held: str | None = None,
         T_tcp_object: Pose | None = None,  # noqa: N803
-    ) -> tuple[Pose, ...] | None:
-        """Return a way up, across and down to ``goal`` that touches nothing, or None."""
+    ) -> tuple[tuple[Pose, ...], np.ndarray] | None:
+        """Return a way up, across and down to ``goal`` that touches nothing, and the joints at its end, or None."""
         start = state.commanded_pose
         joints = np.asarray(state.joint_positions)
         for height in SAFE_HEIGHTS_M:
@@ -216,11 +230,11 @@ class Planner:
             up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
             over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
             way = (up, over, goal)
-            blocked = self._way_is_free(
-                joints, (start, *way), width, state=state, held=held, T_tcp_object=T_tcp_object, lenient_start=True
+            blocked, end = self._way_is_free(
+                joints, (start, *way), width, held=held, T_tcp_object=T_tcp_object, lenient_start=True
             )
             if blocked is None:
-                return way
+                return way, end
         return None
 
     def _way_is_free(
@@ -229,13 +243,28 @@ class Planner:
         way: Sequence[Pose],
         width: float,
         *,
-        state: WorldState,
         held: str | None = None,
         T_tcp_object: Pose | None = None,  # noqa: N803
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
-    ) -> str | None:
-        """Return what blocks a way, or None if it is free. The first 4 cm may be lenient: one starts where one is."""
+    ) -> tuple[str | None, np.ndarray]:
+        """Follow a way in joint space and tell what blocks it.
+
+        The joints are followed from one configuration to the next, as the controller will do, so that a way which runs
+        into a joint limit or needs another posture of the elbow is not free.
+
+        Args:
+            joints: (7,) joint angles at its beginning [rad].
+            way: Poses of the tool centre point.
+            width: Distance of the finger pads [m].
+            held: Object in the hand, or None.
+            T_tcp_object: Where the held object is in the hand.
+            ignore: Objects that the robot may touch.
+            lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
+
+        Returns:
+            What blocks the way, or None if it is free; and the joint angles where the check ended.
+        """
         travelled = 0.0
         for start, end in zip(way, way[1:], strict=False):
             length = distance(start.position, end.position)
@@ -247,19 +276,18 @@ class Planner:
                     tuple(a + f * (b - a) for a, b in zip(start.position, end.position, strict=True)),  # type: ignore[arg-type]
                     slerp(start.quaternion, end.quaternion, f),
                 )
-                reached = self._reach(joints, pose)
-                if reached is None:
-                    return "out of reach"
-                joints = reached
+                result = self._ik.reach(joints, pose, restarts=False)
+                if not result.converged or float(np.abs(result.q - joints).max()) > MAX_JOINT_STEP_RAD:
+                    return "out of reach", joints
+                joints = result.q
                 held_pose = None if T_tcp_object is None else pose @ T_tcp_object
                 hits = self._clearance.touches(
                     joints, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore
                 )
                 if hits and not (lenient_start and travelled + f * length < 0.05):
-                    return ", ".join(hits)
+                    return ", ".join(hits), joints
             travelled += length
-        del state
-        return None
+        return None, joints
 
 
 def _turned(pose: Pose, grasp: Grasp) -> Iterator[Pose]:

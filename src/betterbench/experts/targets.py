@@ -6,15 +6,17 @@ import math
 from dataclasses import dataclass
 
 from betterbench.errors import PlanningError
-from betterbench.geometry import Pose, Vector, from_yaw, normalise, rotate, yaw_of
+from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalise, rotate, yaw_of
 from betterbench.state import WorldState
 
 RELEASE_GAP_M = 0.002
 """Height above its resting place at which an object is let go [m]."""
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
 """Length and rise of the way in below an overhang [m]."""
-SPOTS = ((-0.9, 0.9), (0.9, 0.9), (-0.9, -0.9), (0.9, -0.9))
-"""Places within a container, as fractions of the half length and half width over which an item's centre may move."""
+SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
+"""Places within a container, as fractions of the distance that an item's centre may have from the middle."""
+FINGER_ROOM_M = 0.072
+"""Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,10 @@ def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ..
     region = info.region("inside")
     size = state.info.object(name).size_m
     hx, hy, hz = region.half_size
-    room_x, room_y = hx - 0.5 * max(size[:2]) - 0.004, hy - 0.5 * max(size[:2]) - 0.004
+    item = 0.5 * max(size[:2]) + 0.005
+    across = (min(hx - FINGER_ROOM_M, hx - item), hy - item)
+    along = (hx - item, min(hy - FINGER_ROOM_M, hy - item))
+    opening = rotate(multiply(conjugate(frame.quaternion), state.ee_pose.quaternion), (0.0, 1.0, 0.0))
     floor = region.position[2] - hz
     taken = [
         (frame.inverse().apply(state.positions[i]), o.size_m)
@@ -85,18 +90,17 @@ def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ..
     ]
     now = yaw_of(state.pose(name).quaternion)
     goals: list[tuple[float, Pose]] = []
-    for preference, (fx, fy) in enumerate(SPOTS):
-        spot = (region.position[0] + fx * room_x, region.position[1] + fy * room_y)
-        free = min(
-            (math.hypot(spot[0] - p[0], spot[1] - p[1]) - 0.5 * max(s[:2]) for p, s in taken), default=1.0
-        ) - 0.5 * max(size[:2])
-        crowding = 0.0 if free > 0.0 else -50.0 * free
-        for drop in (RELEASE_GAP_M, 0.02, 0.04, 0.06, 0.085):
-            for turn in (0.0, math.pi / 2, -math.pi / 2, math.pi / 4, -math.pi / 4, 3 * math.pi / 4, -3 * math.pi / 4):
+    for turn in (0.0, math.pi / 2, -math.pi / 2, math.pi / 4, -math.pi / 4, 3 * math.pi / 4, -3 * math.pi / 4):
+        x_opening, y_opening, _ = rotate(from_yaw(turn), opening)
+        room_x, room_y = across if abs(x_opening) > abs(y_opening) else along
+        for preference, (fx, fy) in enumerate(SPOTS):
+            spot = (region.position[0] + fx * max(room_x, 0.0), region.position[1] + fy * max(room_y, 0.0))
+            gap = min((math.dist(spot, p[:2]) - 0.5 * max(s[:2]) for p, s in taken), default=1.0) - item
+            crowding = max(0.0, -gap)
+            for drop in (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085):
                 place = frame.apply((spot[0], spot[1], floor + drop))
-                upright = normalise(from_yaw(now + turn))
-                cost = crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
-                goals.append((cost, Pose(place, upright)))
+                cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
+                goals.append((cost, Pose(place, normalise(from_yaw(now + turn)))))
     return tuple(PlaceGoal(pose) for _, pose in sorted(goals, key=lambda g: g[0]))
 
 

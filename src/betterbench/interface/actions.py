@@ -29,7 +29,9 @@ ROTATION_PER_UNIT_RAD = 0.5
 JOINT_STEP_PER_UNIT_RAD = 0.1
 """Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the slowest Panda joint's limit of 2.175 rad/s."""
 
-GRIPPER_CONVENTION = "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
+GRIPPER_CONVENTION = (
+    "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +71,12 @@ class ActionSpace:
                     f"{part} has {len(getattr(self, part))} entries for {len(self.components)} components",
                     "Give one entry per component",
                 )
-        if not all(math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
-            raise InvalidInputError(where, "a lower bound is not below its upper bound", "Give finite bounds, low < high")
+        if not all(
+            math.isfinite(lo) and math.isfinite(hi) and lo < hi for lo, hi in zip(self.low, self.high, strict=True)
+        ):
+            raise InvalidInputError(
+                where, "a lower bound is not below its upper bound", "Give finite bounds, low < high"
+            )
         bounds = (np.array(self.low), np.array(self.high))
         for bound in bounds:
             bound.setflags(write=False)
@@ -117,7 +123,9 @@ class ActionSpace:
             )
         values = given.astype(np.float64)
         if not np.isfinite(values).all():
-            bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values.tolist(), strict=True) if not math.isfinite(v))
+            bad = ", ".join(
+                f"{c} = {v}" for c, v in zip(self.components, values.tolist(), strict=True) if not math.isfinite(v)
+            )
             raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
         low, high = self._bounds
         np.maximum(values, low, out=values)
@@ -164,7 +172,9 @@ def _as_array(action: object, name: str) -> np.ndarray:
     try:
         return np.asarray(action)
     except (TypeError, ValueError) as error:
-        raise InvalidActionError(f"{name} action: it is no array of numbers ({error}). Send a flat numpy array.") from error
+        raise InvalidActionError(
+            f"{name} action: it is no array of numbers ({error}). Send a flat numpy array."
+        ) from error
 
 
 _TWIST = ("x", "y", "z", "rx", "ry", "rz", "gripper")

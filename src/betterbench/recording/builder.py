@@ -40,6 +40,7 @@ class RecordBuilder:
             raise InvalidInputError("schema_version", problem, f"Leave it at {SCHEMA_VERSION}")
         dump_json(metadata.to_json())
         self._metadata = metadata
+        self._info = metadata.scene
         self._states: list[WorldState] = []
         self._rows: list[npt.NDArray[np.float64]] = []
         self._truths: list[tuple[Sequence[bool], Sequence[bool], bool, bool]] = []
@@ -87,8 +88,12 @@ class RecordBuilder:
             raise InvalidInputError(
                 "state.step", f"{state.step} where row {step} is due", "Append every control step once"
             )
-        if state.info is not self._metadata.scene and state.info != self._metadata.scene:
-            raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
+        if state.info is not self._info:
+            if state.info != self._info:
+                raise InvalidInputError(
+                    "state.info", "is not the scene of the metadata", "Give both the same SceneInfo"
+                )
+            self._info = state.info  # the next comparison is by identity
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
                 "action", f"given or missing in row {step}", "Give both actions in every row but row 0"

@@ -113,13 +113,16 @@ def arrow_schema(widths: Widths) -> pa.Schema:
 
 
 def split_columns(schema: pa.Schema) -> list[str]:
-    """Return the Parquet paths of all float columns, which compress best with their bytes regrouped."""
-    paths = [f"{CONTACTS}.list.element.force"]
-    for field in schema:
-        if field.type == pa.float64():
-            paths.append(field.name)
-        elif pa.types.is_fixed_size_list(field.type) and field.type.value_type == pa.float64():
-            paths.append(f"{field.name}.list.element")
+    """Return the Parquet paths of the float columns of the arm, whose bytes are regrouped before compression.
+
+    The arm moves smoothly and seldom stands still, and regrouping saves 7 % there. Objects mostly rest, so that whole
+    rows repeat; regrouping costs 25 % there (measured on 20 s of 15 objects).
+    """
+    paths = [field.name for field in schema if field.type == pa.float64()]
+    lists = ("ctrl", "action", "applied", "ee_position", "ee_quaternion", "commanded_position", "commanded_quaternion")
+    for name in (*lists, "joint_positions", "joint_velocities"):
+        if name in schema.names:
+            paths.append(f"{name}.list.element")
     return paths
 
 

@@ -48,6 +48,12 @@ POSITION_LEAD_M = 0.05
 ROTATION_LEAD_RAD = 0.5
 """Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
 
+POSE_STEP_M = 0.025
+"""Largest step towards an absolute pose [m]: 0.5 m/s, which the joints follow on a straight way over the workspace."""
+
+POSE_STEP_RAD = 0.1
+"""Largest turn towards an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
+
 JOINT_LEAD_RAD = 0.3
 """Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a joint at most,
 so it binds only where the arm is blocked or far from its reference."""
@@ -240,12 +246,13 @@ class ArmController:
         return self._towards(self._pose, measured, reference)
 
     def _ee_pose(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Step towards an absolute pose along the straight way, by one action unit at most."""
+        """Step towards an absolute pose along the straight way at moderate speed."""
         x, y, z, qw, qx, qy, qz = action[:7]
         if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
             raise InvalidActionError("ee_pose action: the quaternion is zero. Send a unit quaternion (w, x, y, z).")
         self._pose = Pose((x, y, z), normalise((qw, qx, qy, qz)))
-        waypoint = _bounded(self._pose, self.ik.forward(reference))
+        present = self.ik.forward(reference)
+        waypoint = _bounded(self._pose, present, distance_m=POSE_STEP_M, angle_rad=POSE_STEP_RAD)
         return self._towards(_bounded(waypoint, self.ik.forward(measured)), measured, reference)
 
     def _joint_position(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -259,18 +266,15 @@ class ArmController:
     def _joint_step(self, goal: np.ndarray, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the next joint reference on the way to a joint goal, within limits of position, speed and lead."""
         ik = self.ik
-        step = np.array(self.spec.joint_velocity) * self._period
-        goal = np.minimum(np.maximum(goal, ik.low), ik.high)
+        low, high = ik.window(reference)
         goal = np.minimum(np.maximum(goal, measured - JOINT_LEAD_RAD), measured + JOINT_LEAD_RAD)
-        goal = np.minimum(np.maximum(goal, reference - step), reference + step)
+        goal = np.minimum(np.maximum(goal, low), high)
         self._pose = ik.forward(goal)
         return goal
 
     def _towards(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the next joint reference on the way to a pose."""
-        return self.ik.solve(
-            reference, target, lowest=measured - JOINT_LEAD_RAD, highest=measured + JOINT_LEAD_RAD
-        )
+        return self.ik.solve(reference, target, lowest=measured - JOINT_LEAD_RAD, highest=measured + JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
         """Move the commanded distance of the pads at finite speed and return it [m]."""
@@ -324,19 +328,21 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
     return Pose(position, quaternion)
 
 
-def _bounded(pose: Pose, centre: Pose) -> Pose:
-    """Return the pose, drawn towards ``centre`` where it is farther away than a command may lead."""
+def _bounded(
+    pose: Pose, centre: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
+) -> Pose:
+    """Return the pose, drawn towards ``centre`` where it is farther away than the bounds."""
     position, quaternion = pose.position, pose.quaternion
     cx, cy, cz = centre.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz
     lead = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if lead > POSITION_LEAD_M:
-        f = POSITION_LEAD_M / lead
+    if lead > distance_m:
+        f = distance_m / lead
         position = (cx + f * dx, cy + f * dy, cz + f * dz)
     turn = multiply(quaternion, conjugate(centre.quaternion))
     # |w| of the turn is the cosine of half its angle.
-    if abs(turn[0]) < math.cos(0.5 * ROTATION_LEAD_RAD):
+    if abs(turn[0]) < math.cos(0.5 * angle_rad):
         rx, ry, rz = to_axis_angle(turn)
-        f = ROTATION_LEAD_RAD / math.sqrt(rx * rx + ry * ry + rz * rz)
+        f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
         quaternion = normalise(multiply(from_axis_angle((f * rx, f * ry, f * rz)), centre.quaternion))
     return Pose(position, quaternion)

@@ -43,8 +43,11 @@ STEP_DAMPING = 2e-5
 REACH_DAMPING = 1e-6
 """Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
 
-LIMIT_MARGIN_RAD = 0.03
+LIMIT_MARGIN_RAD = 0.06
 """Distance that references keep from the joint limits [rad]; the moving arm overshoots its reference by less."""
+
+APPROACH = 0.5
+"""Share of the way to a position limit that a joint may take in one control step."""
 
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second Gauss-Newton iteration [rad].
@@ -144,9 +147,7 @@ class ArmIK:
             New joint angles, shape (n,) [rad], within position and velocity limits (or, from outside the limits, as near
             to them as one step allows).
         """
-        speed = self._speed
-        low = np.maximum(q - speed, np.minimum(self.low, q + speed))
-        high = np.minimum(q + speed, np.maximum(self.high, q - speed))
+        low, high = self.window(q)
         if lowest is not None:
             low = np.minimum(np.maximum(low, lowest), high)
         if highest is not None:
@@ -156,6 +157,23 @@ class ArmIK:
         if max(map(abs, (moved - q).tolist())) > SECOND_ITERATION_RAD:
             moved = self._iterate(moved, low, high, STEP_DAMPING)
         return moved
+
+    def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds of the joint reference one control step later.
+
+        A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that it slows
+        down before the limit. From outside the limits it returns at full speed.
+
+        Args:
+            q: Present reference, shape (n,) [rad].
+
+        Returns:
+            Lowest and highest reference, each of shape (n,) [rad].
+        """
+        down, up = APPROACH * (self.low - q), APPROACH * (self.high - q)
+        low = q + np.minimum(np.maximum(down, -self._speed), self._speed)
+        high = q + np.maximum(np.minimum(up, self._speed), -self._speed)
+        return low, high
 
     def reach(
         self,
@@ -186,7 +204,9 @@ class ArmIK:
         start = np.asarray(q, dtype=np.float64)
         if start.shape != self.home.shape or not np.isfinite(start).all():
             raise InvalidInputError(
-                "start of the inverse kinematics", f"{start!r} is no joint vector", f"Give {self.home.size} finite angles"
+                "start of the inverse kinematics",
+                f"{start!r} is no joint vector",
+                f"Give {self.home.size} finite angles",
             )
         starts = [start]
         if restarts:

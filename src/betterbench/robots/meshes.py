@@ -190,7 +190,7 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
     """Return the parts of a cache file, or None if there is none that can be read."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             parts = []
             for name in stored["names"].tolist():
                 link, _, paint = str(name).rpartition("_")

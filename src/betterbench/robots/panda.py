@@ -40,7 +40,7 @@ PAD_CENTRE_Z = 0.042
 PAD_FRICTION = (1.2, 0.01, 0.0001)
 """Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling: solver default."""
 
-PAD_SOLREF = (0.01, 1.0)
+PAD_SOLREF = (0.006, 1.0)
 """Time constant [s] and damping ratio of pad contacts, three physics steps: firm rubber. MuJoCo's default of 20 ms lets a pad sink
 1.3 mm into an object at full force."""
 
@@ -424,9 +424,7 @@ def _add_shape(body: mujoco.MjsBody, shape: _Shape, name: str) -> None:
         )
         return
     kind = mujoco.mjtGeom.mjGEOM_CAPSULE if shape.kind == "capsule" else mujoco.mjtGeom.mjGEOM_CYLINDER
-    body.add_geom(
-        name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES
-    )
+    body.add_geom(name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES)
 
 
 _COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": 4, "rgba": (0.9, 0.4, 0.1, 0.5)}
@@ -504,9 +502,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     width = spec.add_tendon(name="pad_distance")
     for joint in PANDA.finger_joints:
         width.wrap_joint(joint, 1.0)
-    gripper = spec.add_actuator(
-        name=PANDA.gripper_actuator, target="pad_distance", trntype=mujoco.mjtTrn.mjTRN_TENDON
-    )
+    gripper = spec.add_actuator(name=PANDA.gripper_actuator, target="pad_distance", trntype=mujoco.mjtTrn.mjTRN_TENDON)
     gripper.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     gripper.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     gripper.gainprm[0] = _GRIPPER_STIFFNESS

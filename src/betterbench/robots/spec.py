@@ -86,7 +86,9 @@ class RobotSpec:
         for field in (*per_joint, "joint_velocity", "joint_effort"):
             if len(getattr(self, field)) != n:
                 raise InvalidInputError(
-                    f"robot {self.name!r}", f"{field} has {len(getattr(self, field))} entries", f"Give one per joint ({n})"
+                    f"robot {self.name!r}",
+                    f"{field} has {len(getattr(self, field))} entries",
+                    f"Give one per joint ({n})",
                 )
         for joint, low, home, high in zip(
             self.arm_joints, self.joint_low, self.home_joints, self.joint_high, strict=True
@@ -158,9 +160,7 @@ def robot(name: str) -> RobotSpec:
         raise UnknownNameError("robot", name, _ROBOTS) from None
 
 
-def build_robot_spec(
-    name: str = "panda", *, visuals: bool = True, progress: Progress | None = None
-) -> mujoco.MjSpec:
+def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
     """Return a fresh MuJoCo description of a robot, to be attached to a scene or compiled alone.
 
     Args:

@@ -58,6 +58,9 @@ WRIST_CAMERA = "wrist"
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
 
+CONTACT_TIME_CONSTANT_S = 0.005
+"""Time constant of contacts, critically damped [s]."""
+
 _TEXTURE_SIZE = 512
 _MAX_SAMPLES = 16
 _MAX_SHADOW_MAP = 8192
@@ -237,6 +240,9 @@ def set_physics(spec: mujoco.MjSpec) -> None:
     option.noslip_iterations = 3
     # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
     spec.default.geom.condim = 4
+    # An object dropped 5 cm arrives at 1 m/s. MuJoCo's default time constant of 20 ms lets it sink 7 mm, through the floor of
+    # a bag; 5 ms keeps it below 2 mm and is still 2.5 time steps.
+    spec.default.geom.solref = [CONTACT_TIME_CONSTANT_S, 1.0]
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:

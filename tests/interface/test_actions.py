@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
+from betterbench.interface.actions import ACTION_SPACES, EE_DELTA, JOINT_POSITION, ActionSpace, action_space
+
+SPACES = pytest.mark.parametrize("space", ACTION_SPACES.values(), ids=ACTION_SPACES.keys())
+
+
+@SPACES
+def test_json_form_round_trips(space: ActionSpace) -> None:
+    assert ActionSpace.from_json(json.loads(json.dumps(space.to_json()))) == space
+
+
+@SPACES
+def test_gripper_is_the_last_number_and_its_polarity_is_declared(space: ActionSpace) -> None:
+    assert space.components[-1] == "gripper"
+    assert (space.low[-1], space.high[-1]) == (-1.0, 1.0)
+    assert "positive closes" in space.convention
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=7, max_size=7))
+def test_clipping_stays_inside_and_is_idempotent(numbers: list[float]) -> None:
+    once = EE_DELTA.clip(np.array(numbers))
+    assert (np.abs(once) <= 1.0).all()
+    assert once.tobytes() == EE_DELTA.clip(once).tobytes()
+
+
+def test_clipping_leaves_the_given_array_alone() -> None:
+    given_action = np.full(7, 3.0)
+    EE_DELTA.clip(given_action)
+    assert (given_action == 3.0).all()
+
+
+@pytest.mark.parametrize(
+    ("action", "words"),
+    [
+        (np.zeros(6), r"its shape is \(6,\), not \(7,\)"),
+        (np.zeros((1, 7)), r"its shape is \(1, 7\)"),
+        (np.array([0, 0, np.nan, 0, 0, 0, np.inf]), "z = nan, gripper = inf"),
+        (np.zeros(7, dtype=bool), "its type is bool"),
+        (np.zeros(7, dtype=complex), "its type is complex128"),
+        (["a"] * 7, "not a real number"),
+        ([[0.0], [0.0, 1.0]], "no array of numbers"),
+        (None, "not a real number"),
+    ],
+)
+def test_an_invalid_action_is_refused_with_its_fault(action: object, words: str) -> None:
+    with pytest.raises(InvalidActionError, match=words):
+        EE_DELTA.clip(action)
+
+
+def test_integers_and_float32_are_accepted() -> None:
+    assert EE_DELTA.clip(np.ones(7, dtype=np.int64)).dtype == np.float64
+    assert EE_DELTA.clip(np.full(7, 0.5, dtype=np.float32)).tolist() == [0.5] * 7
+
+
+def test_an_unknown_name_gets_the_closest_one() -> None:
+    with pytest.raises(UnknownNameError, match="ee_delta"):
+        action_space("ee_detla")
+
+
+def test_only_deltas_have_a_neutral_action() -> None:
+    assert EE_DELTA.neutral is not None
+    assert EE_DELTA.neutral.tolist() == [0.0] * 7
+    assert JOINT_POSITION.neutral is None
+
+
+@pytest.mark.parametrize("field", ["units", "low", "components"])
+def test_a_malformed_declaration_is_refused(field: str) -> None:
+    form = EE_DELTA.to_json()
+    form[field] = form[field][:-1]
+    with pytest.raises(InvalidInputError):
+        ActionSpace.from_json(form)
+    del form[field]
+    with pytest.raises(InvalidInputError, match="action space"):
+        ActionSpace.from_json(form)
