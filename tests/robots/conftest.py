@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import mujoco
 import pytest
+from tests.robots.bench import Bench
 
 from betterbench.interface.actions import EE_DELTA, ActionSpace
 from betterbench.robots import PANDA, ArmIK, build_robot_spec
-from tests.robots.bench import Bench
 
 
 @pytest.fixture(scope="session")
@@ -30,7 +30,10 @@ def block_model() -> mujoco.MjModel:
 
 @pytest.fixture
 def bench(arm_model: mujoco.MjModel) -> Callable[[ActionSpace], Bench]:
-    return lambda space=EE_DELTA: Bench(arm_model, space)
+    def make(space: ActionSpace = EE_DELTA) -> Bench:
+        return Bench(arm_model, space)
+
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -6,9 +6,10 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 import pytest
+from tests.robots.bench import Bench
 
 from betterbench.errors import InvalidActionError, InvalidInputError
-from betterbench.geometry import Pose, angle_between, distance, from_axis_angle, multiply, to_axis_angle
+from betterbench.geometry import Pose, angle_between, conjugate, distance, from_axis_angle, multiply, to_axis_angle
 from betterbench.interface.actions import (
     ACTION_SPACES,
     EE_DELTA,
@@ -20,7 +21,6 @@ from betterbench.interface.actions import (
 )
 from betterbench.robots import PANDA, ArmController, ArmIK, build_robot_spec
 from betterbench.robots.control import JOINT_LEAD_RAD, POSITION_LEAD_M, ROTATION_LEAD_RAD
-from tests.robots.bench import Bench
 
 pytestmark = pytest.mark.physics
 
@@ -70,8 +70,7 @@ def test_one_unit_is_half_a_radian_about_the_base_axes(bench: Make, axis: int, s
     b.step(unit(axis, 0.5 * sign))
     b.step(np.zeros(7), 15)
     reached = b.controller.measured_pose(b.data)
-    inverse = (start.quaternion[0], *(-c for c in start.quaternion[1:]))
-    turned = to_axis_angle(multiply(reached.quaternion, inverse))
+    turned = to_axis_angle(multiply(reached.quaternion, conjugate(start.quaternion)))
     assert turned == pytest.approx(tuple(0.25 * sign * np.eye(3)[axis - 3]), abs=2e-3)
     assert distance(start.position, reached.position) < 5e-4
 
@@ -214,7 +213,7 @@ def test_a_held_block_does_not_slip(block_model: mujoco.MjModel) -> None:
     approach = (np.array((0.45, 0.0, 0.025)) - np.array(b.controller.commanded_pose.position)) / 0.05
     b.step(np.append(approach / 32.0, [0, 0, 0, -1.0]), 32)
     b.step(unit(6, 1.0), 15)
-    forces = {name: 0.0 for name in PANDA.pad_geoms}
+    forces = dict.fromkeys(PANDA.pad_geoms, 0.0)
     wrench = np.zeros(6)
     for number, contact in enumerate(b.data.contact):
         mujoco.mj_contactForce(b.model, b.data, number, wrench)

@@ -50,6 +50,9 @@ def test_fingers_open_along_the_y_axis_of_the_tool(home: mujoco.MjData, arm_mode
     middle = rotation.T @ (0.5 * (left + right) - home.site("tcp").xpos)
     assert abs(middle[2]) < 0.012, "the tool centre point lies between the pads"
     assert middle[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
+    half = arm_model.geom("left_pad").size
+    assert middle[2] + half[2] == pytest.approx(PANDA.tip_below_tcp_m), "the pads end with the finger tips"
+    assert PANDA.pad_size_m == pytest.approx((2.0 * half[0], 2.0 * half[2]))
 
 
 def test_the_ready_pose_touches_nothing(home: mujoco.MjData) -> None:
@@ -129,7 +132,7 @@ def test_decimation_keeps_the_shape() -> None:
     data = mujoco.MjData(full)
     mujoco.mj_forward(full, data)
     for link in ("link0", "link3", "link6", "hand"):
-        original = trimesh.load(mesh_folder() / f"{link}.stl").bounds
+        original = trimesh.load_mesh(mesh_folder() / f"{link}.stl").bounds
         body = data.body(link)
         rotation = body.xmat.reshape(3, 3)
         corners = []
@@ -146,6 +149,10 @@ def test_decimation_keeps_the_shape() -> None:
         assert points.max(axis=0) == pytest.approx(original[1], abs=0.004), link
 
 
+def _array(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values)
+
+
 def _outside(model: mujoco.MjModel, geom: int, points: np.ndarray) -> np.ndarray:
     """Distances [m] of points in the body frame from a collision primitive; negative inside."""
     rotation = np.zeros(9)
@@ -155,17 +162,17 @@ def _outside(model: mujoco.MjModel, geom: int, points: np.ndarray) -> np.ndarray
     kind = model.geom_type[geom]
     if kind == int(mujoco.mjtGeom.mjGEOM_BOX):
         beyond = local - size
-        return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+        return _array(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
     radial = np.hypot(local[:, 0], local[:, 1])
     if kind == int(mujoco.mjtGeom.mjGEOM_CAPSULE):
-        return np.hypot(radial, np.maximum(local[:, 2] - size[1], 0.0)) - size[0]
+        return _array(np.hypot(radial, np.maximum(local[:, 2] - size[1], 0.0)) - size[0])
     beyond = np.stack([radial - size[0], local[:, 2] - size[1]], axis=1)
-    return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
+    return _array(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
 
 
 @pytest.mark.parametrize("link", [*PANDA.arm_bodies, "hand", "left_finger"])
 def test_collision_shapes_enclose_the_meshes(arm_model: mujoco.MjModel, link: str) -> None:
-    mesh = trimesh.load(mesh_folder() / f"{'finger' if link == 'left_finger' else link}.stl")
+    mesh = trimesh.load_mesh(mesh_folder() / f"{'finger' if link == 'left_finger' else link}.stl")
     points = np.asarray(mesh.vertices)[::7]
     shapes = [g for g in range(arm_model.ngeom) if arm_model.geom_bodyid[g] == arm_model.body(link).id]
     distances = np.min([_outside(arm_model, g, points) for g in shapes], axis=0)
@@ -176,7 +183,7 @@ def test_collision_shapes_enclose_the_meshes(arm_model: mujoco.MjModel, link: st
 
 @pytest.mark.parametrize("link", [*PANDA.arm_bodies, "hand", "left_finger"])
 def test_collision_shapes_are_not_larger_than_the_links(arm_model: mujoco.MjModel, link: str) -> None:
-    bounds = trimesh.load(mesh_folder() / f"{'finger' if link == 'left_finger' else link}.stl").bounds
+    bounds = trimesh.load_mesh(mesh_folder() / f"{'finger' if link == 'left_finger' else link}.stl").bounds
     for g in range(arm_model.ngeom):
         if arm_model.geom_bodyid[g] != arm_model.body(link).id:
             continue

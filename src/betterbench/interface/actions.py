@@ -1,8 +1,8 @@
 """Action spaces: what the numbers of an action mean, declared as values that both sides of a handshake can compare.
 
-An :class:`ActionSpace` says how many numbers an action has, between which bounds, in which units, and under which convention
-(frame, what a delta is added to, gripper polarity). Policies and environments exchange these declarations and stop when
-they disagree; nothing here moves a robot.
+An :class:`ActionSpace` says how many numbers an action has, between which bounds, in which units, and under which
+convention (frame, what a delta is added to, gripper polarity). Policies and environments exchange these declarations
+and stop when they disagree; nothing here moves a robot.
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
@@ -27,7 +27,8 @@ ROTATION_PER_UNIT_RAD = 0.5
 """Rotation of one action unit [rad]; the same controller's scale for its axis-angle part."""
 
 JOINT_STEP_PER_UNIT_RAD = 0.1
-"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the slowest Panda joint's limit of 2.175 rad/s."""
+"""Joint step of one action unit [rad]: 2.0 rad/s at 20 Hz, just below the slowest Panda joint's limit of 2.175 rad/s.
+"""
 
 GRIPPER_CONVENTION = (
     "gripper: negative opens, positive closes, zero keeps the last commanded width; only the sign counts"
@@ -180,7 +181,7 @@ def _as_array(action: object, name: str) -> np.ndarray:
 _TWIST = ("x", "y", "z", "rx", "ry", "rz", "gripper")
 _TWIST_UNITS = ("m", "m", "m", "rad", "rad", "rad", "1")
 _TWIST_SCALE = (TRANSLATION_PER_UNIT_M,) * 3 + (ROTATION_PER_UNIT_RAD,) * 3 + (1.0,)
-_JOINTS = tuple(f"joint{i}" for i in range(1, 8)) + ("gripper",)
+_JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
 EE_DELTA = ActionSpace(
     name="ee_delta",

@@ -36,7 +36,7 @@ MAX_FILE_BYTES = 1 << 30
 """Largest file that is read. An episode of an hour at 60 kB/s takes 0.2 GiB."""
 
 MAX_UNPACKED_BYTES = 2 << 30
-"""Largest size of all columns together after decompression. An episode of an hour with 500 numbers a row takes 0.3 GB."""
+"""Largest size of all columns together after decompression. An hour of 500 numbers a row takes 0.3 GB."""
 
 
 def write_record(record: Record, path: Path) -> None:
@@ -229,7 +229,7 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
         )
     if file.metadata.num_rows < 1:
         raise RecordError("has no rows; record the trial again")
-    # The metadata of single columns is left alone: asking for it aborts the process on some malformed files (pyarrow 26).
+    # Metadata of single columns is left alone: asking for it aborts the process on some malformed files (pyarrow 26)
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:

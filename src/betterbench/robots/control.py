@@ -1,9 +1,9 @@
 """The arm controller: one action in, the references of all servos out.
 
 Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
-:mod:`betterbench.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It stays where it is when
-the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and :data:`ROTATION_LEAD_RAD`, so a
-blocked arm winds nothing up.
+:mod:`betterbench.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It stays where
+it is when the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, so a blocked arm winds nothing up.
 
 What a controller remembers between actions is small and can be taken and put back (:meth:`ArmController.state`), so an
 episode can be continued from any recorded state.
@@ -55,8 +55,9 @@ POSE_STEP_RAD = 0.1
 """Largest turn towards an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
-"""Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a joint at most,
-so it binds only where the arm is blocked or far from its reference."""
+"""Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a
+joint at most, so it binds only where the arm is blocked or far from its reference.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,9 @@ The STL files come with the ``gymnasium-robotics`` wheel and hold 134,000 triang
 triangles, so each file is split into its connected parts, the parts are sorted into paints, and each paint of a link is
 decimated to its share of a fixed budget.
 
-The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so two
-processes that prepare it at once both succeed and end with the same file. A file that cannot be read is made again.
+The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so
+two processes that prepare it at once both succeed and end with the same file. A file that cannot be read is made
+again.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ def _prepare(
     for done, (link, data) in enumerate(sources.items()):
         if progress is not None:
             progress("reading the arm's meshes", done, len(sources))
-        mesh = trimesh.load(io.BytesIO(data), file_type="stl", process=False)
+        mesh = trimesh.load_mesh(io.BytesIO(data), file_type="stl", process=False)
         mesh.merge_vertices()
         labels = _connected(len(mesh.vertices), np.asarray(mesh.faces))[mesh.faces[:, 0]]
         areas = np.bincount(labels, weights=mesh.area_faces)
@@ -153,11 +154,10 @@ def _prepare(
         if progress is not None:
             progress("decimating the arm's meshes", done, len(painted))
         target = max(12, int(budget * weights[link, name] / total))
+        shape = (vertices.astype(np.float32), triangles.astype(np.int32))
         if len(triangles) > target:
-            vertices, triangles = fast_simplification.simplify(
-                vertices.astype(np.float32), triangles.astype(np.int32), target_count=target
-            )
-        parts.append(MeshPart(link, name, vertices.astype(np.float32), triangles.astype(np.int32)))
+            shape = fast_simplification.simplify(*shape, target_count=target)
+        parts.append(MeshPart(link, name, shape[0].astype(np.float32), shape[1].astype(np.int32)))
     if progress is not None:
         progress("decimating the arm's meshes", len(painted), len(painted))
     return tuple(parts)
@@ -218,7 +218,7 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
         handle, beside = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
         try:
             with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, **arrays)
+                np.savez(stream, allow_pickle=False, **arrays)
             Path(beside).replace(path)
         except OSError:
             Path(beside).unlink(missing_ok=True)

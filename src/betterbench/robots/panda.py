@@ -1,22 +1,24 @@
 """The Franka Emika Panda with its two-finger hand, authored here from Franka's public description.
 
-Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4 mm and the
-tool centre point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description`` (Apache-2.0) and the
-Denavit-Hartenberg table of the Franka Control Interface documentation.
+Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4
+mm and the tool centre point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
+(Apache-2.0) and the Denavit-Hartenberg table of the Franka Control Interface documentation.
 
-Masses and inertias of the links: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic Identification of the Franka
-Emika Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization", IEEE RA-L 4(4), 2019; hand and
-fingers: ``franka_description``, ``inertial.yaml``.
+Masses and inertias of the links: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
+Identification of the Franka Emika Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization",
+IEEE RA-L 4(4), 2019; hand and fingers: ``franka_description``, ``inertial.yaml``.
 
-Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-7), given by Franka for the successor FR3 and published in Drake's
-``franka_description`` README. Joint friction is left out, because the Panda's joint torque controllers compensate it, as they
-compensate gravity (``gravcomp``).
+Reflected rotor inertias: 0.6057 (joints 1-2), 0.4625 (3-4) and 0.2055 kg m2 (5-7), given by Franka for the successor
+FR3 and published in Drake's ``franka_description`` README. Joint friction is left out, because the Panda's joint
+torque controllers compensate it, as they compensate gravity (``gravcomp``).
 
-Collision shapes are capsules, cylinders and boxes fitted here to the visual meshes; ``tests/robots`` measures how far they differ.
+Collision shapes are capsules, cylinders and boxes fitted here to the visual meshes; ``tests/robots`` measures how far
+they differ.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -29,7 +31,9 @@ from betterbench.robots.spec import Progress, RobotSpec, register_robot
 VISUAL_GROUP = 2
 COLLISION_GROUP = 3
 FACE_BUDGET = 7600
-"""Triangles of arm and hand together, two fingers counted once; a budget of 8,000 for the whole robot (design, section 3)."""
+"""Triangles of arm and hand together, two fingers counted once; a budget of 8,000 for the whole robot (design, section
+3).
+"""
 
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
 """Half extents of a finger pad [m]: a face of 20 x 24 mm, 8 mm deep."""
@@ -38,17 +42,22 @@ PAD_CENTRE_Z = 0.042
 """Height of the pad's centre in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
 
 PAD_FRICTION = (1.2, 0.01, 0.0001)
-"""Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling: solver default."""
+"""Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling:
+solver default.
+"""
 
 PAD_SOLREF = (0.006, 1.0)
-"""Time constant [s] and damping ratio of pad contacts, three physics steps: firm rubber. MuJoCo's default of 20 ms lets a pad sink
-1.3 mm into an object at full force."""
+"""Time constant [s] and damping ratio of pad contacts, three physics steps: firm rubber. MuJoCo's default of 20 ms
+lets a pad sink 1.3 mm into an object at full force.
+"""
 
 PAD_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
 """Impedance of pad contacts; see :data:`PAD_SOLREF`."""
 
 PAD_SOLMIX = 50.0
-"""Weight of the pad's contact parameters against the object's; unlike a higher priority it leaves the larger friction in force."""
+"""Weight of the pad's contact parameters against the object's; unlike a higher priority it leaves the larger friction
+in force.
+"""
 
 _HALF_PI = 0.5 * math.pi
 
@@ -262,7 +271,8 @@ _GRIPPER_DAMPING = 60.0
 """Damping of the gripper servo [N s/m]: critical for 0.115 kg per finger would be 34; more keeps the closing quiet."""
 
 _GRIPPER_FORCE_N = 40.0
-"""Force of each pad [N]; the Franka Hand holds 70 N continuously (data sheet). 35 N held all of ``facts/physics.md``."""
+"""Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
+things in trials."""
 
 PANDA = RobotSpec(
     name="panda",
@@ -283,10 +293,14 @@ PANDA = RobotSpec(
     joint_low=(-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973),
     joint_high=(2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973),
     joint_velocity=(2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61),
-    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are held to 50: enough for their accelerations,
-    # while a blocked arm pushes like a careful one (Franka's examples stop the real arm at contact torques of 20-40 N m).
+    # Franka's limits are 87 N m (joints 1-4) and 12 N m (5-7). The large joints are held to 50: enough for their
+    # accelerations, while a blocked arm pushes like a careful one (Franka's examples stop the real arm at contact
+    # torques of 20-40 N m).
     joint_effort=(50.0, 50.0, 50.0, 50.0, 12.0, 12.0, 12.0),
     gripper_opening_m=0.08,
+    pad_size_m=(2.0 * PAD_HALF_SIZE[0], 2.0 * PAD_HALF_SIZE[2]),
+    # The fingers hang 58.4 mm below the hand frame and are 54 mm long.
+    tip_below_tcp_m=0.0584 + 0.054 - 0.1034,
     # Each finger travels at 50 mm/s (data sheet of the Franka Hand), so their distance changes twice as fast.
     gripper_speed_m_s=0.1,
     gripper_force_n=_GRIPPER_FORCE_N,
@@ -339,8 +353,8 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
         progress: Told about the one-time preparation of the meshes.
 
     Returns:
-        Description with the base at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those of
-        group 3 collide.
+        Description with the base at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those
+        of group 3 collide.
 
     Raises:
         MissingDependencyError: If the package that holds the meshes is not installed.
@@ -380,7 +394,7 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
 
 
 def _set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the physics that all scenes of the benchmark share (design, section 4; reasons in facts/physics.md)."""
+    """Set the physics that all scenes of the benchmark share (design, section 4)."""
     spec.option.timestep = 0.002
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -468,13 +482,13 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
 def _add_servos(spec: mujoco.MjSpec) -> None:
     """Add the joint servos and the gripper's.
 
-    Each arm joint has two servos that take the same control, the joint's reference velocity [rad/s]. The first integrates it to a
-    reference position (its activation) and pulls with the stiffness; the second damps towards the reference velocity
-    itself. The reference so moves evenly within a control step, and a moving arm does not lag by damping over
-    stiffness, as it does under a position servo.
+    Each arm joint has two servos that take the same control, the joint's reference velocity [rad/s]. The first
+    integrates it to a reference position (its activation) and pulls with the stiffness; the second damps towards the
+    reference velocity itself. The reference so moves evenly within a control step, and a moving arm does not lag by
+    damping over stiffness, as it does under a position servo.
 
-    The gripper's servo takes the distance of the pads [m] and acts on both fingers alike through a tendon whose length is
-    that distance.
+    The gripper's servo takes the distance of the pads [m] and acts on both fingers alike through a tendon whose length
+    is that distance.
     """
     for joint, position, velocity, stiffness, damping, low, high in zip(
         PANDA.arm_joints,
@@ -518,7 +532,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
 def _exclude_neighbours(spec: mujoco.MjSpec) -> None:
     """Exclude the pairs that overlap by construction: neighbours, and the short wrist with what is two links away."""
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
-    pairs = list(zip(chain, chain[1:], strict=False))
+    pairs = list(itertools.pairwise(chain))
     pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]
     pairs += [(PANDA.hand_body, finger) for finger in PANDA.finger_bodies]
     pairs += [("link7", finger) for finger in PANDA.finger_bodies]

@@ -18,8 +18,8 @@ Progress = Callable[[str, int, int], None]
 class RobotSpec:
     """Everything that controllers, scenes and experts have to know about a robot.
 
-    Names are those of the robot's own model; a scene that attaches it under a prefix hands the prefix on. Arm joints are
-    listed from base to flange and all per-joint tuples follow that order.
+    Names are those of the robot's own model; a scene that attaches it under a prefix hands the prefix on. Arm joints
+    are listed from base to flange and all per-joint tuples follow that order.
 
     Attributes:
         name: Name in the register ("panda").
@@ -42,6 +42,8 @@ class RobotSpec:
         joint_velocity: Velocity limits [rad/s].
         joint_effort: Torque that the servos may use [N m].
         gripper_opening_m: Largest distance of the pads [m].
+        pad_size_m: Width and height of a pad's face [m].
+        tip_below_tcp_m: How far the finger tips reach beyond the tool centre point [m].
         gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
         gripper_lead_m: How far the commanded distance of the pads may lead the measured one [m].
@@ -69,6 +71,8 @@ class RobotSpec:
     joint_velocity: tuple[float, ...]
     joint_effort: tuple[float, ...]
     gripper_opening_m: float
+    pad_size_m: tuple[float, float]
+    tip_below_tcp_m: float
     gripper_speed_m_s: float
     gripper_force_n: float
     gripper_lead_m: float

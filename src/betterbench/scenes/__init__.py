@@ -2,6 +2,8 @@
 
 from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
 from betterbench.scenes.clearance import Clearance
+from betterbench.scenes.rendering import Renderer, gl_backend, renderer_fingerprint
+from betterbench.scenes.stored import StoredView, load_model
 from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
 
 __all__ = [
@@ -10,7 +12,12 @@ __all__ = [
     "Clearance",
     "CompiledScene",
     "Placement",
+    "Renderer",
     "Scene",
+    "StoredView",
     "engine_version",
+    "gl_backend",
+    "load_model",
     "place_objects",
+    "renderer_fingerprint",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import threading
+import zlib
 from collections import OrderedDict
 from dataclasses import dataclass
 
@@ -63,10 +64,16 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 """Names of bodies that are no objects, as contacts name them."""
 
 
+LOOK_SETS = 8
+"""Number of different sets of looks of a task. A trial draws one set: every kind of thing has its own look in each, and
+runs compile and store a few scenes instead of one per trial."""
+
+
 def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
-    """Return the look of an object in a trial: one draw per kind of thing, so that like things look alike."""
-    purpose = f"look:{spec.category}:{spec.colour}"
-    return int(stream(task, seed, purpose).integers(len(looks(spec.category))))
+    """Return the look of an object in a trial; like things look alike, and no other object has a say in it."""
+    drawn = int(stream(task, seed, "look").integers(LOOK_SETS))
+    offset = zlib.crc32(f"{spec.category}:{spec.colour}".encode())
+    return (drawn + offset) % len(looks(spec.category))
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:

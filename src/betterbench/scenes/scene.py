@@ -13,6 +13,7 @@ from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.stage import QUALITIES, Quality
+from betterbench.scenes.stored import scene_files
 from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Task, broken_premises, regime_of
 
@@ -126,6 +127,10 @@ class Scene:
         """Names that contacts use: objects first, then the parts of the robot and the stage."""
         return self._labels
 
+    def files(self) -> dict[str, bytes]:
+        """Return the compiled model as files, to be stored once per distinct scene."""
+        return scene_files(self.model, self.compiled.content_hash)
+
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Put everything back to the start of the trial.
 
@@ -172,6 +177,7 @@ class Scene:
         applied = self.controller.apply(self.data, action)
         mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
         self._gripper_command = float(applied[-1])
         self._step += 1
         return applied

@@ -1,0 +1,273 @@
+"""The course of an episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from betterbench.diagnosis.attempts import Grasp, find_grasps
+from betterbench.diagnosis.trace import Trace
+from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Regime, Subgoal
+
+
+class Standing(StrEnum):
+    """How the object of an attempt stands to the instruction at that moment."""
+
+    ASKED = "asked"
+    """It is what the instruction asks for now."""
+    LATER = "later"
+    """It is asked for, but an earlier step of an ordered instruction is open."""
+    REPEATED = "repeated"
+    """The step that it could serve is done."""
+    OTHER = "other"
+    """Another instruction of the task means it."""
+    FOREIGN = "foreign"
+    """No instruction of the task means it."""
+    EMPTY = "empty"
+    """There is no object: an air grasp at an empty slot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One grasp attempt, seen against the instruction.
+
+    Attributes:
+        grasp: The attempt by rows and indices.
+        attempt: The attempt as it is reported.
+        at: Index of the object that it was at or that it missed, or None.
+        standing: How that object stands to the instruction.
+        goal: Index of the subgoal that was due, or None if none was open.
+        asked_slots: Slots in which the objects stand that were asked for.
+    """
+
+    grasp: Grasp
+    attempt: Attempt
+    at: int | None
+    standing: Standing
+    goal: int | None
+    asked_slots: tuple[str, ...]
+
+    @property
+    def missed(self) -> bool:
+        """Whether the hand closed beside the object."""
+        return self.grasp.object is None and self.at is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """One episode against its condition and its training regime.
+
+    Attributes:
+        trace: The episode as arrays.
+        condition: The condition in force.
+        regime: The regularities of the training regime.
+        meant: Per subgoal the indices of the objects that it can mean.
+        known_kinds: Kinds of object that some instruction of the task means.
+        steps: All grasp attempts, in time.
+    """
+
+    trace: Trace
+    condition: Condition
+    regime: Regime
+    meant: tuple[tuple[int, ...], ...]
+    known_kinds: frozenset[str]
+    steps: tuple[Step, ...]
+
+    @property
+    def instruction(self) -> Instruction:
+        """The sentence and what it asks for."""
+        return self.condition.instruction
+
+    @property
+    def goals(self) -> tuple[Subgoal, ...]:
+        """The subgoals in the order asked."""
+        return self.condition.instruction.subgoals
+
+    @property
+    def asked_indices(self) -> frozenset[int]:
+        """Indices of all objects that the instruction can mean."""
+        return frozenset(i for names in self.meant for i in names)
+
+    def kind(self, i: int) -> str:
+        """Return the kind of an object."""
+        return self.trace.info.objects[i].kind
+
+    def name(self, i: int) -> str:
+        """Return the name of an object."""
+        return self.trace.info.objects[i].name
+
+    def open_goals(self, row: int) -> tuple[int, ...]:
+        """Return the subgoals that are not reached at a row and for which an object is left on the table."""
+        return _open_goals(self.trace, self.goals, self.meant, row)
+
+    def completed_after(self, goal: int | None, row: int) -> bool:
+        """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
+        return goal is not None and bool(self.trace.done[row:, goal].any())
+
+    def attempted_after(self, goal: int, row: int) -> bool:
+        """Tell whether an object that a subgoal means is attempted after a row."""
+        return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
+
+    def evidence(
+        self,
+        rule: str,
+        text: str,
+        *,
+        rows: tuple[int, int],
+        objects: tuple[int, ...] = (),
+        shared: tuple[str, ...] = (),
+        candidates: tuple[str, ...] = (),
+    ) -> Evidence:
+        """Return evidence for a span of rows and object indices."""
+        time, last = self.trace.time, self.trace.rows - 1
+        start, end = (float(time[min(max(r, 0), last)]) for r in rows)
+        return Evidence(rule, text, start, end, tuple(self.name(i) for i in objects), shared, candidates)
+
+    def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
+        """Return evidence for an attempt."""
+        objects = () if step.at is None else (step.at,)
+        return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
+
+    def describe(self, step: Step) -> str:
+        """Return a phrase for what an attempt was at."""
+        slot = "" if step.grasp.slot is None else f" at slot {step.grasp.slot!r}"
+        if step.at is None:
+            return f"nothing (an air grasp{slot})"
+        return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else "")
+
+    def asked_for(self, step: Step) -> str:
+        """Return a phrase for what was asked for at an attempt."""
+        if step.goal is None:
+            return "nothing was left to do"
+        return f"{self.goals[step.goal].word!r} was asked for"
+
+    def intended(self) -> str | None:
+        """Return the kind of object that the first attempt should be at, or None where none should be."""
+        if self.condition.expected is Expected.STAY_STILL:
+            return None
+        goals = self.open_goals(0)
+        return self.kind(self.meant[goals[0]][0]) if goals else None
+
+    def intention_correct(self) -> bool:
+        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4)."""
+        expected = self.condition.expected
+        if expected is Expected.STAY_STILL:
+            return not self.steps
+        if expected is Expected.REFUSE:
+            return not any(s.standing in (Standing.OTHER, Standing.FOREIGN) for s in self.steps)
+        return bool(self.steps) and self.steps[0].standing is Standing.ASKED
+
+    def progress(self) -> float:
+        """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
+
+        Where refusing is right, what cannot be done is not asked; where staying still is right, what was done must
+        still be done at the end.
+        """
+        done = self.trace.done
+        if self.condition.expected is Expected.STAY_STILL:
+            return float(done[-1].mean())
+        first = [int(np.argmax(column)) if column.any() else None for column in done.T]
+        valid = 0
+        asked = range(len(first))
+        if self.condition.expected is Expected.REFUSE:
+            asked_list = [g for g in asked if self.meant[g]]
+            if not asked_list:
+                return 1.0
+        else:
+            asked_list = list(asked)
+        for g in asked_list:
+            row = first[g]
+            if row is None:
+                continue
+            earlier = [first[j] for j in asked_list if j < g]
+            if not self.instruction.ordered or all(e is not None and e <= row for e in earlier):
+                valid += 1
+        return valid / len(asked_list)
+
+
+def course_of(trace: Trace, condition: Condition, regime: Regime) -> Course:
+    """Return the course of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
+    info = trace.info
+    meant = tuple(
+        tuple(
+            i
+            for i in trace.items
+            if (
+                info.objects[i].kind == goal.reference.kind
+                if goal.reference.slot is None
+                else info.objects[i].slot == goal.reference.slot
+            )
+        )
+        for goal in condition.instruction.subgoals
+    )
+    asked_kinds = {info.objects[i].kind for names in meant for i in names}
+    known = frozenset(regime.kind_slots) | asked_kinds
+    steps = tuple(_step(trace, condition.instruction, meant, known, grasp) for grasp in find_grasps(trace))
+    return Course(trace, condition, regime, meant, known, steps)
+
+
+def _open_goals(
+    trace: Trace, goals: tuple[Subgoal, ...], meant: tuple[tuple[int, ...], ...], row: int
+) -> tuple[int, ...]:
+    return tuple(
+        g
+        for g, (goal, names) in enumerate(zip(goals, meant, strict=True))
+        if sum(bool(trace.there[row, i]) for i in names) < goal.count
+        and any(not trace.there[row, i] and trace.on_table(row, i) for i in names)
+    )
+
+
+def _step(
+    trace: Trace,
+    instruction: Instruction,
+    meant: tuple[tuple[int, ...], ...],
+    known: frozenset[str],
+    grasp: Grasp,
+) -> Step:
+    row = grasp.start
+    due = _open_goals(trace, instruction.subgoals, meant, row)
+    now = due[:1] if instruction.ordered else due
+    needed = {i for g in now for i in meant[g] if not trace.there[row, i]}
+    at = grasp.object if grasp.object is not None else grasp.aim
+    standing = _standing(trace, at, needed, {i for g in due for i in meant[g] if not trace.there[row, i]}, meant, known)
+    goal = next((g for g in now if at in meant[g]), due[0] if due else None)
+    slots = sorted(
+        {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
+    )
+    name = None if grasp.object is None else trace.info.objects[grasp.object].name
+    result = "null" if grasp.object is None else "target" if standing is Standing.ASKED else "distractor"
+    attempt = Attempt(
+        float(trace.time[grasp.start]), float(trace.time[grasp.end]), name, grasp.slot, result, grasp.secured
+    )
+    if at is None and grasp.slot is not None and _pushed_away(trace, grasp, needed):
+        at = next(i for i in sorted(needed) if trace.info.objects[i].slot == grasp.slot)
+        standing = Standing.ASKED
+        goal = next(g for g in now if at in meant[g])
+    return Step(grasp, attempt, at, standing, goal, tuple(slots))
+
+
+def _pushed_away(trace: Trace, grasp: Grasp, needed: set[int]) -> bool:
+    """Tell whether the slot of an air grasp is empty only because what was asked for has been moved out of it."""
+    return any(trace.info.objects[i].slot == grasp.slot for i in needed)
+
+
+def _standing(
+    trace: Trace,
+    at: int | None,
+    needed: set[int],
+    due: set[int],
+    meant: tuple[tuple[int, ...], ...],
+    known: frozenset[str],
+) -> Standing:
+    if at is None:
+        return Standing.EMPTY
+    if at in needed:
+        return Standing.ASKED
+    if at in due:
+        return Standing.LATER
+    if any(at in names for names in meant):
+        return Standing.REPEATED
+    return Standing.OTHER if trace.info.objects[at].kind in known else Standing.FOREIGN

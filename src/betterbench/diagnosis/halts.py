@@ -1,0 +1,59 @@
+"""Halts: the arm stands still although something is left to do, and never grasps again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.trace import Bools, Trace
+from betterbench.tasks import THRESHOLDS
+
+
+def find_halt(course: Course) -> tuple[int, int] | None:
+    """Return the rows of the first halt for good, or None.
+
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy grasps again
+    is none.
+
+    Args:
+        course: The course of the episode.
+
+    Returns:
+        First and last row of the halt.
+    """
+    trace = course.trace
+    still = _still(trace)
+    for step in course.steps:
+        still[step.grasp.start : step.grasp.end + 1] = False
+    last = max((s.grasp.end for s in course.steps), default=-1)
+    needed = trace.steps(THRESHOLDS.halt_time)
+    for start, stop in _runs(still):
+        begin = max(start, last + 1)
+        if stop - begin >= needed and course.open_goals(begin + needed - 1):
+            return begin, stop - 1
+    return None
+
+
+def travel(trace: Trace) -> np.ndarray:
+    """Return the length of the path of the tool centre point up to each row, shape (T,) [m]."""
+    lengths = np.linalg.norm(np.diff(trace.tool, axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(lengths)))
+
+
+def _still(trace: Trace) -> Bools:
+    """Return the rows at which the tool centre point moves slower than ``halt_speed``, averaged over a short time."""
+    window = min(trace.steps(LIMITS.stillness_window), max(1, trace.rows - 1))
+    gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
+    slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
+    still = np.zeros(trace.rows, dtype=np.bool_)
+    for shift in range(window + 1):  # every row of a slow stretch counts as still
+        still[shift : shift + len(slow)] |= slow
+    return still
+
+
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """Return the spans of true flags as half-open ranges."""
+    padded = np.concatenate(([False], flags, [False]))
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,93 @@
+"""Execution failure: the right target at the right time, and then a bad hand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.diagnosis.course import Course, Standing, Step
+from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.verdict import Evidence
+from betterbench.geometry import tilt_of
+from betterbench.tasks import Expected
+
+
+def find(course: Course) -> Evidence | None:
+    """Return the first failed execution that was not made good later, or None."""
+    found = [e for step in course.steps if (e := _of_step(course, step)) is not None]
+    found += [e for e in (_knocked(course), _forbidden_touch(course)) if e is not None]
+    return min(found, key=lambda e: e.start_s, default=None)
+
+
+def _of_step(course: Course, step: Step) -> Evidence | None:
+    """Return what went wrong after one right decision, or None."""
+    if step.standing is not Standing.ASKED or step.goal is None:
+        return None
+    word = course.goals[step.goal].word
+    if course.completed_after(step.goal, step.grasp.end):
+        return None
+    i = step.grasp.object
+    if i is None:
+        return course.at_step("missed_by_pose", f"The hand closes beside {word!r}, the right target.", step)
+    if not step.grasp.secured:
+        text = f"The hand closes on {word!r}, the right target, but does not lift it."
+        return course.at_step("slipped", text, step)
+    return _lost(course, step, i, word)
+
+
+def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
+    """Return evidence if an object left the hand and did not come to rest at its target."""
+    trace = course.trace
+    until = min(trace.rows, step.grasp.release + trace.steps(LIMITS.stop_time))
+    rows = slice(step.grasp.end, until)
+    gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+    if not gripped.any():
+        return None
+    gone = step.grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
+    if gone >= trace.rows:
+        return None
+    rest = min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
+    if trace.there[rest, i]:
+        return None
+    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    if fall > LIMITS.fall_height:
+        how = "drops" if gone >= step.grasp.release else "loses"
+        text = f"The hand {how} {word!r}, the right target, {100 * fall:.0f} cm above where it comes to rest."
+        return course.evidence("dropped", text, rows=(gone, rest), objects=(i,))
+    text = f"{word!r}, the right target, is let go outside the goal."
+    return course.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
+
+
+def _knocked(course: Course) -> Evidence | None:
+    """Return evidence if something that the task needs was knocked over or off the table without being grasped."""
+    trace = course.trace
+    grasped = {s.at for s in course.steps}
+    needed = course.asked_indices | {i for i, o in enumerate(trace.info.objects) if o.role == "container"}
+    found: list[tuple[int, int]] = []
+    for i in sorted(needed - grasped):
+        if trace.info.objects[i].fixed or trace.there[-1, i]:
+            continue
+        w2 = 1.0 - 2.0 * (trace.quaternions[:, i, 1] ** 2 + trace.quaternions[:, i, 2] ** 2)
+        down = (w2 < np.cos(LIMITS.knocked_tilt)) | (trace.positions[:, i, 2] < -LIMITS.fallen_below)
+        start = tuple(float(v) for v in trace.quaternions[0, i])
+        if down.any() and tilt_of((start[0], start[1], start[2], start[3])) < LIMITS.knocked_tilt:
+            found.append((int(np.argmax(down)), i))
+    if not found:
+        return None
+    row, i = min(found)
+    text = f"The {course.kind(i)} is knocked over without having been grasped."
+    return course.evidence("collided", text, rows=(row, row), objects=(i,))
+
+
+def _forbidden_touch(course: Course) -> Evidence | None:
+    """Return evidence if, where nothing was to be grasped, something was touched without an attempt."""
+    if course.condition.expected is Expected.SUCCEED or course.steps:
+        return None
+    trace = course.trace
+    allowed = course.asked_indices if course.condition.expected is Expected.REFUSE else frozenset()
+    touched = trace.left | trace.right
+    touched[:, sorted(allowed)] = False
+    if not touched.any():
+        return None
+    row, i = (int(v) for v in np.argwhere(touched)[0])
+    text = f"The hand brushes against the {course.kind(i)}, where nothing was to be touched."
+    return course.evidence("collided", text, rows=(row, row), objects=(i,))

@@ -1,0 +1,33 @@
+"""Timeout: the right course, and the step limit is reached; or the last word where everything was done and yet not right."""
+
+from __future__ import annotations
+
+from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.verdict import Evidence
+
+
+def find(course: Course, *, limit_reached: bool) -> Evidence | None:
+    """Return the evidence of a timeout, or None if the episode ended for another reason.
+
+    Args:
+        course: The course of the episode.
+        limit_reached: Whether the episode ended at its step limit.
+    """
+    if not limit_reached or _all_done_once(course):
+        return None
+    last = course.trace.rows - 1
+    words = ", ".join(repr(course.goals[g].word) for g in course.open_goals(last))
+    tail = f" with {words} still to do" if words else ""
+    return course.evidence("step_limit", f"The step limit is reached on the right course{tail}.", rows=(last, last))
+
+
+def unexplained(course: Course) -> Evidence:
+    """Return the evidence of an execution that did every step and still missed the goal."""
+    last = course.trace.rows - 1
+    text = "Every attempt was right, and yet the goal does not hold at the end."
+    return course.evidence("goal_not_held", text, rows=(last, last))
+
+
+def _all_done_once(course: Course) -> bool:
+    done = course.trace.done
+    return bool(done.shape[1]) and bool(done.any(axis=0).all())

@@ -1,0 +1,28 @@
+"""Visual layout bias: the first attempt goes to the same place whatever the instruction. A verdict over paired trials."""
+
+from __future__ import annotations
+
+from betterbench.diagnosis.course import Course, Standing
+from betterbench.diagnosis.verdict import Evidence
+
+
+def find(course: Course, slot: str | None) -> Evidence | None:
+    """Return the evidence of a first attempt at the policy's favourite place.
+
+    Args:
+        course: The course of the episode.
+        slot: The place that the second pass over the run found, or None.
+
+    Returns:
+        The evidence, or None if the first attempt is right, elsewhere, or at an object that no instruction means.
+    """
+    step = course.steps[0] if course.steps else None
+    if slot is None or step is None or step.grasp.slot != slot:
+        return None
+    if step.standing in (Standing.ASKED, Standing.FOREIGN):
+        return None
+    text = (
+        f"The first attempt goes to slot {slot!r}, as it does whatever the instruction: it is at "
+        f"{course.describe(step)} although {course.asked_for(step)}."
+    )
+    return course.at_step("same_place_whatever_the_instruction", text, step)

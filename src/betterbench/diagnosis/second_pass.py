@@ -1,0 +1,190 @@
+"""The second pass: which one rule explains the wrong first attempts of a policy in a task.
+
+Three kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
+with the most frequent first step; the *place* is always the same slot. A rule is judged as a policy that follows it with
+an unknown strength ``q`` and is right otherwise, apart from a small share of slips. Its cost is the negative
+log-likelihood of all first attempts at the best ``q``, so a rule that is applied in 30 % of the trials is found as well as
+one that is always applied, and right attempts where the rule predicts a wrong one count against it. A place rule pays for
+the choice of its slot. All rules compete with plain confusion: a policy that errs at one rate everywhere and without
+direction, no worse than by guessing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.diagnosis.labels import ALONE, Ruling
+from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.trial import Choice
+
+WORD, HABIT = "word", "habit"
+
+_GRID = np.linspace(0.0, 0.99, 100)
+"""Strengths that are tried. Above 0.99 no number of trials of a run can tell them apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One rule, judged on all first attempts of a task.
+
+    Attributes:
+        name: "word", "habit" or "place:SLOT".
+        cost: Negative log-likelihood at the best strength [nats], with the price of its choice.
+        strength: The best strength, from 0 to 1.
+        explained: Wrong first attempts that it explains.
+        opportunities: Trials in which it predicts a wrong first attempt.
+        errors_elsewhere: Wrong first attempts in trials in which it predicts a right one.
+        elsewhere: Trials in which it predicts a right first attempt.
+    """
+
+    name: str
+    cost: float
+    strength: float
+    explained: int
+    opportunities: int
+    errors_elsewhere: int
+    elsewhere: int
+
+    @property
+    def slot(self) -> str | None:
+        """The slot of a place rule."""
+        return self.name.removeprefix("place:") if self.name.startswith("place:") else None
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRules:
+    """What the second pass found out about a policy in one task.
+
+    Attributes:
+        rules: All rules, the cheapest first; at equal cost word, then habit, then place.
+        confusion: Cost of plain confusion [nats].
+        upheld: Names of the rules that are proven better than confusion and could be told apart.
+        rulings: Per trial key, what holds for it.
+        undecided: Number of trials in which word and place cannot be told apart for lack of trials.
+    """
+
+    rules: tuple[Rule, ...]
+    confusion: float
+    upheld: tuple[str, ...]
+    rulings: Mapping[str, Ruling]
+    undecided: int
+
+
+def judge_rules(choices: Mapping[str, Choice]) -> TaskRules:
+    """Judge the rules on the first attempts of one policy in one task.
+
+    Args:
+        choices: First attempt per trial key.
+    """
+    items = sorted(choices.items())
+    all_choices = [c for _, c in items]
+    slots = sorted({c.slot for c in all_choices if c.slot is not None})
+    names = [WORD, HABIT, *(f"place:{s}" for s in slots)]
+    price = math.log(max(2, len(slots) if len(slots) > 1 else max((c.places for c in all_choices), default=2)))
+    rules = [_judge(name, all_choices, price if name.startswith("place:") else 0.0) for name in names]
+    rank = {name: k for k, name in enumerate(names)}
+    rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))
+    confusion = _confusion(all_choices)
+    proven = {r.name for r in rules if r.cost < confusion - 1e-9}
+    proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
+    rulings: dict[str, Ruling] = {}
+    undecided = 0
+    for key, choice in items:
+        rulings[key] = _rule_on(choice, rules, proven, all_choices)
+        undecided += rulings[key] == ALONE and not choice.correct and _fits(WORD, choice)
+    upheld = tuple(r.name for r in rules if r.name in proven)
+    return TaskRules(tuple(rules), confusion, upheld, rulings, undecided)
+
+
+def has_pair(choices: Iterable[Choice], slot: str) -> bool:
+    """Tell whether in one layout the policy went to a slot although asked elsewhere, and was asked for different slots.
+
+    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not.
+    """
+    by_layout: dict[frozenset[tuple[str, str]], list[Choice]] = {}
+    for choice in choices:
+        by_layout.setdefault(choice.layout, []).append(choice)
+    for group in by_layout.values():
+        went = [c for c in group if c.slot == slot and c.right]
+        if len({c.right for c in went}) > 1 and any(not c.correct for c in went):
+            return True
+    return False
+
+
+def _rule_on(choice: Choice, rules: Sequence[Rule], proven: set[str], choices: Sequence[Choice]) -> Ruling:
+    """Return the ruling on one trial: the cheapest proven rule that fits it."""
+    if choice.correct or choice.slot is None:
+        return Ruling("rejected")
+    fits_word = _fits(WORD, choice)
+    place = f"place:{choice.slot}"
+    told_apart = place in proven or any(_fits(WORD, c) != _fits(place, c) for c in choices)
+    for rule in rules:
+        if rule.name not in proven or not _fits(rule.name, choice):
+            continue
+        if rule.name == WORD:
+            return Ruling("upheld" if told_apart else "open")
+        if rule.name == place:
+            return Ruling("rejected", place=True)
+        return Ruling("rejected")
+    return Ruling("open") if fits_word and not told_apart else Ruling("rejected")
+
+
+def _predicted(name: str, choice: Choice) -> frozenset[str]:
+    if name == WORD:
+        return choice.word_slots
+    if name == HABIT:
+        return choice.habit_slots
+    return frozenset((name.removeprefix("place:"),))
+
+
+def _fits(name: str, choice: Choice) -> bool:
+    return choice.slot is not None and choice.slot in _predicted(name, choice)
+
+
+def _judge(name: str, choices: Sequence[Choice], price: float) -> Rule:
+    """Return a rule with its likelihood at the best strength."""
+    log = np.zeros_like(_GRID)
+    explained = opportunities = errors_elsewhere = elsewhere = 0
+    for choice in choices:
+        predicted = _predicted(name, choice)
+        if not predicted:
+            log += math.log(_chance(choice, LIMITS.slip))
+            continue
+        fits = _fits(name, choice)
+        otherwise = _chance(choice, LIMITS.slip)
+        log += np.log(_GRID * fits + (1.0 - _GRID) * otherwise)
+        if predicted & choice.right:
+            elsewhere += 1
+            errors_elsewhere += not choice.correct and not fits
+        else:
+            opportunities += 1
+        explained += fits and not choice.correct
+    best = int(np.argmax(log))
+    return Rule(
+        name,
+        price - float(log[best]),
+        float(_GRID[best]),
+        explained,
+        max(opportunities, explained),
+        errors_elsewhere,
+        elsewhere,
+    )
+
+
+def _chance(choice: Choice, error_rate: float) -> float:
+    """Return the probability of a first attempt for a policy that errs at a rate and without direction."""
+    return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
+
+
+def _confusion(choices: Sequence[Choice]) -> float:
+    """Return the cost of plain confusion at its best rate of errors, which is at most that of guessing."""
+    if not choices:
+        return 0.0
+    guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))
+    rates = np.linspace(1e-3, max(2e-3, guessing), 100)
+    costs = [-sum(math.log(_chance(c, float(rate))) for c in choices) for rate in rates]
+    return min(costs)

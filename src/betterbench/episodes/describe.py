@@ -1,0 +1,67 @@
+"""What a record says about the trial it is of."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass
+
+import betterbench
+from betterbench.recording import RecordMetadata
+from betterbench.scenes import Scene, engine_version
+from betterbench.tasks import SUITE_VERSION, GoalTracker
+
+
+@dataclass(frozen=True, slots=True)
+class TrialContext:
+    """What a trial is called within a run.
+
+    Attributes:
+        policy: Address of the policy.
+        variation: Name of the variation, or None on a training condition.
+        axis: Axis of the variation, or None.
+        base_condition: Training condition the variation is derived from, or None.
+        interventions: The operations as text.
+        camera_preset: Name of the observation preset, or None where no picture is rendered.
+    """
+
+    policy: str
+    variation: str | None = None
+    axis: str | None = None
+    base_condition: str | None = None
+    interventions: tuple[str, ...] = ()
+    camera_preset: str | None = None
+
+
+def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> RecordMetadata:
+    """Return the metadata of an episode's record; a pure function of the trial, free of clocks and machine names."""
+    condition = scene.condition
+    return RecordMetadata(
+        task=scene.task.id,
+        task_version=scene.task.version,
+        suite_version=SUITE_VERSION,
+        package_version=betterbench.__version__,
+        condition=condition.name,
+        variation=context.variation,
+        axis=context.axis,
+        base_condition=context.base_condition,
+        interventions=context.interventions,
+        seed=scene.seed,
+        policy=context.policy,
+        instruction=condition.instruction.text,
+        expected=condition.expected.value,
+        action_space=scene.action_space.name,
+        action_components=scene.action_space.components,
+        control_rate_hz=scene.control_rate_hz,
+        camera_preset=context.camera_preset,
+        render_quality=None if context.camera_preset is None else scene.quality.name,
+        engine={
+            "simulator": "mujoco",
+            "mujoco": engine_version(),
+            "machine": platform.machine(),
+            "model": scene.compiled.content_hash,
+        },
+        scene_hash=scene.compiled.content_hash,
+        scene=scene.info,
+        predicate_names=tracker.relation_names,
+        subgoal_names=tracker.subgoal_names,
+    )

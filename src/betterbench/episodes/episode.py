@@ -1,0 +1,182 @@
+"""The loop: observe, act, step, judge, record, until the episode has ended."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from betterbench.episodes.describe import TrialContext, describe
+from betterbench.episodes.observer import Observer
+from betterbench.errors import InvalidActionError, InvalidInputError, PremiseError
+from betterbench.interface import EpisodeStart, Policy
+from betterbench.recording import Record, RecordBuilder, Termination
+from betterbench.scenes import Scene
+from betterbench.state import PrivilegedPolicy, WorldState
+from betterbench.tasks import GoalTracker, Truth
+
+logger = logging.getLogger(__name__)
+
+Mind = Policy | PrivilegedPolicy
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeResult:
+    """What an episode leaves behind.
+
+    Attributes:
+        record: The privileged record, a pure function of trial and policy.
+        wall: Wall-clock figures, which the record must not hold [s].
+    """
+
+    record: Record
+    wall: dict[str, float]
+
+
+@dataclass
+class _Answers:
+    """Asks a mind for actions and plays out the chunks it answers with."""
+
+    mind: Mind
+    scene: Scene
+    observer: Observer | None
+    chunk: list[np.ndarray] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
+    observe_s: float = 0.0
+
+    def next(self, state: WorldState) -> np.ndarray:
+        """Return the next action.
+
+        Raises:
+            InvalidActionError: If the answer is no array of actions.
+        """
+        if not self.chunk:
+            answer = self._ask(state)
+            actions = np.asarray(answer)
+            dim = self.scene.action_space.dim
+            if actions.ndim == 1 and actions.shape == (dim,):
+                actions = actions[None, :]
+            if actions.ndim != 2 or actions.shape[1] != dim or len(actions) == 0:
+                msg = (
+                    f"the policy answered an array of shape {np.shape(answer)}. {self.scene.action_space.name} wants "
+                    f"({dim},) or (horizon, {dim}) with at least one action."
+                )
+                raise InvalidActionError(msg)
+            self.chunk = list(actions)
+        return self.chunk.pop(0)
+
+    def _ask(self, state: WorldState) -> object:
+        began = time.perf_counter()
+        if self.observer is None:
+            answer: object = self.mind.act_on_state(state)  # type: ignore[union-attr]
+        else:
+            observation = self.observer.observe(self.scene, state)
+            self.observe_s += time.perf_counter() - began
+            began = time.perf_counter()
+            answer = self.mind.act(observation)  # type: ignore[union-attr]
+        self.latencies.append(time.perf_counter() - began)
+        return answer
+
+
+def run_episode(
+    scene: Scene,
+    mind: Mind,
+    *,
+    context: TrialContext,
+    observer: Observer | None = None,
+    on_step: Callable[[int], None] | None = None,
+) -> EpisodeResult:
+    """Run one episode from reset to its end.
+
+    Args:
+        scene: The scene; it is reset first, and its premise is checked.
+        mind: The policy. With an observer it is asked for ``act``, without one for ``act_on_state``.
+        context: What the trial is called within the run.
+        observer: Makes observations; None for a privileged policy.
+        on_step: Called with the number of each control step.
+
+    Returns:
+        The record and the wall-clock figures.
+
+    Raises:
+        PremiseError: If the scene does not show what the instruction presupposes.
+    """
+    began = time.perf_counter()
+    state = scene.reset()
+    tracker = GoalTracker(
+        scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
+    )
+    builder = RecordBuilder(describe(scene, tracker, context))
+    truth = tracker.update(state)
+    _append(builder, scene, state, truth, None, None)
+    answers = _Answers(mind, scene, observer)
+    limit = scene.task.step_limit(scene.condition)
+    termination: Termination = "step_limit"
+    error: str | None = None
+    clipped = 0
+    try:
+        if observer is not None:
+            mind.reset(  # type: ignore[union-attr]
+                EpisodeStart(scene.condition.instruction.text, scene.seed, scene.action_space.name)
+            )
+        while state.step < limit and not truth.success:
+            action = np.asarray(answers.next(state))
+            applied = scene.step(action)
+            clipped += not np.array_equal(applied, action)
+            state = scene.state()
+            truth = tracker.update(state)
+            _append(builder, scene, state, truth, action.astype(np.float64), applied)
+            if on_step is not None:
+                on_step(state.step)
+        if truth.success:
+            termination = "success"
+    except (KeyboardInterrupt, PremiseError, InvalidInputError):
+        raise
+    except Exception as problem:  # noqa: BLE001 - the episode boundary: whatever a policy does, the run goes on
+        termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
+        logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
+    record = builder.finish(
+        termination=termination,
+        success=truth.success and termination == "success",
+        error=error,
+        clipped_actions=clipped,
+        invalid_actions=int(termination == "policy_error" and (error or "").startswith("InvalidActionError")),
+    )
+    return EpisodeResult(record, _wall_figures(answers, time.perf_counter() - began))
+
+
+def _append(
+    builder: RecordBuilder,
+    scene: Scene,
+    state: WorldState,
+    truth: Truth,
+    action: np.ndarray | None,
+    applied: np.ndarray | None,
+) -> None:
+    data = scene.data
+    builder.append(
+        state,
+        qpos=data.qpos,
+        qvel=data.qvel,
+        ctrl=data.ctrl,
+        action=action,
+        applied=applied,
+        predicates=truth.relations,
+        subgoals=truth.subgoals,
+        goal=truth.goal,
+        forbidden=truth.forbidden,
+    )
+
+
+def _wall_figures(answers: _Answers, total: float) -> dict[str, float]:
+    latencies = np.array(answers.latencies or [0.0])
+    return {
+        "duration_s": round(total, 6),
+        "policy_s": round(float(latencies.sum()), 6),
+        "policy_latency_p50_s": round(float(np.median(latencies)), 6),
+        "policy_latency_max_s": round(float(latencies.max()), 6),
+        "observe_s": round(answers.observe_s, 6),
+    }

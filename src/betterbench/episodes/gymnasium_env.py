@@ -1,0 +1,191 @@
+"""Every task as a Gymnasium environment: ``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from betterbench.episodes.observer import Observer
+from betterbench.errors import InvalidInputError
+from betterbench.interface import ObservationSpec, observation_spec
+from betterbench.interface.actions import action_space as action_space_named
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.state import WorldState
+from betterbench.tasks import Condition, GoalTracker, Truth, get_task, task_names
+
+NAMESPACE = "BeTTER"
+
+
+def environment_id(task: str) -> str:
+    """Return the Gymnasium id of a task ("fast_food" to "BeTTER/FastFood-v0")."""
+    return f"{NAMESPACE}/{''.join(part.capitalize() for part in task.split('_'))}-v0"
+
+
+class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
+    """One task under one condition; every reset is one seed of it.
+
+    Observation: a dictionary with one (height, width, 3) uint8 picture per camera, ``joint_positions`` (7,) [rad],
+    ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
+    The sentence is in ``info["instruction"]``. Reward: 1 at the step of success, else 0. Nothing privileged is observed;
+    ``info`` holds the truth for training and evaluation code that wants it.
+
+    Args:
+        task: Task id.
+        variation: Name of a variation, or of a training condition; default the first training condition.
+        observation: Name of an observation preset.
+        action_space: Name of an action space.
+        quality: Name of a render preset.
+        render_mode: "rgb_array" for pictures of the front camera.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's own convention
+
+    def __init__(
+        self,
+        task: str,
+        *,
+        variation: str | None = None,
+        observation: str = "default",
+        action_space: str = "ee_delta",
+        quality: str = "standard",
+        render_mode: str | None = None,
+    ) -> None:
+        """Look everything up; scenes are compiled at reset."""
+        if render_mode not in (None, "rgb_array"):
+            raise InvalidInputError("render_mode", f"{render_mode!r} is not offered", "Use 'rgb_array' or None")
+        self._task = get_task(task)
+        self._condition = self._find(variation)
+        self._spec: ObservationSpec = observation_spec(observation)
+        self._actions = action_space_named(action_space)
+        self._quality = quality_preset(quality)
+        self.render_mode = render_mode
+        self._observer = Observer(self._spec)
+        self._renderer: Renderer | None = None
+        self._scene: Scene | None = None
+        self._tracker: GoalTracker | None = None
+        low, high = np.array(self._actions.low), np.array(self._actions.high)
+        self.action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        unbounded = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4, "gripper_width": 1}
+        self.observation_space = spaces.Dict(
+            {
+                **{c.name: spaces.Box(0, 255, (c.height, c.width, 3), np.uint8) for c in self._spec.cameras},
+                **{name: spaces.Box(-np.inf, np.inf, (n,), np.float64) for name, n in unbounded.items()},
+            }
+        )
+
+    def _find(self, name: str | None) -> Condition:
+        if name is None:
+            return self._task.training[0]
+        if name.startswith("train"):
+            return self._task.train(name)
+        return vary(self._task, self._task.variation(name))[0]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Start a trial.
+
+        Args:
+            seed: Seed of the trial: seed 3 here is trial 3 of ``better eval``. Without one, the next is drawn from the
+                environment's own generator.
+            options: Not used.
+
+        Returns:
+            Observation and info.
+        """
+        super().reset(seed=seed)
+        del options
+        trial = int(self.np_random.integers(1 << 31)) if seed is None else seed
+        self._scene = Scene(
+            self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality
+        )
+        state = self._scene.reset()
+        self._tracker = GoalTracker(
+            self._condition,
+            self._scene.info,
+            template=self._task.template,
+            control_rate_hz=self._scene.control_rate_hz,
+        )
+        truth = self._tracker.update(state)
+        return self._observe(state), self._info(state, truth, trial)
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Execute one action for one control step.
+
+        Raises:
+            InvalidInputError: If the environment was not reset.
+            InvalidActionError: If the action cannot be executed.
+        """
+        scene, tracker = self._scene, self._tracker
+        if scene is None or tracker is None:
+            raise InvalidInputError("step", "the environment was not reset", "Call reset first")
+        scene.step(np.asarray(action, dtype=np.float64))
+        state = scene.state()
+        truth = tracker.update(state)
+        truncated = not truth.success and state.step >= self._task.step_limit(self._condition)
+        return (
+            self._observe(state),
+            float(truth.success),
+            truth.success,
+            truncated,
+            self._info(state, truth, scene.seed),
+        )
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """Return the front camera's picture, (256, 256, 3) uint8, in mode "rgb_array"."""
+        if self.render_mode is None or self._scene is None:
+            return None
+        if self._renderer is None or self._renderer.model is not self._scene.model:
+            if self._renderer is not None:
+                self._renderer.close()
+            self._renderer = Renderer(self._scene.model, quality=self._quality)
+        return self._renderer.render(self._scene.data, "front").rgb
+
+    def close(self) -> None:
+        """Free all renderers."""
+        self._observer.close()
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _observe(self, state: WorldState) -> dict[str, Any]:
+        if self._scene is None:
+            raise AssertionError("an observation is made after reset only")
+        seen = self._observer.observe(self._scene, state)
+        return {
+            **seen.images,
+            "joint_positions": seen.joint_positions,
+            "joint_velocities": seen.joint_velocities,
+            "ee_position": seen.ee_position,
+            "ee_quaternion": seen.ee_quaternion,
+            "gripper_width": np.array([seen.gripper_width]),
+        }
+
+    def _info(self, state: WorldState, truth: Truth, trial: int) -> dict[str, Any]:
+        names = self._tracker.subgoal_names if self._tracker is not None else ()
+        return {
+            "instruction": self._condition.instruction.text,
+            "condition": self._condition.id,
+            "seed": trial,
+            "step": state.step,
+            "success": truth.success,
+            "subgoals": dict(zip(names, truth.subgoals, strict=True)),
+        }
+
+
+def register() -> None:
+    """Register every task with Gymnasium; the entry point of the package does so when Gymnasium is imported."""
+    for task in task_names():
+        name = environment_id(task)
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="betterbench.episodes.gymnasium_env:TaskEnv",
+                kwargs={"task": task},
+                disable_env_checker=False,
+            )

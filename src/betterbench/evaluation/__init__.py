@@ -1,0 +1,22 @@
+"""Evaluation: a plan of trials, run by worker processes into a folder that survives anything."""
+
+from betterbench.evaluation.agents import PolicyEntry, check_policy, known_policies
+from betterbench.evaluation.films import Shot, render_shots
+from betterbench.evaluation.plan import Plan, Trial, make_plan
+from betterbench.evaluation.replay import ReplayCheck, check_record
+from betterbench.evaluation.runner import Progress, evaluate
+
+__all__ = [
+    "Plan",
+    "PolicyEntry",
+    "Progress",
+    "ReplayCheck",
+    "Shot",
+    "Trial",
+    "check_policy",
+    "check_record",
+    "evaluate",
+    "known_policies",
+    "make_plan",
+    "render_shots",
+]

@@ -1,0 +1,106 @@
+"""From a policy's address to a mind for one episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.episodes.episode import Mind
+from betterbench.errors import UnknownNameError
+from betterbench.evaluation.plan import Trial
+from betterbench.experts import EXPERTS, make_expert
+from betterbench.interface import Policy
+from betterbench.policies import Noop, Random, Replay, load_plugin
+from betterbench.scenes import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyEntry:
+    """One policy as ``better list policies`` shows it.
+
+    Attributes:
+        address: How to ask for it.
+        summary: What it is, one sentence.
+        privileged: True if it sees the truth instead of observations.
+    """
+
+    address: str
+    summary: str
+    privileged: bool
+
+
+_PLAIN = {
+    "noop": PolicyEntry("noop", "Never moves.", privileged=False),
+    "random": PolicyEntry("random", "A seeded random walk with a gripper that opens and closes.", privileged=False),
+}
+_PREFIXES = {
+    "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
+    "python": PolicyEntry("python:MODULE:CLASS", "A class of yours with info, reset and act.", privileged=False),
+}
+
+
+def known_policies() -> tuple[PolicyEntry, ...]:
+    """Return all policies that can be asked for."""
+    privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
+    return (*privileged, *_PLAIN.values(), *_PREFIXES.values())
+
+
+def check_policy(address: str) -> None:
+    """Check that an address means something, before a run is planned for it.
+
+    Raises:
+        UnknownNameError: If it does not.
+        InvalidInputError: If a plugin cannot be loaded.
+    """
+    if address in EXPERTS or address in _PLAIN or address.startswith("replay:"):
+        return
+    if address.startswith("python:"):
+        load_plugin(address.removeprefix("python:"))
+        return
+    raise UnknownNameError("policy", address, (e.address for e in known_policies()))
+
+
+def is_privileged(address: str) -> bool:
+    """Tell whether a policy sees the truth instead of observations."""
+    return address in EXPERTS
+
+
+class Minds:
+    """Makes minds for the episodes of one worker; policies that keep weights or connections are made once."""
+
+    def __init__(self, address: str) -> None:
+        """Prepare for one policy.
+
+        Raises:
+            UnknownNameError: If there is no such policy.
+        """
+        check_policy(address)
+        self.address = address
+        self._kept: Policy | None = None
+
+    def mind(self, scene: Scene, trial: Trial) -> Mind:
+        """Return the mind for one episode.
+
+        Args:
+            scene: The scene of the episode.
+            trial: The trial.
+        """
+        if is_privileged(self.address):
+            return make_expert(self.address, scene)
+        if self.address.startswith("replay:"):
+            return Replay(
+                self.address.removeprefix("replay:"),
+                task=trial.task,
+                condition=trial.condition,
+                base=trial.base_condition or trial.condition,
+                seed=trial.seed,
+            )
+        if self._kept is None:
+            self._kept = self._make()
+        return self._kept
+
+    def _make(self) -> Policy:
+        if self.address == "noop":
+            return Noop()
+        if self.address == "random":
+            return Random()
+        return load_plugin(self.address.removeprefix("python:"))

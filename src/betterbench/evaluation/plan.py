@@ -1,0 +1,162 @@
+"""The plan of a run: which trials, under which conventions. It is written before the first trial starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import betterbench
+from betterbench.errors import InvalidInputError
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import action_space as action_space_named
+from betterbench.interventions import vary
+from betterbench.scenes import CONTROL_RATE_HZ, engine_version
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import SUITE_VERSION, Condition, Task, get_task, task_names
+
+PLAN_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One planned trial.
+
+    Attributes:
+        task: Task id.
+        condition: Name of the condition: a variation's name or a training condition's.
+        variation: Name of the variation, or None on a training condition.
+        axis: Axis of the variation, or None.
+        base_condition: Training condition a variation is derived from, or None.
+        seed: Seed.
+        expected: What a right policy does.
+    """
+
+    task: str
+    condition: str
+    variation: str | None
+    axis: str | None
+    base_condition: str | None
+    seed: int
+    expected: str
+
+    def resolve(self) -> tuple[Task, Condition, tuple[str, ...]]:
+        """Return the task, the condition and the interventions as text."""
+        task = get_task(self.task)
+        if self.variation is None:
+            return task, task.train(self.condition), ()
+        variation = task.variation(self.variation)
+        return task, vary(task, variation)[0], tuple(str(i) for i in variation.interventions)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything that makes a run what it is; the same plan resumes it, another one is refused.
+
+    Attributes:
+        policy: Address of the policy.
+        trials: Trials in plan order.
+        action_space: Name of the action space.
+        observation: Name of the observation preset.
+        quality: Name of the render preset.
+        robot: Name of the robot.
+    """
+
+    policy: str
+    trials: tuple[Trial, ...]
+    action_space: str
+    observation: str
+    quality: str
+    robot: str = "panda"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with every version and convention that decides about results."""
+        return {
+            "plan_version": PLAN_VERSION,
+            "package_version": betterbench.__version__,
+            "suite_version": SUITE_VERSION,
+            "engine": {"mujoco": engine_version()},
+            "task_versions": {name: get_task(name).version for name in sorted({t.task for t in self.trials})},
+            "policy": self.policy,
+            "action_space": self.action_space,
+            "observation": observation_spec(self.observation).to_json(),
+            "quality": quality_preset(self.quality).to_json(),
+            "robot": self.robot,
+            "control_rate_hz": CONTROL_RATE_HZ,
+            "trials": [asdict(t) for t in self.trials],
+        }
+
+
+def make_plan(
+    policy: str,
+    *,
+    tasks: Sequence[str] = (),
+    variations: Sequence[str] = (),
+    trials: int = 20,
+    seed: int = 0,
+    action_space: str = "ee_delta",
+    observation: str = "default",
+    quality: str = "standard",
+) -> Plan:
+    """Return the plan of a run.
+
+    Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as many
+    trials in all as its variations, evenly shared. The first of them are the counterfactual twins of the variations.
+
+    Args:
+        policy: Address of the policy.
+        tasks: Task ids; all tasks if empty.
+        variations: Names of variations to keep ("L1", "fast_food/T1"); all if empty.
+        trials: Trials per variation.
+        seed: First seed.
+        action_space: Name of the action space.
+        observation: Name of the observation preset.
+        quality: Name of the render preset.
+
+    Raises:
+        InvalidInputError: If a number is out of range or nothing is left to run.
+        UnknownNameError: If a name is unknown.
+    """
+    if trials < 1:
+        raise InvalidInputError("--trials", f"{trials} is not positive", "Give at least 1")
+    if seed < 0:
+        raise InvalidInputError("--seed", f"{seed} is negative", "Give 0 or more")
+    action_space_named(action_space)
+    observation_spec(observation)
+    quality_preset(quality)
+    planned: list[Trial] = []
+    chosen = [get_task(name) for name in dict.fromkeys(tasks or task_names())]
+    _check_variations(chosen, variations)
+    for task in chosen:
+        kept = [v for v in task.variations if not variations or {v.name, f"{task.id}/{v.name}"} & set(variations)]
+        if not kept:
+            continue
+        bases = {v.base for v in kept}
+        training = [c for c in task.training if not variations or c.name in bases]
+        share = math.ceil(len(kept) * trials / len(training))
+        for v in kept:
+            planned += [
+                Trial(task.id, v.name, v.name, v.axis.value, v.base, s, v.expected.value)
+                for s in range(seed, seed + trials)
+            ]
+        for c in training:
+            planned += [
+                Trial(task.id, c.name, None, None, None, s, c.expected.value)
+                for s in range(seed, seed + max(share, trials))
+            ]
+    if not planned:
+        raise InvalidInputError("--variations", f"{', '.join(variations)} selects no trial", "Name other variations")
+    return Plan(policy, tuple(planned), action_space, observation, quality)
+
+
+def _check_variations(tasks: Sequence[Task], names: Sequence[str]) -> None:
+    known = {v.name for t in tasks for v in t.variations} | {f"{t.id}/{v.name}" for t in tasks for v in t.variations}
+    for name in names:
+        if name not in known:
+            from_task, _, short = name.rpartition("/")
+            task = get_task(from_task) if from_task else tasks[0]
+            task.variation(short)
+            raise InvalidInputError(
+                "--variations", f"{name!r} belongs to no task of this run", "Add its task with --tasks"
+            )

@@ -1,0 +1,50 @@
+"""Reference policies without a mind: do nothing, or do anything."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+
+
+class Noop:
+    """Never moves."""
+
+    info = PolicyInfo("noop", needs_images=False)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; there is nothing to forget."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the action that holds still with an open hand, shape (7,)."""
+        del observation
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+
+
+class Random:
+    """Moves at random, smoothly enough to get somewhere; the same seed gives the same walk."""
+
+    info = PolicyInfo("random", needs_images=False)
+
+    def __init__(self) -> None:
+        """Prepare a walk; it is seeded anew at every reset."""
+        self._draw = np.random.default_rng(0)
+        self._velocity = np.zeros(6)
+        self._gripper = -1.0
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Seed the walk by the seed and the sentence, which every trial has of its own."""
+        digest = hashlib.sha256(f"random|{start.seed}|{start.instruction}".encode()).digest()
+        self._draw = np.random.Generator(np.random.PCG64(int.from_bytes(digest[:8], "little")))
+        self._velocity = np.zeros(6)
+        self._gripper = -1.0
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next step of a random walk in velocity, shape (7,)."""
+        del observation
+        self._velocity = np.clip(0.9 * self._velocity + 0.15 * self._draw.standard_normal(6), -1.0, 1.0)
+        if self._draw.random() < 0.02:
+            self._gripper = -self._gripper
+        return np.concatenate([self._velocity, [self._gripper]])

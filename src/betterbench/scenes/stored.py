@@ -1,0 +1,93 @@
+"""Scenes on disk: the compiled model as MuJoCo writes it, and pictures of recorded states of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import RecordError
+from betterbench.scenes.rendering import Images, Renderer
+from betterbench.scenes.stage import Quality
+
+MODEL_FILE, INDEX_FILE = "model.mjb", "scene.json"
+
+
+def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
+    """Return the files of a compiled scene.
+
+    Args:
+        model: The compiled model.
+        content_hash: Hash of what went into it.
+
+    Returns:
+        The model in MuJoCo's binary form, and a small index that names the version that can read it.
+    """
+    buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    index = {"mujoco": mujoco.__version__, "hash": content_hash, "bodies": int(model.nbody), "geoms": int(model.ngeom)}
+    return {MODEL_FILE: buffer.tobytes(), INDEX_FILE: json.dumps(index, sort_keys=True).encode()}
+
+
+def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
+    """Return the model of a stored scene.
+
+    Args:
+        files: What :func:`scene_files` returned.
+
+    Raises:
+        RecordError: If a file is missing or malformed, or another version of MuJoCo wrote it.
+    """
+    try:
+        index = json.loads(files[INDEX_FILE])
+        binary = files[MODEL_FILE]
+        wrote = index["mujoco"]
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(f"stored scene: {error!r} is missing or malformed. Run the trial again to store it.") from error
+    if wrote != mujoco.__version__:
+        raise RecordError(
+            f"stored scene: MuJoCo {wrote} wrote it, {mujoco.__version__} is installed. "
+            f"Install mujoco=={wrote} to look at it."
+        )
+    try:
+        return mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
+    except ValueError as error:
+        raise RecordError(f"stored scene: MuJoCo cannot read it ({error}). Run the trial again to store it.") from error
+
+
+class StoredView:
+    """Draws recorded states of one stored scene."""
+
+    def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
+        """Prepare a renderer for a model; sizes in pixels."""
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._renderer = Renderer(model, width=width, height=height, quality=quality)
+
+    def draw(self, qpos: np.ndarray, camera: str, *, depth: bool = False, masks: bool = False) -> Images:
+        """Return the view of one recorded state.
+
+        Args:
+            qpos: (nq,) generalised positions of the record.
+            camera: Name of the camera.
+            depth: True to get distances.
+            masks: True to get instance masks.
+
+        Raises:
+            RecordError: If the record belongs to another model.
+        """
+        if qpos.shape != (self._model.nq,):
+            raise RecordError(
+                f"record: {qpos.shape[0]} positions do not fit a scene of {self._model.nq}; the scene is another one."
+            )
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        return self._renderer.render(self._data, camera, depth=depth, masks=masks)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
