@@ -32,6 +32,10 @@ class UnknownNameError(BetterError):
         super().__init__(f"Unknown {kind} {name!r}. {hint}Known: {listed}.")
         self.kind, self.name, self.known, self.closest = kind, name, tuple(names), tuple(close)
 
+    def __reduce__(self) -> tuple[type[UnknownNameError], tuple[str, str, tuple[str, ...]]]:
+        """Let the error travel from a worker process to the one that started it."""
+        return type(self), (self.kind, self.name, self.known)
+
 
 class InvalidInputError(BetterError):
     """A value, field or file given by the user cannot be used.
@@ -46,6 +50,10 @@ class InvalidInputError(BetterError):
         """Build the message."""
         super().__init__(f"{where}: {problem}. {cure.rstrip('.')}.")
         self.where, self.problem, self.cure = where, problem, cure
+
+    def __reduce__(self) -> tuple[type[InvalidInputError], tuple[str, str, str]]:
+        """Let the error travel from a worker process to the one that started it."""
+        return type(self), (self.where, self.problem, self.cure)
 
 
 class InvalidActionError(BetterError):

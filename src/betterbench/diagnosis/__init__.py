@@ -1,1 +1,30 @@
 """Diagnosis: from records alone, what each policy did right or wrong and for which reason."""
+
+from betterbench.diagnosis.limits import LIMITS, Limits
+from betterbench.diagnosis.run import diagnose_records, diagnose_run
+from betterbench.diagnosis.trial import diagnose_record, offline_truth
+from betterbench.diagnosis.verdict import (
+    Attempt,
+    Evidence,
+    Kind,
+    Label,
+    Metric,
+    RunDiagnosis,
+    TrialDiagnosis,
+)
+
+__all__ = [
+    "LIMITS",
+    "Attempt",
+    "Evidence",
+    "Kind",
+    "Label",
+    "Limits",
+    "Metric",
+    "RunDiagnosis",
+    "TrialDiagnosis",
+    "diagnose_record",
+    "diagnose_records",
+    "diagnose_run",
+    "offline_truth",
+]

@@ -1,4 +1,4 @@
-"""Grasp attempts: a closing gripper within reach of an object or of an empty slot, resolved from contacts and travel."""
+"""Grasp attempts: a gripper that closes within reach of an object or of an empty slot, resolved from contacts."""
 
 from __future__ import annotations
 

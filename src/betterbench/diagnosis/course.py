@@ -232,7 +232,8 @@ def _step(
     now = due[:1] if instruction.ordered else due
     needed = {i for g in now for i in meant[g] if not trace.there[row, i]}
     at = grasp.object if grasp.object is not None else grasp.aim
-    standing = _standing(trace, at, needed, {i for g in due for i in meant[g] if not trace.there[row, i]}, meant, known)
+    open_now = {i for g in due for i in meant[g] if not trace.there[row, i]}
+    standing = _standing(trace, at, needed=needed, due=open_now, meant=meant, known=known)
     goal = next((g for g in now if at in meant[g]), due[0] if due else None)
     slots = sorted(
         {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
@@ -257,6 +258,7 @@ def _pushed_away(trace: Trace, grasp: Grasp, needed: set[int]) -> bool:
 def _standing(
     trace: Trace,
     at: int | None,
+    *,
     needed: set[int],
     due: set[int],
     meant: tuple[tuple[int, ...], ...],

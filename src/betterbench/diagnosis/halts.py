@@ -13,8 +13,8 @@ from betterbench.tasks import THRESHOLDS
 def find_halt(course: Course) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy grasps again
-    is none.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy
+    grasps again is none.
 
     Args:
         course: The course of the episode.
@@ -23,7 +23,7 @@ def find_halt(course: Course) -> tuple[int, int] | None:
         First and last row of the halt.
     """
     trace = course.trace
-    still = _still(trace)
+    still = _still(trace) & ~_fingers_at_work(trace)
     for step in course.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
     last = max((s.grasp.end for s in course.steps), default=-1)
@@ -50,6 +50,13 @@ def _still(trace: Trace) -> Bools:
     for shift in range(window + 1):  # every row of a slow stretch counts as still
         still[shift : shift + len(slow)] |= slow
     return still
+
+
+def _fingers_at_work(trace: Trace) -> Bools:
+    """Return the rows at which the fingers travel: an arm that opens its hand in mid-air has not halted yet."""
+    working = np.zeros(trace.rows, dtype=np.bool_)
+    working[1:] = np.abs(np.diff(trace.width)) * trace.rate_hz > THRESHOLDS.halt_speed
+    return working
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:

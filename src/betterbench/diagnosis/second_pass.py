@@ -1,12 +1,13 @@
 """The second pass: which one rule explains the wrong first attempts of a policy in a task.
 
 Three kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
-with the most frequent first step; the *place* is always the same slot. A rule is judged as a policy that follows it with
-an unknown strength ``q`` and is right otherwise, apart from a small share of slips. Its cost is the negative
-log-likelihood of all first attempts at the best ``q``, so a rule that is applied in 30 % of the trials is found as well as
-one that is always applied, and right attempts where the rule predicts a wrong one count against it. A place rule pays for
-the choice of its slot. All rules compete with plain confusion: a policy that errs at one rate everywhere and without
-direction, no worse than by guessing.
+with the most frequent first step; the *place* is always the same slot. A rule is judged as a policy that follows it
+with an unknown strength ``q`` and is right otherwise, apart from a small share of slips. Its cost is the negative
+log-likelihood of all first attempts at the best ``q``, so a rule that is applied in 30 % of the trials is found as
+well as one that is always applied, and right attempts where the rule predicts a wrong one count against it. A place
+rule pays for the choice of its slot, because the slot is fitted to the trials and the other rules come from training.
+All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
+by guessing.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def judge_rules(choices: Mapping[str, Choice]) -> TaskRules:
     all_choices = [c for _, c in items]
     slots = sorted({c.slot for c in all_choices if c.slot is not None})
     names = [WORD, HABIT, *(f"place:{s}" for s in slots)]
-    price = math.log(max(2, len(slots) if len(slots) > 1 else max((c.places for c in all_choices), default=2)))
+    price = math.log(max((c.places for c in all_choices), default=2))
     rules = [_judge(name, all_choices, price if name.startswith("place:") else 0.0) for name in names]
     rank = {name: k for k, name in enumerate(names)}
     rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))

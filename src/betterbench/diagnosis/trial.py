@@ -103,8 +103,8 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
     """Return what one record proves alone.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
-    the label is then ``wrong_object``, and the evidence names the candidates. :func:`~betterbench.diagnosis.diagnose_run`
-    settles them.
+    the label is then ``wrong_object``, and the evidence names the candidates.
+    :func:`~betterbench.diagnosis.diagnose_run` settles them.
 
     Args:
         record: The record.
@@ -167,9 +167,7 @@ def offline_truth(record: Record) -> list[Truth]:
     """
     m = record.metadata
     setting = setting_of(m.task, m.variation or m.condition)
-    tracker = GoalTracker(
-        setting.condition, m.scene, template=setting.task.template, control_rate_hz=m.control_rate_hz
-    )
+    tracker = GoalTracker(setting.condition, m.scene, template=setting.task.template, control_rate_hz=m.control_rate_hz)
     return [tracker.update(state) for state in record.states()]
 
 

@@ -1,10 +1,11 @@
 """Evaluation: a plan of trials, run by worker processes into a folder that survives anything."""
 
 from betterbench.evaluation.agents import PolicyEntry, check_policy, known_policies
-from betterbench.evaluation.films import Shot, render_shots
+from betterbench.evaluation.films import Shot, render_shots, write_video
 from betterbench.evaluation.plan import Plan, Trial, make_plan
 from betterbench.evaluation.replay import ReplayCheck, check_record
 from betterbench.evaluation.runner import Progress, evaluate
+from betterbench.evaluation.show import show_comparison, show_condition, show_training
 
 __all__ = [
     "Plan",
@@ -19,4 +20,8 @@ __all__ = [
     "known_policies",
     "make_plan",
     "render_shots",
+    "show_comparison",
+    "show_condition",
+    "show_training",
+    "write_video",
 ]

@@ -35,6 +35,8 @@ CHECK_STEP_M = 0.03
 """Distance between configurations that are checked along a way."""
 MAX_JOINT_STEP_RAD = 0.6
 """Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
+COMFORT_RAD = 0.3
+"""Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
@@ -90,10 +92,11 @@ class Planner:
         """
         self._clearance.load(state)
         reasons: list[str] = []
-        for grasp_pose, width in self._grasps(state, name):
+        grasps = list(self._grasps(state, name))
+        for (grasp_pose, width), margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in grasps):
             opening = min(self._opening, width + 0.035)
             above = grasp_pose.translated(z=LIFT_M)
-            joints = self._reach(state.joint_positions, above)
+            joints = self._reach(state.joint_positions, above, margin=margin)
             if joints is None:
                 reasons.append("out of reach")
                 continue
@@ -128,10 +131,10 @@ class Planner:
         T_object_tcp = state.pose(name).inverse() @ state.ee_pose  # noqa: N806
         T_tcp_object = T_object_tcp.inverse()  # noqa: N806
         reasons: list[str] = []
-        for goal in goals:
+        for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
             release = goal.pose @ T_object_tcp
             above = release.translated(*goal.approach)
-            joints = self._reach(state.joint_positions, above)
+            joints = self._reach(state.joint_positions, above, margin=margin)
             if joints is None:
                 reasons.append("out of reach")
                 continue
@@ -207,9 +210,15 @@ class Planner:
                 down = normalise(multiply(from_yaw(yaw + flip), DOWN))
                 yield Pose((centre[0], centre[1], height), down), info.size_m[axis]
 
-    def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose) -> np.ndarray | None:
+    def _reach(
+        self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0
+    ) -> np.ndarray | None:
+        """Return joint angles that reach a pose and keep ``margin`` [rad] from the joint limits, or None."""
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
-        return result.q if result.converged else None
+        if not result.converged:
+            return None
+        free = min(float((result.q - self._ik.low).min()), float((self._ik.high - result.q).min()))
+        return result.q if free >= margin else None
 
     def _transit(
         self,

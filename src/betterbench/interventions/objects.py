@@ -46,7 +46,9 @@ def replace(condition: Condition, *, object: str, by: ObjectSpec) -> tuple[Condi
 
     Raises:
         InvalidInputError: If the object does not start in a slot.
+        UnknownNameError: If the condition has no such object.
     """
+    condition.object(object)
     slot = condition.layout.get(object)
     if slot is None:
         raise InvalidInputError(f"{condition.id} object {object!r}", "it starts in no slot", "Name one that does")

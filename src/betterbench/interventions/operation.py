@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks import Condition
 
 
@@ -51,11 +52,18 @@ def run_operation(condition: Condition, name: str, arguments: Mapping[str, Any])
 
     Raises:
         UnknownNameError: If there is no such operation.
+        InvalidInputError: If an argument is missing or unknown.
     """
     try:
         function = _OPERATIONS[name]
     except KeyError:
         raise UnknownNameError("intervention", name, _OPERATIONS) from None
+    signature = inspect.signature(function)
+    try:
+        signature.bind(condition, **arguments)
+    except TypeError as error:
+        wanted = ", ".join(list(signature.parameters)[1:])
+        raise InvalidInputError(f"{condition.id} {name}", str(error), f"Give exactly {wanted}") from None
     return function(condition, **arguments)
 
 

@@ -53,7 +53,7 @@ APPROACH = 0.5
 """Share of the way to a position limit that a joint may take in one control step."""
 
 SECOND_ITERATION_RAD = 0.03
-"""Joint step above which a control step takes a second iteration, with the new error and the Jacobian of the first [rad].
+"""Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
 Below it (about 2 cm at the tool) the first iteration leaves less than 0.4 mm, which the next control step takes up;
 after 3 cm the second brings what is left to 0.1 mm.
@@ -159,11 +159,11 @@ class ArmIK:
             high = np.maximum(np.minimum(high, highest), low)
         self._aim(target)
         hessian, jacobian, error = self._linearise(q, STEP_DAMPING)
-        moved = self._step(q, low, high, hessian, jacobian, error)
+        moved = self._step(q, low, high, (hessian, jacobian, error))
         if max(map(abs, (moved - q).tolist())) > SECOND_ITERATION_RAD:
             self._configuration.update(moved)
             error = self._weights * self._task.compute_error(self._configuration)
-            moved = self._step(moved, low, high, hessian, jacobian, error)
+            moved = self._step(moved, low, high, (hessian, jacobian, error))
         return moved
 
     def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -244,7 +244,7 @@ class ArmIK:
             low = np.maximum(self.low, q - _REACH_STEP_RAD)
             high = np.minimum(self.high, q + _REACH_STEP_RAD)
             before = q
-            q = self._step(q, low, high, *self._linearise(q, REACH_DAMPING))
+            q = self._step(q, low, high, self._linearise(q, REACH_DAMPING))
             settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
             tcp = self.forward(q)
             errors = (distance(tcp.position, target.position), angle_between(tcp.quaternion, target.quaternion))
@@ -276,11 +276,20 @@ class ArmIK:
         q: np.ndarray,
         low: np.ndarray,
         high: np.ndarray,
-        hessian: np.ndarray,
-        jacobian: np.ndarray,
-        error: np.ndarray,
+        problem: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return the joint angles after one step of the quadratic program inside the bounds."""
+        """Return the joint angles after one step of the quadratic program inside the bounds.
+
+        Args:
+            q: Present joint angles, shape (n,) [rad].
+            low: Lowest result, shape (n,) [rad].
+            high: Highest result, shape (n,) [rad].
+            problem: What :meth:`_linearise` returned, possibly with a newer error.
+
+        Returns:
+            New joint angles, shape (n,) [rad].
+        """
+        hessian, jacobian, error = problem
         gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)
         step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
         if flag < 1:

@@ -1,4 +1,4 @@
-"""The failure modes, one file each: a function from the course of an episode to the first evidence of the mode, or None."""
+"""The failure modes, one file each: from the course of an episode to the first evidence of the mode, or None."""
 
 from betterbench.diagnosis.modes import (
     behavioral_inertia,

@@ -47,5 +47,6 @@ def _empty(course: Course, step: Step) -> Evidence | None:
     if not words and not kinds:
         return None
     what = repr(words[0]) if words else f"the {' or the '.join(kinds)}"
-    text = f"The hand closes on nothing at slot {slot!r}, where {what} was picked in training; {course.asked_for(step)}."
+    asked = course.asked_for(step)
+    text = f"The hand closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
     return course.at_step("air_grasp_at_memorised_slot", text, step)

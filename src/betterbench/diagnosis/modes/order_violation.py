@@ -30,7 +30,10 @@ def _completed_in_wrong_order(course: Course) -> Evidence | None:
     first = [int(np.argmax(column)) if column.any() else None for column in done.T]
     late: list[tuple[int, int]] = []
     for g, row in enumerate(first):
-        if row is not None and any(e is None or e > row for e in first[:g]):
+        if row is None:
+            continue
+        possible = course.open_goals(row)
+        if any(e > row if e is not None else j in possible for j, e in enumerate(first[:g])):
             late.append((row, g))
     if not late:
         return None

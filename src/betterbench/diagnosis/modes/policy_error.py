@@ -1,4 +1,4 @@
-"""Policy error: the policy crashed, answered too late or sent an invalid action; never counted as a failure of reasoning."""
+"""Policy error: the policy crashed, answered too late or sent an invalid action; never a failure of reasoning."""
 
 from __future__ import annotations
 

@@ -12,10 +12,10 @@ def find(course: Course) -> Evidence | None:
     for step in course.steps:
         if step.standing is Standing.FOREIGN:
             shared = shares(course, step)
-            with_target = f"it shares the target's {', '.join(shared)}" if shared else "it shares nothing with the target"
+            common = f"the target's {', '.join(shared)}" if shared else "nothing with the target"
             text = (
                 f"It goes for {course.describe(step)}, which no instruction of this task means, although "
-                f"{course.asked_for(step)}; {with_target}."
+                f"{course.asked_for(step)}; it shares {common}."
             )
             return course.at_step("object_that_no_instruction_means", text, step, shared=shared)
     return None

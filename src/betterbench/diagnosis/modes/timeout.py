@@ -1,9 +1,10 @@
-"""Timeout: the right course, and the step limit is reached; or the last word where everything was done and yet not right."""
+"""Timeout: the right course, and the step limit is reached; and the case of all steps done and yet no goal."""
 
 from __future__ import annotations
 
 from betterbench.diagnosis.course import Course
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks import Expected
 
 
 def find(course: Course, *, limit_reached: bool) -> Evidence | None:
@@ -25,6 +26,8 @@ def unexplained(course: Course) -> Evidence:
     """Return the evidence of an execution that did every step and still missed the goal."""
     last = course.trace.rows - 1
     text = "Every attempt was right, and yet the goal does not hold at the end."
+    if course.condition.expected is not Expected.SUCCEED:
+        text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
     return course.evidence("goal_not_held", text, rows=(last, last))
 
 

@@ -1,4 +1,4 @@
-"""Visual layout bias: the first attempt goes to the same place whatever the instruction. A verdict over paired trials."""
+"""Visual layout bias: the first attempt goes to the same place whatever is asked. A verdict over paired trials."""
 
 from __future__ import annotations
 

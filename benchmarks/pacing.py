@@ -1,0 +1,245 @@
+"""Measuring an episode from inside: a mind that plays given actions and gives the clock to a reference in turn.
+
+What is timed is the library's own loop, :func:`betterbench.episodes.run_episode`, and no copy of it: from the moment in
+which the mind hands out an action to the moment in which it is asked for the next one. That is the controller, the
+physics, the privileged state, the predicates, the record and, with an observer, the pictures; in short everything but
+the policy. After every few control steps the mind runs the reference for as many steps, so that both sides meet the
+same load of the machine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.experts import make_expert
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.interface.actions import action_space
+from betterbench.recording import Record
+from betterbench.scenes import Scene, renderer_fingerprint
+from betterbench.scenes.stage import Quality
+from betterbench.state import WorldState
+from betterbench.tasks import get_task
+
+CONTEXT = TrialContext(
+    policy="bench", variation=None, axis=None, base_condition=None, interventions=(), camera_preset=None
+)
+
+Reference = Callable[[int, int], float]
+"""``reference(first, last)`` runs control steps ``first`` to ``last - 1`` its own way and returns the seconds."""
+
+
+class EnoughMeasured(BaseException):
+    """Raised by a mind to leave the loop, which lets through whatever is no Exception."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """An episode of the expert, to be played again.
+
+    Attributes:
+        scene: The scene, which every repeat resets.
+        record: What happened; a repeat does the same, bit for bit.
+    """
+
+    scene: Scene
+    record: Record
+
+    @property
+    def actions(self) -> np.ndarray:
+        """(T, 7) actions."""
+        return self.record.action[1:]
+
+    @property
+    def controls(self) -> np.ndarray:
+        """(T, nu) actuator commands, which are all that the physics gets to see of the actions."""
+        return self.record.ctrl[1:]
+
+
+def rehearse(task_name: str, quality: Quality, *, seed: int = 0) -> Rehearsal:
+    """Let the expert solve a task's first training condition once; it also warms every cache.
+
+    Args:
+        task_name: Task id.
+        quality: Render quality of the scene.
+        seed: Seed of the trial.
+    """
+    task = get_task(task_name)
+    scene = Scene(task, task.training[0], seed=seed, action_space=action_space("ee_delta"), quality=quality)
+    return Rehearsal(scene, run_episode(scene, make_expert("expert", scene), context=CONTEXT).record)
+
+
+@dataclass(slots=True)
+class PacedMind:
+    """A mind that plays actions and runs a reference in between; it answers with and without observations.
+
+    Attributes:
+        actions: (T, 7) actions to play.
+        reference: What to compare with.
+        every: Control steps between two turns of the reference.
+        limit: Control steps after which the episode is left.
+        own_s: Seconds of each block of ``every`` control steps of the loop.
+        reference_s: Seconds of the reference for each block.
+    """
+
+    actions: np.ndarray
+    reference: Reference
+    every: int
+    limit: int
+    own_s: list[float] = field(default_factory=list)
+    reference_s: list[float] = field(default_factory=list)
+    _step: int = 0
+    _block_s: float = 0.0
+    _left: float = 0.0
+
+    info = PolicyInfo("bench", needs_images=True)
+    name = "bench"
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; there is nothing to prepare."""
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next action, shape (7,)."""
+        del observation
+        return self._turn()
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action, shape (7,)."""
+        del state
+        return self._turn()
+
+    def _turn(self) -> np.ndarray:
+        step = self._step
+        if step:
+            self._block_s += time.perf_counter() - self._left
+            if step % self.every == 0:
+                self.own_s.append(self._block_s)
+                self._block_s = 0.0
+                self.reference_s.append(self.reference(step - self.every, step))
+        if step >= min(self.limit, len(self.actions)):
+            raise EnoughMeasured
+        action: np.ndarray = self.actions[step]
+        self._step += 1
+        self._left = time.perf_counter()
+        return action
+
+
+def play(rehearsal: Rehearsal, reference: Reference, *, every: int, limit: int, observer: Observer | None) -> PacedMind:
+    """Play a rehearsed episode through the library's loop and return the mind with its figures.
+
+    Args:
+        rehearsal: The episode.
+        reference: What to compare with.
+        every: Control steps between two turns of the reference.
+        limit: Control steps after which the episode is left.
+        observer: Makes the pictures, or None.
+    """
+    mind = PacedMind(rehearsal.actions, reference, every, limit)
+    with contextlib.suppress(EnoughMeasured):
+        run_episode(rehearsal.scene, mind, context=CONTEXT, observer=observer)
+    return mind
+
+
+class RawPhysics:
+    """Nothing but ``mj_step`` on the same model, from the same state, under the same actuator commands.
+
+    The states are compared with the record after each turn: both sides have computed the same contacts.
+    """
+
+    def __init__(self, rehearsal: Rehearsal, *, views: RawViews | None = None) -> None:
+        """Prepare a state of its own.
+
+        Args:
+            rehearsal: The episode.
+            views: Pictures to draw after each control step, or None.
+        """
+        self._rehearsal, self._views = rehearsal, views
+        self._model = rehearsal.scene.model
+        self._data = mujoco.MjData(self._model)
+
+    def __call__(self, first: int, last: int) -> float:
+        """Run control steps ``first`` to ``last - 1`` and return the seconds.
+
+        Raises:
+            ValueError: If the motion is another one, so that the times mean nothing.
+        """
+        scene, record = self._rehearsal.scene, self._rehearsal.record
+        model, data, views, substeps = self._model, self._data, self._views, scene.physics_steps
+        if first == 0:
+            fresh = Scene(
+                scene.task, scene.condition, seed=scene.seed, action_space=scene.action_space, quality=scene.quality
+            )
+            mujoco.mj_copyData(data, model, fresh.data)
+        controls = self._rehearsal.controls
+        began = time.perf_counter()
+        for step in range(first, last):
+            data.ctrl[:] = controls[step]
+            mujoco.mj_step(model, data, nstep=substeps)
+            if views is not None:
+                views.draw(data)
+        seconds = time.perf_counter() - began
+        if not np.array_equal(data.qpos, record.qpos[last]):
+            raise ValueError(f"the raw physics took another course before control step {last}")
+        return seconds
+
+
+class RawViews:
+    """The same views drawn by MuJoCo's own functions, without anything around them."""
+
+    def __init__(self, model: mujoco.MjModel, quality: Quality, cameras: Sequence[str], *, size: int = 256) -> None:
+        """Upload the model into buffers of its own.
+
+        Args:
+            model: Compiled model.
+            quality: Render quality.
+            cameras: Names of the cameras.
+            size: Width and height [pixel].
+        """
+        renderer_fingerprint()  # makes the process's OpenGL context current, which this one shares
+        visual = model.vis
+        kept = visual.global_.offwidth, visual.global_.offheight, visual.quality.offsamples, visual.quality.shadowsize
+        visual.global_.offwidth = visual.global_.offheight = size
+        visual.quality.offsamples, visual.quality.shadowsize = quality.samples, quality.shadow_map_size
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        visual.global_.offwidth, visual.global_.offheight, visual.quality.offsamples, visual.quality.shadowsize = kept
+        self._model, self._scene = model, mujoco.MjvScene(model, maxgeom=model.ngeom + 16)
+        self._option = mujoco.MjvOption()
+        self._option.flags[:] = 0
+        self._option.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] = 1
+        self._option.flags[mujoco.mjtVisFlag.mjVIS_STATIC] = 1
+        self._option.sitegroup[:] = 0
+        self._scene.flags[:] = 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 1
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 1
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = int(quality.shadows)
+        self._cameras = []
+        for name in cameras:
+            camera = mujoco.MjvCamera()
+            camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(name).id
+            self._cameras.append(camera)
+        self._view = mujoco.MjrRect(0, 0, size, size)
+        self.pixels = [np.empty((size, size, 3), np.uint8) for _ in cameras]
+
+    def draw(self, data: mujoco.MjData) -> None:
+        """Draw all views into :attr:`pixels`, bottom row first.
+
+        Args:
+            data: State to show.
+        """
+        mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), self._context)
+        for camera, pixels in zip(self._cameras, self.pixels, strict=True):
+            mujoco.mjv_updateScene(
+                self._model, data, self._option, None, camera, int(mujoco.mjtCatBit.mjCAT_ALL), self._scene
+            )
+            mujoco.mjr_render(self._view, self._scene, self._context)
+            mujoco.mjr_readPixels(pixels, None, self._view, self._context)
+
+    def close(self) -> None:
+        """Free the buffers."""
+        self._context.free()

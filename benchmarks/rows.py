@@ -1,0 +1,386 @@
+"""The rows of the speed table: each measures one promise of the design as a ratio within this run."""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import multiprocessing
+import statistics
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from betterbench.diagnosis import diagnose_run
+from betterbench.episodes import Observer, describe
+from betterbench.evaluation import Progress, evaluate, make_plan
+from betterbench.interface import ObservationSpec, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
+from betterbench.recording.parquet import record_bytes
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import QUALITIES
+from betterbench.tasks import GoalTracker, get_task
+from pacing import CONTEXT, RawPhysics, RawViews, play, rehearse
+from peer import Peer, PeerUnavailableError
+
+TASKS = ("fast_food", "morning_coffee")
+"""Tasks of the camera-less rows: the one with the most movable objects and the one with the finest fixture."""
+
+PICTURE_TASK = "fast_food"
+"""Task of the rows with pictures: fifteen moving bodies and the most triangles."""
+
+BLOCK = 10
+"""Control steps between two turns of the reference, half a second of the episode."""
+
+RECORDS = 1200
+"""Trials of a full run: sixty variations with twenty seeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line of the table.
+
+    Attributes:
+        row: Name of the row it belongs to.
+        text: What was measured.
+        values: Repeats; empty if it could not be measured.
+        unit: Unit of the values ("x" for a ratio).
+        relation: How the median must compare with the bound.
+        bound: What must be reached, or None where nothing is promised.
+        note: What a reader should know, or why nothing was measured.
+    """
+
+    row: str
+    text: str
+    values: tuple[float, ...]
+    unit: str
+    relation: Literal["<=", ">="] = "<="
+    bound: float | None = None
+    note: str = ""
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats."""
+        return statistics.median(self.values)
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the median keeps the promise, or None where there is none or nothing was measured."""
+        if self.bound is None or not self.values:
+            return None
+        return self.median <= self.bound if self.relation == "<=" else self.median >= self.bound
+
+
+def step_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare the loop without cameras with the bare physics of the same motion."""
+    for task in TASKS:
+        rehearsal = rehearse(task, QUALITIES["fast"])
+        raw = RawPhysics(rehearsal)
+        ratios, own, physics = [], [], []
+        for _ in range(2 if quick else 7):
+            mind = play(rehearsal, raw, every=BLOCK, limit=len(rehearsal.actions), observer=None)
+            ratios.append(sum(mind.own_s) / sum(mind.reference_s))
+            own += [1e3 * s / BLOCK for s in mind.own_s]
+            physics += [1e3 * s / BLOCK for s in mind.reference_s]
+        note = f"{_range(own)} / {_range(physics)} ms, {len(rehearsal.actions)} steps an episode"
+        yield Figure("step", f"step without cameras / physics, {task}", tuple(ratios), "x", "<=", 1.25, note)
+
+
+def pixels_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare the loop with two cameras with the bare physics and the bare rendering of the same views."""
+    spec = observation_spec("default")
+    for quality in (QUALITIES["fast"], QUALITIES["standard"]):
+        rehearsal = rehearse(PICTURE_TASK, quality)
+        scene = rehearsal.scene
+        observer, views = Observer(spec), RawViews(scene.model, quality, [c.name for c in spec.cameras])
+        try:
+            _check_same_pictures(scene, observer, views)
+            raw = RawPhysics(rehearsal, views=views)
+            ratios, own, bare = [], [], []
+            for _ in range(2 if quick else 4):
+                mind = play(rehearsal, raw, every=BLOCK, limit=80 if quick else 160, observer=observer)
+                ratios.append(sum(mind.own_s) / sum(mind.reference_s))
+                own += [1e3 * s / BLOCK for s in mind.own_s]
+                bare += [1e3 * s / BLOCK for s in mind.reference_s]
+        finally:
+            views.close()
+            observer.close()
+        text = f"step with two cameras / (physics + render), {quality.name}"
+        yield Figure("pixels", text, tuple(ratios), "x", "<=", 1.05, f"{_range(own)} / {_range(bare)} ms")
+
+
+def _check_same_pictures(scene: Scene, observer: Observer, views: RawViews) -> None:
+    """Check that both sides draw the same pixels, so that their times may be compared.
+
+    Raises:
+        ValueError: If they do not.
+    """
+    seen = observer.observe(scene, scene.reset())
+    views.draw(scene.data)
+    for (name, image), pixels in zip(seen.images.items(), views.pixels, strict=True):
+        if not np.array_equal(image, pixels[::-1]):
+            raise ValueError(f"the bare rendering of camera {name!r} gives another picture")
+
+
+class PeerRows:
+    """The rows that compare with robosuite; they share one process of it, started on first use."""
+
+    def __init__(self) -> None:
+        self._peer: Peer | None = None
+        self._made: set[bool] = set()
+
+    def close(self) -> None:
+        """End the peer's process, if there is one."""
+        if self._peer is not None:
+            self._peer.__exit__(None, None, None)
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of the peer, empty if it did not run."""
+        return {} if self._peer is None else self._peer.versions
+
+    def colours(self, *, quick: bool) -> Iterator[Figure]:
+        """Compare control steps per second with two colour pictures each."""
+        yield from self._steps("peer-rgb", "two cameras, colours", everything=False, quick=quick)
+
+    def everything(self, *, quick: bool) -> Iterator[Figure]:
+        """Compare control steps per second with colours, depth and instance masks of two cameras."""
+        yield from self._steps("peer-all", "two cameras, colours + depth + masks", everything=True, quick=quick)
+
+    def reset(self, *, quick: bool) -> Iterator[Figure]:
+        """Measure the way to a new layout of a compiled scene, and compare it with the peer's."""
+        task, space, quality = get_task(PICTURE_TASK), action_space("ee_delta"), QUALITIES["standard"]
+        conditions = task.training
+        compiled: dict[str, tuple[int, int]] = {}
+        # Two trials with the same compiled scene and another layout: the first compiles it, the second is measured.
+        pairs = []
+        for seed, which in itertools.product(range(40), range(len(conditions))):
+            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
+            if scene.compiled.content_hash in compiled:
+                pairs.append((seed, which))
+            compiled.setdefault(scene.compiled.content_hash, (seed, which))
+            if len(pairs) == (6 if quick else 20):
+                break
+        observer = Observer(observation_spec("default"))
+        for seed, which in pairs:  # a renderer for each model, so that no upload is measured below
+            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
+            observer.observe(scene, scene.reset())
+        own, seen, ratios, seen_ratios = [], [], [], []
+        peer_every = max(1, len(pairs) // (2 if quick else 5))
+        failure = ""
+        for i, (seed, which) in enumerate(pairs):
+            began = time.perf_counter()
+            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
+            state = scene.reset()
+            own.append(time.perf_counter() - began)
+            observer.observe(scene, state)
+            seen.append(time.perf_counter() - began)
+            if i % peer_every == 0 and not failure:
+                try:
+                    theirs = self._get(everything=False).reset(everything=False)
+                except PeerUnavailableError as error:
+                    failure = str(error)
+                else:
+                    ratios.append(theirs / own[-1])
+                    seen_ratios.append(theirs / seen[-1])
+        observer.close()
+        ms = tuple(1e3 * s for s in own)
+        yield Figure("reset", "new layout of a compiled scene", ms, "ms", "<=", 15.0, "build, reset, check the premise")
+        note = f"peer not available: {failure}" if failure else "robosuite PickPlace, both without pictures of ours"
+        yield Figure("reset", "robosuite's reset / ours", tuple(ratios), "x", ">=", 100.0, note)
+        note = f"ours {_range([1e3 * s for s in seen])} ms with two pictures, as robosuite's reset draws them"
+        yield Figure("reset", "the same, with the first two pictures", tuple(seen_ratios), "x", note=note)
+
+    def _steps(self, row: str, text: str, *, everything: bool, quick: bool) -> Iterator[Figure]:
+        default = observation_spec("default")
+        spec = ObservationSpec("bench", default.cameras, depth=everything, masks=everything)
+        for quality, bound in ((QUALITIES["fast"], 10.0), (QUALITIES["standard"], 4.0)):
+            label = f"{text}, {quality.name}"
+            try:
+                peer = self._get(everything=everything)
+                rehearsal = rehearse(PICTURE_TASK, quality)
+                observer = Observer(spec)
+
+                def reference(_first: int, _last: int, peer: Peer = peer) -> float:
+                    return peer.step(1, everything=everything)
+
+                try:
+                    mind = play(rehearsal, reference, every=BLOCK, limit=50 if quick else 150, observer=observer)
+                finally:
+                    observer.close()
+            except PeerUnavailableError as error:
+                yield Figure(row, label, (), "x", ">=", bound, f"peer not available: {error}")
+                continue
+            ours = [BLOCK / s for s in mind.own_s]
+            theirs = [1.0 / s for s in mind.reference_s]
+            ratios = tuple(a / b for a, b in zip(ours, theirs, strict=True))
+            note = f"{_range(ours)} / {_range(theirs)} steps/s"
+            yield Figure(row, label, ratios, "x", ">=", bound, note)
+
+    def _get(self, *, everything: bool) -> Peer:
+        if self._peer is None:
+            self._peer = Peer()
+        if everything not in self._made:
+            self._peer.make(everything=everything)
+            self._made.add(everything)
+        return self._peer
+
+
+def record_row(*, quick: bool) -> Iterator[Figure]:
+    """Measure what recording costs: appending, finishing and encoding, as a share of the loop without cameras."""
+    for task_name in TASKS:
+        rehearsal = rehearse(task_name, QUALITIES["fast"])
+        scene, task = rehearsal.scene, rehearsal.scene.task
+        shares, rates, appends = [], [], []
+        for _ in range(2 if quick else 5):
+            tracker = GoalTracker(
+                scene.condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz
+            )
+            builder = RecordBuilder(describe(scene, tracker, CONTEXT))
+            state = scene.reset()
+            loop = recording = 0.0
+            action = applied = None
+            for step in range(len(rehearsal.actions) + 1):
+                began = time.perf_counter()
+                if step:
+                    action = rehearsal.actions[step - 1]
+                    applied = scene.step(action)
+                    state = scene.state()
+                truth = tracker.update(state)
+                stepped = time.perf_counter()
+                builder.append(
+                    state,
+                    qpos=scene.data.qpos,
+                    qvel=scene.data.qvel,
+                    ctrl=scene.data.ctrl,
+                    action=action,
+                    applied=applied,
+                    predicates=truth.relations,
+                    subgoals=truth.subgoals,
+                    goal=truth.goal,
+                    forbidden=truth.forbidden,
+                )
+                ended = time.perf_counter()
+                loop += ended - began
+                recording += ended - stepped
+            appends.append(1e6 * recording / len(builder))
+            began = time.perf_counter()
+            encoded = record_bytes(builder.finish(termination="success", success=True))
+            finishing = time.perf_counter() - began
+            shares.append(100.0 * (recording + finishing) / (loop + finishing))
+            seconds = len(rehearsal.actions) / scene.control_rate_hz
+            rates.append(len(encoded) / 1e3 / seconds)
+        note = f"append {_range(appends)} us a step; finishing and encoding shared out over the steps"
+        yield Figure("record", f"recording, share of a step, {task_name}", tuple(shares), "%", "<=", 5.0, note)
+        yield Figure("record", f"record per episode second, {task_name}", tuple(rates), "kB/s", "<=", 60.0)
+
+
+def workers_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare two worker processes with one on the same plan."""
+    ratios, notes = [], []
+    for _ in range(1 if quick else 2):
+        busy = {}
+        for workers in (1, 2):
+            busy[workers] = _busy_seconds(workers, trials=1 if quick else 2)
+        ratios.append(busy[1] / busy[2])
+        notes.append(f"{busy[1]:.1f} s / {busy[2]:.1f} s")
+    note = f"{'; '.join(notes)} from a worker's first trial to its last, its start left out"
+    yield Figure("workers", "one worker / two workers, fast_food, expert", tuple(ratios), "x", ">=", 1.8, note)
+
+
+def _busy_seconds(workers: int, *, trials: int) -> float:
+    """Return the mean time that a worker was at work, from the begin of its first trial to the end of its last [s].
+
+    A run in a process of its own, so that nothing is warm that would not be.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_evaluate_timed, args=(workers, trials, theirs))
+    process.start()
+    theirs.close()
+    try:
+        events: list[tuple[float, float, float]] = ours.recv()
+    finally:
+        process.join()
+    by_worker: dict[float, list[tuple[float, float]]] = defaultdict(list)
+    for ended, took, worker in events:
+        by_worker[worker].append((ended - took, ended))
+    return statistics.mean(spans[-1][1] - spans[0][0] for spans in by_worker.values())
+
+
+def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
+    """Run the plan and send (end, duration, worker) of each trial; this is the main function of the process."""
+    events: list[tuple[float, float, float]] = []
+
+    def note(progress: Progress) -> None:
+        if progress.last is not None:
+            wall = progress.last.wall
+            events.append((time.perf_counter(), wall["total_s"], wall["worker"]))
+
+    plan = make_plan("expert", tasks=[PICTURE_TASK], trials=trials, observation="state_only", quality="fast")
+    with tempfile.TemporaryDirectory() as folder:
+        evaluate(plan, Path(folder) / "run", workers=workers, on_progress=note)
+    answer.send(events)
+    answer.close()
+
+
+def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
+    """Measure diagnosis and report of a full run, made by giving the records of a small one many seeds."""
+    number = 240 if quick else RECORDS
+    plan = make_plan("zoo:lexical", tasks=TASKS, trials=1, observation="state_only", quality="fast")
+    with tempfile.TemporaryDirectory() as scratch:
+        small = evaluate(plan, Path(scratch) / "small", workers=2)
+        copies = number // len(plan.trials)
+        large_plan = replace(
+            plan, trials=tuple(replace(t, seed=t.seed + 1000 * c) for c in range(copies) for t in plan.trials)
+        )
+        large = RunFolder.start(Path(scratch) / "large", large_plan.to_json())
+        with large.journal() as journal:
+            for record in small.records():
+                m = record.metadata
+                for copy in range(copies):
+                    seed = m.seed + 1000 * copy
+                    large.write_record(replace(record, metadata=replace(m, seed=seed)))
+                    journal.append(JournalEntry(m.task, m.condition, m.variation, seed))
+        began = time.perf_counter()
+        diagnosis = diagnose_run(large)
+        diagnosed = time.perf_counter() - began
+        count = len(diagnosis.trials)
+        try:
+            write_report = importlib.import_module("betterbench.report").write_report
+        except (ImportError, AttributeError) as error:
+            note = f"diagnosis alone {diagnosed:.1f} s for {count} records; no report: {error}"
+            yield Figure("diagnosis", "diagnosis + report", (), "s", "<=", 30.0, note)
+            return
+        write_report([diagnosis], Path(scratch) / "report")
+        total = time.perf_counter() - began
+    note = f"{count} records; diagnosis {diagnosed:.1f} s"
+    scaled = total * RECORDS / count
+    if count != RECORDS:
+        note += f", scaled to {RECORDS} from {total:.1f} s"
+    yield Figure("diagnosis", f"diagnosis + report of {RECORDS} records", (scaled,), "s", "<=", 30.0, note)
+
+
+def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
+    """Return all rows by name, in the order of the table."""
+    return {
+        "step": step_row,
+        "pixels": pixels_row,
+        "peer-rgb": peer.colours,
+        "peer-all": peer.everything,
+        "reset": peer.reset,
+        "record": record_row,
+        "workers": workers_row,
+        "diagnosis": diagnosis_row,
+    }
+
+
+def _range(values: list[float]) -> str:
+    """Return "median [min-max]" with three digits."""
+    return f"{statistics.median(values):.3g} [{min(values):.3g}-{max(values):.3g}]"

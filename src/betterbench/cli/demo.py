@@ -1,0 +1,32 @@
+"""``better demo``: the expert and three broken policies on every task, and the report that tells them apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from betterbench.cli.console import OUT, say
+from betterbench.cli.evaluate import run_with_bar
+from betterbench.cli.report import build_report
+from betterbench.evaluation import make_plan
+
+POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
+
+
+def demo(*, out: Path = Path("runs/demo"), trials: int = 5, workers: int | None = None, films: int = 32) -> None:
+    """Evaluate the expert and three policies with a known fault, and report on them side by side.
+
+    Example: better demo --out runs/demo
+
+    Args:
+        out: Folder of the runs and the report.
+        trials: Trials per variation.
+        workers: Worker processes; one per processor if not given.
+        films: Largest number of film strips in the report.
+    """
+    runs = []
+    for policy in POLICIES:
+        plan = make_plan(policy, trials=trials)
+        runs.append(run_with_bar(plan, out / policy.replace(":", "-"), workers=workers))
+        say(f"{policy}: {len(plan.trials)} trials done")
+    page = build_report(runs, out / "report", latex=True, films=films)
+    OUT.print(f"report: {page}", markup=False, soft_wrap=True)

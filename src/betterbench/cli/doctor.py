@@ -1,0 +1,136 @@
+"""``better doctor``: what works here, with the cure for what does not."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import numpy as np
+
+from betterbench import __version__
+from betterbench.cli.console import OUT, print_json, print_table
+from betterbench.errors import BetterError
+from betterbench.interface.actions import EE_DELTA
+from betterbench.robots import robot_names
+from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
+from betterbench.tasks import all_tasks, get_task
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was tried.
+
+    Attributes:
+        name: What.
+        works: Whether it works.
+        detail: What was found.
+        cure: What to do if it does not work.
+    """
+
+    name: str
+    works: bool
+    detail: str
+    cure: str = ""
+
+
+def doctor(*, json: bool = False) -> None:
+    """Try everything that a run needs, and say how to mend what does not work. Exits with status 2 if something fails.
+
+    Example: better doctor
+
+    Args:
+        json: Print one JSON document instead of a table.
+    """
+    findings = [_try(name, check) for name, check in CHECKS.items()]
+    if json:
+        print_json([{"name": f.name, "works": f.works, "detail": f.detail, "cure": f.cure} for f in findings])
+    else:
+        print_table(["", "what", "found"], [["ok" if f.works else "NO", f.name, f.detail] for f in findings])
+        for finding in findings:
+            if not finding.works:
+                OUT.print(f"\n{finding.name}: {finding.cure}", markup=False)
+    broken = [f.name for f in findings if not f.works]
+    if broken:
+        raise BetterError(f"{', '.join(broken)}: not working here. The cure stands above.")
+
+
+def _try(name: str, check: Callable[[], str]) -> Finding:
+    try:
+        return Finding(name, True, check())
+    except BetterError as error:
+        return Finding(name, False, "does not work", str(error))
+    except Exception as error:  # noqa: BLE001 - a doctor reports whatever is broken
+        return Finding(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
+
+
+def _versions() -> str:
+    names = ("mujoco", "numpy", "mink", "pyarrow", "gymnasium")
+    listed = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
+    return f"betterbench {__version__}, Python {platform.python_version()}, {listed}"
+
+
+def _machine() -> str:
+    return f"{platform.platform()}, {os.cpu_count()} processors"
+
+
+def _tasks() -> str:
+    tasks = all_tasks()
+    return f"{len(tasks)} tasks, {sum(len(t.variations) for t in tasks)} variations, robots: {', '.join(robot_names())}"
+
+
+def _physics() -> str:
+    scene = _scene()
+    began = time.perf_counter()
+    steps = 100
+    for _ in range(steps):
+        scene.step(np.zeros(7))
+        scene.state()
+    return f"{steps / (time.perf_counter() - began):.0f} control steps per second (20 are real time)"
+
+
+def _rendering() -> str:
+    scene = _scene()
+    with Renderer(scene.model, quality=scene.quality) as renderer:
+        renderer.render(scene.data, "front")
+        began = time.perf_counter()
+        frames = 10
+        for _ in range(frames):
+            view = renderer.render(scene.data, "front")
+        rate = frames / (time.perf_counter() - began)
+    if view.rgb is None or view.rgb.std() < 5.0:
+        raise BetterError("The picture is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa.")
+    return f"{gl_backend()}, {renderer_fingerprint().get('renderer', '?')}, {rate:.0f} frames per second at 256 x 256"
+
+
+def _video() -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "probe.mp4"
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream("libx264", rate=20)
+            stream.width = stream.height = 64
+            stream.pix_fmt = "yuv420p"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")))
+            container.mux(stream.encode(None))
+        return f"H.264 ({path.stat().st_size} bytes written)"
+
+
+def _scene() -> Scene:
+    task = get_task("morning_coffee")
+    return Scene(task, task.training[0], seed=0, action_space=EE_DELTA)
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "versions": _versions,
+    "machine": _machine,
+    "suite": _tasks,
+    "physics": _physics,
+    "rendering": _rendering,
+    "video": _video,
+}

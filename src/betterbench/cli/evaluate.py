@@ -1,0 +1,104 @@
+"""``better eval``: run a policy over the suite."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.evaluation import Plan, Progress, make_plan
+from betterbench.evaluation import evaluate as run_plan
+from betterbench.recording import RunFolder
+from betterbench.statistics import Rate, percent, smallest_paired_difference
+
+
+def evaluate(
+    *,
+    policy: str,
+    out: Path,
+    tasks: tuple[str, ...] = (),
+    variations: tuple[str, ...] = (),
+    trials: int = 20,
+    seed: int = 0,
+    workers: int | None = None,
+    action_space: str = "ee_delta",
+    observation: str = "default",
+    quality: str = "standard",
+    json: bool = False,
+) -> None:
+    """Evaluate a policy. The same command goes on with an unfinished run.
+
+    Every variation runs with the same seeds, and the training conditions with as many trials in all; the first of them are the
+    counterfactual twins.
+
+    Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
+
+    Args:
+        policy: Address of the policy (see better list policies).
+        out: Folder of the run.
+        tasks: Tasks to run; all if none is named.
+        variations: Variations to run; all if none is named.
+        trials: Trials per variation.
+        seed: First seed.
+        workers: Worker processes; one per processor if not given.
+        action_space: Action space of the policy.
+        observation: Observation preset: default, official or state_only.
+        quality: Render preset: fast, standard or high.
+        json: Print one JSON document at the end.
+    """
+    plan = make_plan(
+        policy,
+        tasks=tasks,
+        variations=variations,
+        trials=trials,
+        seed=seed,
+        action_space=action_space,
+        observation=observation,
+        quality=quality,
+    )
+    smallest = smallest_paired_difference(trials).value
+    if smallest is not None:
+        say(
+            f"{len(plan.trials)} trials. With {trials} pairs, a variation has to differ from its twin by "
+            f"{100 * smallest:.0f} points to be found with 80 % power."
+        )
+    run = run_with_bar(plan, out, workers=workers)
+    summary = _summary(run)
+    if json:
+        print_json(summary)
+    else:
+        for name in ("training", "variations"):
+            k, n = summary[name]["k"], summary[name]["n"]
+            OUT.print(f"{name:<11} {_shown(k, n)}", markup=False)
+        OUT.print(f"run         {run.path}\nnext        better report {run.path}", markup=False)
+
+
+def run_with_bar(plan: Plan, out: Path, *, workers: int | None = None) -> RunFolder:
+    """Run a plan with a progress bar on standard error."""
+    with progress_bar(plan.policy, len(plan.trials)) as (bar, task):
+
+        def told(progress: Progress) -> None:
+            last = progress.last
+            note = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, completed=progress.done, note=note)
+
+        return run_plan(plan, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+
+
+def _summary(run: RunFolder) -> dict[str, dict[str, int]]:
+    counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
+    for entry in run.entries():
+        counts["errors"]["n"] += 1
+        counts["errors"]["k"] += entry.status == "error"
+    for record in run.records():
+        group = counts["training" if record.metadata.variation is None else "variations"]
+        group["n"] += 1
+        group["k"] += record.outcome.success
+    return counts
+
+
+def _shown(k: int, n: int) -> str:
+    rate = Rate(k, n)
+    if rate.value is None:
+        return "no trials"
+    return f"{percent(k, n)} % success ({k}/{n}, 95 % interval {100 * rate.low:.0f} to {100 * rate.high:.0f})"

@@ -1,0 +1,130 @@
+"""Findings: what several trials of a policy prove together, in sentences, and what the run cannot show."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+from betterbench.diagnosis.second_pass import HABIT, WORD, Rule, TaskRules
+from betterbench.diagnosis.verdict import Kind, Label, TrialDiagnosis
+from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
+
+_WHAT = {
+    Label.LEXICAL_KINEMATIC_SHORTCUT: "Goes where the word led in training, to another object",
+    Label.VISUAL_LAYOUT_BIAS: "Goes to the same place whatever the instruction",
+    Label.BEHAVIORAL_INERTIA: "Plays a step of training that was not asked for",
+    Label.CAUSAL_CONFUSION: "Skips a required step or repeats a finished one",
+    Label.SEMANTIC_FEATURE_COLLAPSE: "Goes for an object that no instruction means",
+    Label.ORDER_VIOLATION: "Does the right things in the wrong order",
+    Label.PHASE_CONFLICT: "Freezes or wanders where the scene looks like the middle of a demonstration",
+    Label.EARLY_HALT: "Stops for good with something left to do",
+    Label.WRONG_OBJECT: "Goes for a wrong object, by no proven rule",
+    Label.EXECUTION_FAILURE: "Chooses right and fails with the hand",
+    Label.TIMEOUT: "Is on the right course when the step limit ends the trial",
+}
+
+
+def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
+    """Return one sentence per task and failure mode, the most frequent first, reasoning before execution.
+
+    Args:
+        trials: All trials with their final labels.
+        rules: What the second pass found out, per task.
+    """
+    groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
+    planned: dict[tuple[str, str], int] = defaultdict(int)
+    for t in trials:
+        planned[t.task, t.variation or t.condition] += 1
+        if t.label in _WHAT:
+            groups[t.task, t.label].append(t)
+    ranked = sorted(
+        groups.items(),
+        key=lambda item: (item[0][1].kind is not Kind.REASONING, -len(item[1]), item[0][0], item[0][1].value),
+    )
+    sentences = []
+    for (task, label), members in ranked:
+        names = sorted({t.variation or t.condition for t in members})
+        n = sum(planned[task, name] for name in names)
+        subject = _WHAT[label]
+        if label is Label.SEMANTIC_FEATURE_COLLAPSE:
+            subject += _shared(members)
+        sentence = f"{subject}: {len(members)}/{n} trials of {task} {', '.join(names)}"
+        sentences.append(sentence + _proof(label, members, rules.get(task)) + ".")
+    return tuple(sentences)
+
+
+def find_notes(
+    trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules], missing: Sequence[str], pairs: int
+) -> tuple[str, ...]:
+    """Return what the run cannot show, one sentence each.
+
+    Args:
+        trials: All trials with their final labels.
+        rules: What the second pass found out, per task.
+        missing: Keys of planned trials without a record.
+        pairs: Number of trials with a twin in the run.
+    """
+    notes = []
+    if missing:
+        shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
+        notes.append(f"{len(missing)} planned trials have no record and count as policy_error: {shown}.")
+    for task, found in sorted(rules.items()):
+        if found.undecided:
+            notes.append(
+                f"{task}: in {found.undecided} trials the run lacks the pairs that tell 'the word leads there' from "
+                "'always the same place'; they keep the label wrong_object. Run the training conditions and all "
+                "variations of the task with the same seeds."
+            )
+    lonely = sum(t.variation is not None for t in trials) - pairs
+    if lonely:
+        notes.append(
+            f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; run their "
+            "training conditions with the same seeds."
+        )
+    if pairs:
+        smallest = smallest_paired_difference(pairs)
+        if smallest.value is None:
+            notes.append(f"{pairs} pairs cannot detect any difference at 80 % power ({smallest.assumption}).")
+        else:
+            notes.append(
+                f"The smallest difference that {pairs} pairs detect at 80 % power is "
+                f"{100 * smallest.value:.1f} percentage points ({smallest.assumption})."
+            )
+    return tuple(notes)
+
+
+def _shared(members: Sequence[TrialDiagnosis]) -> str:
+    """Return what the wrongly chosen objects share with the targets, most frequent combination first."""
+    counts: dict[tuple[str, ...], int] = defaultdict(int)
+    for t in members:
+        counts[t.evidence.shared] += 1
+    shared = min(counts, key=lambda s: (-counts[s], s))
+    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
+
+
+def _proof(label: Label, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
+    """Return the statistical support of a rule as a clause, or an empty text for labels that need none."""
+    if found is None:
+        return ""
+    if label is Label.LEXICAL_KINEMATIC_SHORTCUT:
+        rule = _rule(found, WORD)
+    elif label is Label.VISUAL_LAYOUT_BIAS:
+        slot = next((t.first_slot for t in members if t.first_slot is not None), None)
+        rule = _rule(found, f"place:{slot}")
+    elif label is Label.BEHAVIORAL_INERTIA:
+        rule = _rule(found, HABIT)
+    else:
+        return ""
+    if rule is None or rule.explained > rule.opportunities:
+        return ""
+    here, there = Rate(rule.explained, rule.opportunities), Rate(rule.errors_elsewhere, rule.elsewhere)
+    place = "" if rule.slot is None else f" (slot {rule.slot!r})"
+    text = f"; followed in {here.k}/{here.n} trials where that is wrong{place}"
+    if there.n:
+        p = fisher_p(here, there)
+        text += f", against {there.k}/{there.n} errors where it is right (Fisher's exact p = {p:.2g})"
+    return text
+
+
+def _rule(found: TaskRules, name: str) -> Rule | None:
+    return next((r for r in found.rules if r.name == name and r.name in found.upheld), None)

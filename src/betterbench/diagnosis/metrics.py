@@ -1,0 +1,143 @@
+"""The metrics of a run (suite, section 4), each with its count and its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from betterbench.diagnosis.verdict import Kind, Metric, TrialDiagnosis
+from betterbench.statistics import (
+    Difference,
+    PairedTable,
+    Rate,
+    delta_success_rate,
+    holm,
+    mcnemar_p,
+    paired_bootstrap,
+)
+from betterbench.tasks import Axis, stream
+
+Trials = Sequence[TrialDiagnosis]
+
+_RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
+    ("success_rate", lambda t: t.success),
+    ("intention_accuracy", lambda t: bool(t.intention_correct)),
+    ("reasoning_failure_rate", lambda t: t.kind is Kind.REASONING),
+    ("execution_failure_rate", lambda t: t.kind is Kind.EXECUTION),
+    ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
+)
+"""Rates over planned trials. One without a record is no success, shows no intention and stays in the denominator."""
+
+
+def compute_metrics(trials: Trials) -> tuple[Metric, ...]:
+    """Return all metrics of a run.
+
+    Args:
+        trials: One diagnosis per planned trial.
+
+    Returns:
+        Rates, distractor grasp rate and progress over every scope, ΔSR of recompositions, and illusion gaps.
+    """
+    metrics: list[Metric] = []
+    for scope, members in scopes(trials):
+        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, members)), len(members))) for n, f in _RATES]
+        metrics.append(_distractor_grasp_rate(scope, members))
+        metrics.append(_progress(scope, members))
+    metrics += _delta_success_rates(trials)
+    metrics += _illusion_gaps(trials)
+    return tuple(metrics)
+
+
+def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
+    """Yield every scope of a run with its trials (see :class:`~betterbench.diagnosis.Metric`)."""
+    varied = [t for t in trials if t.variation is not None]
+    yield "overall", varied
+    yield "training", [t for t in trials if t.variation is None]
+    for axis in Axis:
+        members = [t for t in varied if t.axis == axis.value]
+        if members:
+            yield f"axis:{axis.value}", members
+    for task in sorted({t.task for t in trials}):
+        mine = [t for t in trials if t.task == task]
+        if any(t.variation is not None for t in mine):
+            yield task, [t for t in mine if t.variation is not None]
+        if any(t.variation is None for t in mine):
+            yield f"{task}/training", [t for t in mine if t.variation is None]
+        for name in sorted({t.variation or t.condition for t in mine}):
+            yield f"{task}/{name}", [t for t in mine if (t.variation or t.condition) == name]
+
+
+def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
+    """Return every trial of a variation with its counterfactual twin, where the run holds it."""
+    by_key = {t.key: t for t in trials if t.variation is None}
+    return [(by_key[t.twin_key], t) for t in trials if t.twin_key is not None and t.twin_key in by_key]
+
+
+def _distractor_grasp_rate(scope: str, trials: Trials) -> Metric:
+    results = [a.result for t in trials for a in t.attempts if a.result != "null"]
+    return Metric.of_rate("distractor_grasp_rate", scope, Rate(results.count("distractor"), len(results)))
+
+
+def _progress(scope: str, trials: Trials) -> Metric:
+    values = [t.progress for t in trials]
+    generator = stream("diagnosis", 0, f"bootstrap:progress:{scope}")
+    mean = paired_bootstrap(values, [0.0] * len(values), generator=generator)
+    low, high = (max(0.0, mean.low), mean.high)
+    return Metric("progress", scope, None, len(values), mean.value, low, high, method="bootstrap")
+
+
+def _delta_success_rates(trials: Trials) -> list[Metric]:
+    """Return ΔSR of every recomposition, and of all of a task's, against the mean of its seen compositions."""
+    metrics = []
+    for task in sorted({t.task for t in trials}):
+        mine = [t for t in trials if t.task == task]
+        novel = [t for t in mine if t.axis == Axis.PRIMITIVE_RECOMPOSITION.value]
+        names = sorted({t.condition for t in mine if t.variation is None})
+        seen = [_success_rate([t for t in mine if t.variation is None and t.condition == name]) for name in names]
+        if not seen or not novel:
+            continue
+        groups = {f"{task}/{t.variation}": [u for u in novel if u.variation == t.variation] for t in novel}
+        for scope, members in [(task, novel), *sorted(groups.items())]:
+            found = delta_success_rate(_success_rate(members), seen)
+            metrics.append(_of_difference("delta_sr", scope, len(members), found))
+    return metrics
+
+
+def _success_rate(trials: Trials) -> Rate:
+    return Rate(sum(t.success for t in trials), len(trials))
+
+
+def _illusion_gaps(trials: Trials) -> list[Metric]:
+    """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope."""
+    pairs = twins(trials)
+    if not pairs:
+        return []
+    families: list[dict[str, list[tuple[TrialDiagnosis, TrialDiagnosis]]]] = [{"overall": pairs}, {}, {}, {}]
+    for twin, trial in pairs:
+        keys = (f"axis:{trial.axis}", trial.task, f"{trial.task}/{trial.variation}")
+        for family, key in zip(families[1:], keys, strict=True):
+            family.setdefault(key, []).append((twin, trial))
+    metrics: list[Metric] = []
+    for family in families:
+        found = [_gap(scope, members) for scope, members in sorted(family.items())]
+        corrected = holm([m.p_value for m in found if m.p_value is not None])
+        note = f", Holm over {len(found)}" if len(found) > 1 else ""
+        method = f"paired bootstrap; exact McNemar{note}"
+        metrics += [replace(m, p_value=p, method=method) for m, p in zip(found, corrected, strict=True)]
+    return metrics
+
+
+def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
+    difference = paired_bootstrap(
+        [float(twin.success) for twin, _ in pairs],
+        [float(trial.success) for _, trial in pairs],
+        generator=stream("diagnosis", 0, f"bootstrap:illusion_gap:{scope}"),
+        strata=[trial.task for _, trial in pairs],
+        clusters=[twin.key for twin, _ in pairs],
+    )
+    table = PairedTable.from_outcomes((twin.success, trial.success) for twin, trial in pairs)
+    return replace(_of_difference("illusion_gap", scope, len(pairs), difference), p_value=mcnemar_p(table))
+
+
+def _of_difference(name: str, scope: str, n: int, found: Difference) -> Metric:
+    return Metric(name, scope, None, n, found.value, found.low, found.high, method=found.method)

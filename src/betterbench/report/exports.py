@@ -1,0 +1,112 @@
+"""The tables that go beside the page, and into it: CSV for machines, LaTeX for papers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.verdict import RunDiagnosis
+from betterbench.report.latex import paper_table_to_latex, table_to_latex
+from betterbench.report.outcomes import variation_rows
+from betterbench.report.paper import PaperTable, to_plain
+from betterbench.report.table import Table, to_csv
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A table in its file forms.
+
+    Attributes:
+        name: File name without its ending.
+        title: What it holds, in a few words.
+        csv: CSV form.
+        latex: LaTeX form.
+        rows: Number of rows.
+    """
+
+    name: str
+    title: str
+    csv: str
+    latex: str
+    rows: int
+
+
+def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
+    """Return every table of a report in its file forms.
+
+    Args:
+        diagnoses: The runs.
+        paper_tables: The paper's tables, filled in.
+    """
+    exports = []
+    for table in paper_tables:
+        plain = to_plain(table)
+        exports.append(Export(table.name, table.title, to_csv(plain), paper_table_to_latex(table), len(table.rows)))
+    for title, plain, short in (
+        ("Variations: success of trials and twins, outcomes", variation_table(diagnoses), None),
+        ("All metrics with their intervals", metric_table(diagnoses), None),
+        ("All trials with label and evidence", trial_table(diagnoses), short_trial_table(diagnoses)),
+    ):
+        exports.append(Export(plain.name, title, to_csv(plain), table_to_latex(short or plain), len(plain.rows)))
+    return tuple(exports)
+
+
+def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
+    """Return one row per policy and variation: success rates of trials and twins, and how the trials ended."""
+    rows = []
+    for diagnosis in diagnoses:
+        for row in variation_rows(diagnosis):
+            trial, twin = row.trial, row.twin
+            families = {family: row.count_of(family) for family in ("reasoning", "execution", "system")}
+            rows.append(
+                (
+                    diagnosis.policy, row.id, row.axis, row.title, trial.k, trial.n, trial.value, trial.low, trial.high,
+                    twin.k, twin.n, twin.value, row.gap.value, row.gap.low, row.gap.high, row.gap.p_value,
+                    *families.values(),
+                )
+            )  # fmt: skip
+    columns = (
+        "policy", "variation", "axis", "title", "k", "n", "success_rate", "low", "high", "twin_k", "twin_n",
+        "twin_success_rate", "illusion_gap", "gap_low", "gap_high", "p_value", "reasoning", "execution", "system",
+    )  # fmt: skip
+    return Table("variations", "Success rates per variation with 95 % intervals.", columns, tuple(rows))
+
+
+def metric_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
+    """Return one row per policy and metric."""
+    rows = tuple(
+        (d.policy, m.name, m.scope, m.k, m.n, m.value, m.low, m.high, m.p_value, m.method)
+        for d in diagnoses
+        for m in d.metrics
+    )
+    columns = ("policy", "metric", "scope", "k", "n", "value", "low", "high", "p_value", "method")
+    return Table("metrics", "All metrics with 95 % intervals; rates and differences are fractions.", columns, rows)
+
+
+def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
+    """Return one row per policy and planned trial, with everything the diagnosis found."""
+    columns = (
+        "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
+        "kind", "intended", "first_attempt", "first_slot", "intention_correct", "progress", "attempts", "rule",
+        "evidence", "evidence_start_s", "evidence_end_s", "shared", "candidates", "steps", "duration_s", "record",
+    )  # fmt: skip
+    rows = tuple(
+        (
+            d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected, t.success,
+            t.label.value, t.kind.value, t.intended, t.first_attempt, t.first_slot, t.intention_correct, t.progress,
+            len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
+            " ".join(t.evidence.shared), " ".join(t.evidence.candidates), t.steps, t.duration_s, t.record,
+        )
+        for d in diagnoses
+        for t in d.trials
+    )  # fmt: skip
+    return Table("trials", "All planned trials.", columns, rows)
+
+
+def short_trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
+    """Return the columns of the trial table that fit on a printed page."""
+    columns = ("policy", "trial", "label", "intended", "first_attempt", "progress")
+    rows = tuple(
+        (d.policy, t.key, t.label.value, t.intended, t.first_attempt, t.progress) for d in diagnoses for t in d.trials
+    )
+    return Table("trials", "All planned trials with label, intended object and first attempt.", columns, rows)

@@ -1,0 +1,190 @@
+"""Films: a few frames of a trial and of its training twin, rendered elsewhere and shown beside the evidence."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+
+LEAD_S = 1.0
+"""A frame this long before the evidence shows the reach [s]; a reach over the table takes one to two seconds."""
+
+_SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
+_KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2}
+
+
+def film_key(policy: str, trial: str) -> str:
+    """Return the name of a trial's film among the films of several policies.
+
+    Args:
+        policy: Address of the policy.
+        trial: Key of the trial ("fast_food/T1/3").
+    """
+    return f"{policy} {trial}"
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture of a film.
+
+    Attributes:
+        time_s: Simulated time [s].
+        image: A JPEG or PNG file.
+        caption: A few words, or nothing.
+    """
+
+    time_s: float
+    image: bytes
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse pictures of other formats and impossible times."""
+        if not any(self.image.startswith(signature) for signature in _SIGNATURES):
+            raise InvalidInputError("image", "neither a JPEG nor a PNG file", "Encode the frame as JPEG or PNG")
+        if not (math.isfinite(self.time_s) and self.time_s >= 0.0):
+            raise InvalidInputError("time_s", f"{self.time_s!r} is no time of an episode", "Give seconds from 0 on")
+
+    @property
+    def media_type(self) -> str:
+        """Media type, from the first bytes of the file."""
+        return next(kind for signature, kind in _SIGNATURES.items() if self.image.startswith(signature))
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """The frames of a trial, and those of its counterfactual twin.
+
+    Attributes:
+        policy: Address of the policy.
+        trial: Key of the trial ("fast_food/T1/3").
+        frames: Frames of the trial, in time.
+        twin: Key of the twin, or None.
+        twin_frames: Frames of the twin, in time.
+        evidence_s: Beginning and end of the span that shows the evidence [s]; frames inside it are marked.
+    """
+
+    policy: str
+    trial: str
+    frames: tuple[Frame, ...]
+    twin: str | None = None
+    twin_frames: tuple[Frame, ...] = ()
+    evidence_s: tuple[float, float] | None = None
+
+    @property
+    def key(self) -> str:
+        """Name among the films of several policies."""
+        return film_key(self.policy, self.trial)
+
+
+@dataclass(frozen=True, slots=True)
+class Showing:
+    """A trial that is worth a film, and the moments to render.
+
+    Attributes:
+        policy: Address of the policy.
+        trial: Key of the trial.
+        twin: Key of the twin, or None if the run has no record of it.
+        times_s: Moments of the trial [s], strictly increasing.
+        captions: One caption per moment.
+        twin_times_s: Moments of the twin [s], strictly increasing.
+        twin_captions: One caption per moment of the twin.
+        evidence_s: Beginning and end of the span that shows the evidence [s].
+    """
+
+    policy: str
+    trial: str
+    twin: str | None
+    times_s: tuple[float, ...]
+    captions: tuple[str, ...]
+    twin_times_s: tuple[float, ...]
+    twin_captions: tuple[str, ...]
+    evidence_s: tuple[float, float]
+
+    @property
+    def key(self) -> str:
+        """Name of its film among the films of several policies."""
+        return film_key(self.policy, self.trial)
+
+
+def trials_worth_showing(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
+    """Pick representative trials, so that every kind of failure of every variation is seen before any is seen twice.
+
+    Each pair of variation and label gives one trial: the one whose evidence comes at the median time, preferably one
+    whose twin succeeded. Reasoning failures come first, then execution failures, then solved trials; within
+    these the commonest pairs. Trials without a record cannot be shown.
+
+    Args:
+        diagnosis: The run.
+        limit: Largest number of trials.
+
+    Returns:
+        At most ``limit`` trials with the moments to render, the most telling first.
+
+    Raises:
+        InvalidInputError: If the limit is negative.
+    """
+    if limit < 0:
+        raise InvalidInputError("limit", f"{limit} is not a number of trials", "Give 0 or more")
+    by_key = {trial.key: trial for trial in diagnosis.trials if trial.record is not None}
+    groups: dict[tuple[str, str, str], list[TrialDiagnosis]] = defaultdict(list)
+    for trial in by_key.values():
+        if trial.variation is not None:
+            groups[trial.task, trial.variation, trial.label.value].append(trial)
+    order = sorted(groups.items(), key=lambda item: (_KIND_RANK[item[1][0].kind], -len(item[1]), item[0]))
+    return [_showing(diagnosis.policy, _representative(trials, by_key), by_key) for _, trials in order[:limit]]
+
+
+def _representative(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> TrialDiagnosis:
+    """Return the trial with the median time of evidence among those with the best twin."""
+
+    def twin_rank(trial: TrialDiagnosis) -> int:
+        twin = by_key.get(trial.twin_key or "")
+        return 2 if twin is None else int(not twin.success)
+
+    best = min(twin_rank(trial) for trial in trials)
+    chosen = sorted((t for t in trials if twin_rank(t) == best), key=lambda t: (t.evidence.start_s, t.seed))
+    return chosen[(len(chosen) - 1) // 2]
+
+
+def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
+    """Return the moments of a trial and of its twin."""
+    start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
+    what = "attempt" if trial.attempts and trial.kind is not Kind.NONE else "evidence"
+    moments = _moments(start, end, trial.duration_s, what)
+    twin = by_key.get(trial.twin_key or "")
+    twin_moments: dict[float, str] = {}
+    if twin is not None:
+        first = twin.attempts[0] if twin.attempts else None
+        begin, stop = (first.start_s, first.end_s) if first else (twin.evidence.start_s, twin.evidence.end_s)
+        twin_moments = _moments(begin, max(begin, stop), twin.duration_s, "attempt" if first else "evidence")
+    return Showing(
+        policy,
+        trial.key,
+        None if twin is None else twin.key,
+        tuple(moments),
+        tuple(moments.values()),
+        tuple(twin_moments),
+        tuple(twin_moments.values()),
+        (start, end),
+    )
+
+
+def _moments(start_s: float, end_s: float, duration_s: float, what: str) -> dict[float, str]:
+    """Return up to five moments with their captions; moments that fall together give one frame."""
+    wanted: Iterable[tuple[float, str]] = (
+        (start_s, what),
+        (0.0, "start"),
+        (duration_s, "end"),
+        (end_s, "after"),
+        (start_s - LEAD_S if start_s > 2 * LEAD_S else start_s / 2, "reach" if what == "attempt" else "before"),
+    )
+    chosen: dict[float, str] = {}
+    for time_s, caption in wanted:
+        moment = round(min(max(time_s, 0.0), duration_s), 2)
+        if all(abs(moment - other) >= 0.05 for other in chosen):
+            chosen[moment] = caption
+    return dict(sorted(chosen.items()))

@@ -1,0 +1,104 @@
+"""The trials as compact data for the page: strings once, numbers as they are, one array per trial."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.report.film import film_key
+from betterbench.report.legend import AXIS_NAMES, LEGEND
+
+
+class StringTable:
+    """Gives every distinct text a number, so that a page holds each text once; None is −1."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self._numbers: dict[str, int] = {}
+
+    def __getitem__(self, text: str | None) -> int:
+        """Return the number of a text, a new one if need be."""
+        if text is None:
+            return -1
+        if text not in self._numbers:
+            self._numbers[text] = len(self.texts)
+            self.texts.append(text)
+        return self._numbers[text]
+
+
+def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> dict[str, Any]:
+    """Return the data of the trial list.
+
+    Args:
+        diagnoses: The runs.
+        films: Number of each film on the page, by its key.
+
+    Returns:
+        ``strings``, ``labels``, ``axes`` and ``trials``; page.js names the columns of a trial.
+    """
+    strings = StringTable()
+    trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
+    return {
+        "labels": {e.label.value: [e.name, e.family, e.definition] for e in LEGEND.values()},
+        "axes": AXIS_NAMES,
+        "strings": strings.texts,
+        "trials": trials,
+    }
+
+
+def script_json(value: object) -> str:
+    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&`` and no line separators.
+
+    Args:
+        value: Anything that JSON can hold; NaN is refused.
+    """
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:
+    """Return the columns of a trial, in the order that page.js names."""
+    evidence = trial.evidence
+    attempts = [
+        [_s(a.start_s), _s(a.end_s), strings[a.object], strings[a.slot], strings[a.result], int(a.secured)]
+        for a in trial.attempts
+    ]
+    return [
+        strings[policy],
+        strings[trial.task],
+        strings[trial.variation],
+        strings[trial.condition],
+        strings[trial.axis],
+        trial.seed,
+        strings[trial.instruction],
+        int(trial.success),
+        strings[trial.expected],
+        strings[trial.label.value],
+        strings[trial.first_attempt],
+        strings[trial.first_slot],
+        strings[trial.intended],
+        None if trial.intention_correct is None else int(trial.intention_correct),
+        _s(trial.progress),
+        attempts,
+        strings[evidence.rule],
+        strings[evidence.text],
+        _s(evidence.start_s),
+        _s(evidence.end_s),
+        [strings[o] for o in evidence.objects],
+        [strings[s] for s in evidence.shared],
+        [strings[c] for c in evidence.candidates],
+        trial.steps,
+        _s(trial.duration_s),
+        strings[trial.record],
+        films.get(film_key(policy, trial.key), -1),
+    ]
+
+
+def _s(value: float) -> float | None:
+    """Return a number to the millisecond, or None where it is not finite."""
+    return round(value, 3) if math.isfinite(value) else None

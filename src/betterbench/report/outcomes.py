@@ -1,0 +1,198 @@
+"""How trials ended, per variation and per task: the numbers behind bars, dots and cards."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
+from betterbench.errors import UnknownNameError
+from betterbench.report.legend import EXPECTED_NAMES, LEGEND
+from betterbench.report.wording import Figure
+from betterbench.statistics import Rate
+from betterbench.tasks import Task, Variation, get_task
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A part of an outcome bar: a label and how many trials ended with it."""
+
+    label: Label
+    count: int
+
+    @property
+    def family(self) -> str:
+        """Colour family."""
+        return LEGEND[self.label].family
+
+    @property
+    def short(self) -> str:
+        """Name of one or two words."""
+        return LEGEND[self.label].short
+
+    @property
+    def name(self) -> str:
+        """Full name."""
+        return LEGEND[self.label].name
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionRow:
+    """How one policy did on one variation, or on all training conditions of a task.
+
+    Attributes:
+        id: "fast_food/T1", or "fast_food/training".
+        task: Task id.
+        variation: Name of the variation, or None for the training conditions.
+        axis: Axis, or None.
+        title: A few words.
+        hypothesis: What a right policy shows, or an empty string if the task is not known here.
+        expected: What a right policy does, in words.
+        instruction: The sentence, or the first of several.
+        changed: The interventions, as ``do(...)``.
+        support: Whether the poses lie inside the training regime, or an empty string.
+        trial: Success rate.
+        twin: Success rate of the counterfactual twins of the pairs in the run.
+        gap: Illusion gap.
+        segments: Outcomes, in the order of stacking, none empty.
+    """
+
+    id: str
+    task: str
+    variation: str | None
+    axis: str | None
+    title: str
+    hypothesis: str
+    expected: str
+    instruction: str
+    changed: tuple[str, ...]
+    support: str
+    trial: Figure
+    twin: Figure
+    gap: Figure
+    segments: tuple[Segment, ...]
+
+    def count_of(self, family: str) -> int:
+        """Return how many trials ended in a colour family."""
+        return sum(segment.count for segment in self.segments if segment.family == family)
+
+
+def task_of(name: str) -> Task | None:
+    """Return a task of the suite, or None if this version of the suite has none of that name."""
+    try:
+        return get_task(name)
+    except UnknownNameError:
+        return None
+
+
+def task_title(name: str) -> str:
+    """Return the title of a task, or its id."""
+    task = task_of(name)
+    return name if task is None else task.title
+
+
+def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
+    """Return one row per variation of a run, in the order of the suite.
+
+    Args:
+        diagnosis: The run.
+    """
+    groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
+    for trial in diagnosis.trials:
+        if trial.variation is not None:
+            groups.setdefault((trial.task, trial.variation), []).append(trial)
+    twins = {trial.key: trial for trial in diagnosis.trials if trial.variation is None}
+    return [
+        _variation_row(diagnosis, task, name, groups[task, name], twins)
+        for task, name in sorted(groups, key=lambda key: (key[0], suite_rank(*key)))
+    ]
+
+
+def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
+    """Return one row per task with the outcomes of all its training conditions.
+
+    Args:
+        diagnosis: The run.
+    """
+    groups: dict[str, list[TrialDiagnosis]] = {}
+    for trial in diagnosis.trials:
+        if trial.variation is None:
+            groups.setdefault(trial.task, []).append(trial)
+    return [
+        ConditionRow(
+            f"{task}/training", task, None, None, "training conditions", "", EXPECTED_NAMES["succeed"],
+            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), _nothing(), _nothing(),
+            segments_of(trials),
+        )
+        for task, trials in sorted(groups.items())
+    ]  # fmt: skip
+
+
+def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
+    """Return the outcomes of trials in the order of stacking."""
+    counts = Counter(trial.label for trial in trials)
+    return tuple(Segment(label, counts[label]) for label in LEGEND if counts[label])
+
+
+def suite_rank(task: str, variation: str) -> tuple[int, str]:
+    """Return the place of a variation in its task's table; names that the suite does not know come last, sorted."""
+    known = task_of(task)
+    names = [v.name for v in known.variations] if known is not None else []
+    return (names.index(variation) if variation in names else len(names), variation)
+
+
+def _variation_row(
+    diagnosis: RunDiagnosis,
+    task: str,
+    name: str,
+    trials: list[TrialDiagnosis],
+    twins: dict[str, TrialDiagnosis],
+) -> ConditionRow:
+    """Return the row of one variation."""
+    known = _variation(task, name)
+    found = [twins[key] for t in trials if (key := t.twin_key) is not None and key in twins]
+    twin = Rate(sum(t.success for t in found), len(found))
+    return ConditionRow(
+        f"{task}/{name}",
+        task,
+        name,
+        trials[0].axis,
+        known.title if known is not None else "",
+        known.hypothesis if known is not None else "",
+        EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
+        trials[0].instruction,
+        tuple(str(operation) for operation in known.interventions) if known is not None else (),
+        known.support.value if known is not None else "",
+        _rate(diagnosis, f"{task}/{name}", trials),
+        _of_rate(twin),
+        Figure.of(diagnosis.metric("illusion_gap", f"{task}/{name}"), difference=True, noun="pairs"),
+        segments_of(trials),
+    )
+
+
+def _variation(task: str, name: str) -> Variation | None:
+    """Return a variation of the suite, or None."""
+    known = task_of(task)
+    if known is None:
+        return None
+    return next((v for v in known.variations if v.name == name), None)
+
+
+def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> Figure:
+    """Return the success rate from the metrics of the run, or counted if they lack it."""
+    metric = diagnosis.metric("success_rate", scope)
+    if metric is not None:
+        return Figure.of(metric)
+    return _of_rate(Rate(sum(t.success for t in trials), len(trials)))
+
+
+def _of_rate(rate: Rate) -> Figure:
+    """Return the figure of a rate; without trials it has no ends."""
+    if rate.value is None:
+        return Figure(None, None, None, rate.k, rate.n)
+    return Figure(rate.value, rate.low, rate.high, rate.k, rate.n)
+
+
+def _nothing() -> Figure:
+    """Return the figure of something that was not measured."""
+    return Figure(None, None, None, None, None)

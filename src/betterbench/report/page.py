@@ -1,0 +1,266 @@
+"""The page: one self-contained HTML file that opens offline, with its tables beside it and inside it."""
+
+from __future__ import annotations
+
+import hashlib
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.report.charts import UNIT, gap_chart, task_groups
+from betterbench.report.exports import Export, exports_of
+from betterbench.report.film import Film, Frame
+from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, headline_of
+from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.listing import listing_of, script_json
+from betterbench.report.paper import coffee_table, composition_table, paper_facts
+from betterbench.report.wording import listed, p_text, plural
+
+FILMS_IN_SIGHT = 4
+"""Films that are shown without asking; the others unfold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One line of a table of settings: a name and its value per policy, or one value if all agree."""
+
+    name: str
+    values: tuple[str, ...]
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the policies differ in it."""
+        return len(self.values) > 1
+
+
+@dataclass(frozen=True, slots=True)
+class ShownFilm:
+    """A film on the page: its number, its trial, and whether its twin has frames."""
+
+    number: int
+    film: Film
+    trial: TrialDiagnosis
+
+
+def write_report(
+    diagnoses: Sequence[RunDiagnosis],
+    out: Path,
+    *,
+    films: Mapping[str, Film] | None = None,
+    latex: bool = True,
+    machine: Mapping[str, str] | None = None,
+) -> Path:
+    """Write the report of one policy, or of several side by side.
+
+    The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
+    wanted, ``tables/NAME.tex``. Each file is written beside its place and renamed.
+
+    Args:
+        diagnoses: One diagnosis per policy; the order is the order on the page.
+        out: Folder of the report; it is made if need be.
+        films: Films to show, by :func:`~betterbench.report.film.film_key`; those of unknown trials are refused.
+        latex: Whether to write the tables as LaTeX too.
+        machine: What to say about the machine, by name ("processor", "renderer").
+
+    Returns:
+        The path of ``index.html``.
+
+    Raises:
+        InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
+    """
+    names = [diagnosis.policy for diagnosis in diagnoses]
+    if not diagnoses:
+        raise InvalidInputError("diagnoses", "no run to report", "Give the diagnosis of at least one run")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        problem = f"policy {twice[0]!r} comes twice"
+        raise InvalidInputError("diagnoses", problem, "Give each run's diagnosis its own policy name")
+    shown = _shown_films(diagnoses, films or {})
+    tables = (coffee_table(diagnoses), composition_table(diagnoses))
+    exports = exports_of(diagnoses, tables)
+    page = render_page(diagnoses, exports, films=shown, latex=latex, machine=machine or {})
+    folder = out / "tables"
+    folder.mkdir(parents=True, exist_ok=True)
+    for export in exports:
+        _write(folder / f"{export.name}.csv", export.csv)
+        if latex:
+            _write(folder / f"{export.name}.tex", export.latex)
+    return _write(out / "index.html", page)
+
+
+def render_page(
+    diagnoses: Sequence[RunDiagnosis],
+    exports: Sequence[Export],
+    *,
+    films: Sequence[ShownFilm] = (),
+    latex: bool = True,
+    machine: Mapping[str, str] | None = None,
+) -> str:
+    """Return the page as HTML.
+
+    Args:
+        diagnoses: One diagnosis per policy.
+        exports: Tables to offer for download.
+        films: Films to show.
+        latex: Whether to offer the LaTeX form of the tables.
+        machine: What to say about the machine.
+    """
+    environment = Environment(
+        loader=PackageLoader("betterbench.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(data_uri=_text_uri, picture=_picture_uri, p_text=p_text, plural=plural, group=_grouped)
+    script = _asset("page.js")
+    headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
+    trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
+    numbers = {shown.film.key: shown.number for shown in films}
+    return environment.get_template("page.html.jinja").render(
+        diagnoses=diagnoses,
+        headlines=headlines,
+        single=len(diagnoses) == 1,
+        title=_title([diagnosis.policy for diagnosis in diagnoses]),
+        extent=_extent(trials, len(diagnoses)),
+        findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
+        paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
+        paper=paper_facts(),
+        gaps=gap_chart(diagnoses),
+        tasks=task_groups(diagnoses),
+        unit=UNIT,
+        films=films,
+        films_in_sight=FILMS_IN_SIGHT,
+        legend=list(LEGEND.values()),
+        labels=LEGEND,
+        families=FAMILIES,
+        axes=AXIS_NAMES,
+        exports=exports,
+        latex=latex,
+        thresholds=_settings([{k: f"{v:g}" for k, v in d.thresholds.items()} for d in diagnoses]),
+        versions=_settings([d.versions for d in diagnoses]),
+        warnings=_warnings(diagnoses),
+        machine=dict(machine or {}),
+        seeds=_seeds(trials),
+        rare=round(100 * RARE_SHARE),
+        weak=round(100 * WEAK_SHARE),
+        style=Markup(_asset("page.css")),  # noqa: S704 - our own file
+        script=Markup(script),  # noqa: S704 - our own file
+        script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        data=Markup(script_json(listing_of(diagnoses, numbers))),  # noqa: S704 - made safe for a script element
+    )
+
+
+def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
+    """Return the films with frames and their trials.
+
+    Raises:
+        InvalidInputError: If a film belongs to no trial of the report.
+    """
+    trials = {(d.policy, t.key): t for d in diagnoses for t in d.trials}
+    shown: list[ShownFilm] = []
+    for film in films.values():
+        trial = trials.get((film.policy, film.trial))
+        if trial is None:
+            problem = f"no trial {film.trial!r} of policy {film.policy!r} in this report"
+            raise InvalidInputError("films", problem, "Give films of trials that are in the diagnoses")
+        if film.frames:
+            shown.append(ShownFilm(len(shown), film, trial))
+    return shown
+
+
+def _title(policies: Sequence[str]) -> str:
+    """Return the title of the page."""
+    if len(policies) == 1:
+        return f"Diagnosis of {policies[0]}"
+    return f"Diagnosis of {len(policies)} policies"
+
+
+def _extent(trials: Sequence[TrialDiagnosis], policies: int) -> str:
+    """Return a sentence about how much was run."""
+    if not trials:
+        return "The plan holds no trials."
+    variations = {(t.task, t.variation) for t in trials if t.variation is not None}
+    tasks = {t.task for t in trials}
+    text = f"{plural(len(trials), 'trial')} on {plural(len(tasks), 'task')} with {plural(len(variations), 'variation')}"
+    text = text.replace(str(len(trials)), _grouped(len(trials)), 1)
+    return f"{text}{f', {policies} policies' if policies > 1 else ''}; {_seeds(trials)}."
+
+
+def _seeds(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return the seeds as ranges ("seeds 0–19")."""
+    seeds = sorted({trial.seed for trial in trials})
+    if not seeds:
+        return "no seeds"
+    ranges: list[list[int]] = [[seeds[0], seeds[0]]]
+    for seed in seeds[1:]:
+        if seed == ranges[-1][1] + 1:
+            ranges[-1][1] = seed
+        else:
+            ranges.append([seed, seed])
+    shown = [str(a) if a == b else f"{a}–{b}" for a, b in ranges]
+    more = f" and {len(shown) - 6} more ranges" if len(shown) > 6 else ""
+    return f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(shown[:6])}{more}"
+
+
+def _settings(values: Sequence[Mapping[str, str]]) -> tuple[Setting, ...]:
+    """Return settings by name: one value if all runs agree, otherwise one per run."""
+    names = sorted({name for mapping in values for name in mapping})
+    settings = []
+    for name in names:
+        found = tuple(str(mapping.get(name, "–")) for mapping in values)
+        settings.append(Setting(name, found[:1] if len(set(found)) == 1 else found))
+    return tuple(settings)
+
+
+def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
+    """Return what makes the runs hard to compare, one sentence each."""
+    warnings = []
+    for what, values in (
+        ("versions", [d.versions for d in diagnoses]),
+        ("thresholds", [{k: f"{v:g}" for k, v in d.thresholds.items()} for d in diagnoses]),
+    ):
+        mixed = [setting.name for setting in _settings(values) if setting.mixed]
+        if mixed:
+            warnings.append(
+                f"The runs were made with different {what} ({listed(mixed[:6])}); differences between the policies "
+                "may come from there."
+            )
+    plans = [{(t.task, t.variation or t.condition, t.seed) for t in d.trials} for d in diagnoses]
+    if any(plan != plans[0] for plan in plans):
+        warnings.append("The policies did not run the same trials; compare them only where both have numbers.")
+    return warnings
+
+
+def _asset(name: str) -> str:
+    """Return a text file of the page."""
+    return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _text_uri(text: str, media_type: str) -> str:
+    """Return a text as a data URI."""
+    return f"data:{media_type};charset=utf-8;base64,{b64encode(text.encode()).decode('ascii')}"
+
+
+def _picture_uri(frame: Frame) -> str:
+    """Return a picture as a data URI."""
+    return f"data:{frame.media_type};base64,{b64encode(frame.image).decode('ascii')}"
+
+
+def _grouped(number: int) -> str:
+    """Return a count with a thin space between thousands, from five digits on or for round reading ("1 440")."""
+    return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def _write(path: Path, text: str) -> Path:
+    """Write a text beside its place and rename it."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_text(text, encoding="utf-8", newline="")
+    return beside.replace(path)

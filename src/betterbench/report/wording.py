@@ -1,0 +1,139 @@
+"""Numbers as sentences and cells: a percentage never stands without its count, nor a difference without its interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+
+from betterbench.diagnosis.verdict import Metric
+from betterbench.statistics import percent, round_half_up
+
+MISSING = "not measured"
+"""What stands where a run has no such number."""
+
+MINUS = "\N{MINUS SIGN}"
+THIN = "\N{NARROW NO-BREAK SPACE}"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A number ready for a page, a CSV file or LaTeX; all fractions.
+
+    Attributes:
+        value: The number, or None if there is none.
+        low: Lower end of the 95 % interval, or None.
+        high: Upper end of the 95 % interval, or None.
+        k: Numerator, or None where the number is no single rate.
+        n: Denominator, or pairs; None where the number has none by nature (a guess).
+        difference: True for differences of rates, which are said in points and with their sign.
+        noun: What is counted ("trials", "pairs", "attempts").
+        p_value: Of the test, where there is one.
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    k: int | None
+    n: int | None
+    difference: bool = False
+    noun: str = "trials"
+    p_value: float | None = None
+
+    @classmethod
+    def of(cls, metric: Metric | None, *, difference: bool = False, noun: str = "trials") -> Figure:
+        """Return the figure of a metric; a missing metric gives a figure without a value."""
+        if metric is None:
+            return cls(None, None, None, None, None, difference, noun)
+        low, high = (metric.low, metric.high) if metric.value is not None else (None, None)
+        return cls(metric.value, low, high, metric.k, metric.n, difference, noun, metric.p_value)
+
+    @property
+    def missing(self) -> bool:
+        """Whether there is no number to show."""
+        return self.value is None
+
+    def number(self, digits: int = 0) -> str:
+        """Return the number alone, in percent or points ("62", "+3", "−47.5"), or "–"."""
+        if self.value is None:
+            return "–"
+        rounded = _rounded_rate(self.k, self.n, self.value, digits)
+        return signed(rounded) if self.difference else minus(rounded)
+
+    def with_unit(self, digits: int = 0) -> str:
+        """Return the number with its unit ("62 %", "38 points"), or "not measured"."""
+        if self.value is None:
+            return MISSING
+        if self.difference:
+            return f"{self.number(digits)} points"
+        return f"{self.number(digits)}{THIN}%"
+
+    def count(self) -> str:
+        """Return the count beside the number ("149/240", "240 pairs", "no trials")."""
+        if self.n is None:
+            return "" if self.value is None else "by chance"
+        if self.n == 0:
+            return f"no {self.noun}"
+        if self.k is not None:
+            return f"{self.k}/{self.n}"
+        return f"{self.n} {self.noun}"
+
+    def interval(self, digits: int = 0) -> str:
+        """Return the ends of the 95 % interval ("31 to 45"), or an empty string."""
+        if self.low is None or self.high is None:
+            return ""
+        low, high = round_half_up(100 * self.low, digits), round_half_up(100 * self.high, digits)
+        return f"{minus(low)} to {minus(high)}"
+
+    def sentence(self) -> str:
+        """Return everything in one phrase, for tool tips ("62 % (149/240), 95 % interval 56 to 68")."""
+        if self.value is None:
+            return self.count() or MISSING
+        ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""
+        return f"{self.with_unit()} ({self.count()}){ends}"
+
+
+def minus(number: Decimal) -> str:
+    """Return a decimal with a real minus sign."""
+    return str(number).replace("-", MINUS)
+
+
+def signed(number: Decimal) -> str:
+    """Return a decimal with its sign; zero has none."""
+    return f"+{number}" if number > 0 else minus(number)
+
+
+def points(value: float, digits: int = 0) -> str:
+    """Return a fraction as percentage points without a plus sign."""
+    return minus(round_half_up(100 * value, digits))
+
+
+def p_text(p_value: float | None) -> str:
+    """Return a p-value for people ("p < 0.001", "p = 0.03"), or an empty string."""
+    if p_value is None:
+        return ""
+    if p_value < 0.001:
+        return "p < 0.001"
+    digits = 3 if p_value < 0.01 else 2
+    return f"p = {round_half_up(p_value, digits)}"
+
+
+def listed(items: list[str]) -> str:
+    """Return "a", "a and b" or "a, b and c"."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def plural(count: int, one: str, many: str | None = None) -> str:
+    """Return "1 trial", "2 trials"."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def _rounded_rate(k: int | None, n: int | None, value: float, digits: int) -> Decimal:
+    """Return the percentage from the counts where they give it, otherwise from the value."""
+    if k is not None and n and 0 <= k <= n and abs(k / n - value) < 1e-9:
+        exact = percent(k, n, digits=digits)
+        if exact is not None:
+            return exact
+    return round_half_up(Fraction(100) * Fraction(f"{value:.12g}"), digits)

@@ -1,0 +1,103 @@
+"""What is one grasp attempt, and what is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from betterbench.diagnosis import diagnose_record
+
+
+def test_closing_at_home_is_no_attempt(stage):
+    assert diagnose_record(stage("fast_food", "train1").close().open().wait(1).end()).attempts == ()
+
+
+def test_closing_far_from_everything_is_no_attempt(stage):
+    assert diagnose_record(stage("fast_food", "train1").go(0.5, 0.0, 0.15).close().open().end()).attempts == ()
+    assert diagnose_record(stage("fast_food", "train1").go(0.42, -0.3, 0.3).close().open().end()).attempts == ()
+
+
+def test_closing_an_empty_hand_again_without_travel_is_no_attempt(stage):
+    s = stage("fast_food", "T1").go(0.4, 0.0, 0.4).close()
+    place = s.slot("second")
+    found = diagnose_record(s.go(*place[:2], 0.3).go(*place[:2], 0.05).close().end())
+    assert found.attempts == ()
+
+
+def test_chatter_is_one_attempt(stage):
+    s = stage("fast_food", "train1")
+    name = s.at("first")
+    s.over(s.positions[name]).go(*s.positions[name][:2], 0.03)
+    for _ in range(4):
+        s.close(0.1).open(0.1)
+    assert len(diagnose_record(s.close().lift().end()).attempts) == 1
+
+
+def test_closing_again_on_a_held_object_is_no_new_attempt(stage):
+    s = stage("fast_food", "train1")
+    s.grasp(s.at("first")).lift()
+    keep = s.tick
+    width = s.width
+
+    def tick_without_letting_go():
+        s.command, asked = 1.0, s.command  # a gripper too slow to follow a short wish to open
+        s.width = width + (0.004 if asked < 0 else 0.0)
+        s.asked = asked
+        keep()
+
+    s.tick, s.asked = tick_without_letting_go, -1.0
+    real = s.state
+    s.state = lambda: replace(real(), gripper_command=s.asked)
+    s.command = -1.0
+    for _ in range(8):
+        s.command = -1.0
+        s.tick()
+    for _ in range(8):
+        s.command = 1.0
+        s.tick()
+    s.tick, s.state = keep, real
+    found = diagnose_record(s.carry(s.goal_place()).bring(s.of("fries")).wait(1).end())
+    assert len(found.attempts) == 2
+    assert found.success
+
+
+def test_a_command_of_zero_keeps_the_last_one(stage):
+    s = stage("fast_food", "train1")
+    s.grasp(s.at("first")).lift()
+    real = s.state
+    s.state = lambda: replace(real(), gripper_command=0.0)
+    s.wait(1.0)
+    s.state = real
+    found = diagnose_record(s.carry(s.goal_place()).bring(s.of("fries")).wait(1).end())
+    assert len(found.attempts) == 2
+
+
+def test_an_attempt_without_a_lift_is_not_secured(stage):
+    s = stage("fast_food", "train1")
+    name = s.at("first")
+    attempt = diagnose_record(s.grasp(name).open().lift().wait(1).end()).attempts[0]
+    assert (attempt.object, attempt.result, attempt.secured) == (name, "target", False)
+
+
+def test_an_attempt_lies_within_its_window(stage):
+    s = stage("fast_food", "train1")
+    attempt = diagnose_record(s.bring(s.at("first")).end()).attempts[0]
+    assert 0.0 < attempt.end_s - attempt.start_s <= 1.0
+
+
+def test_a_retry_is_a_second_attempt(stage):
+    s = stage("fast_food", "train1")
+    name = s.at("first")
+    s.grasp(name, beside=(0.052, 0.0)).open().bring(name).bring(s.of("fries")).wait(1)
+    found = diagnose_record(s.end())
+    assert [a.result for a in found.attempts] == ["null", "target", "target"]
+    assert found.success
+
+
+def test_closing_high_above_an_object_is_no_attempt(stage):
+    s = stage("fast_food", "train1")
+    place = np.array([*s.positions[s.at("first")][:2], 0.12])
+    found = diagnose_record(s.over(place).go(*place).close().open().end())
+    assert [a.object for a in found.attempts] in ([], [None])
+    assert all(a.result == "null" for a in found.attempts)

@@ -1,0 +1,133 @@
+"""Rules of a policy: found at any strength, told apart, and not claimed without the trials to prove them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from betterbench.diagnosis import Label, diagnose_records
+from betterbench.diagnosis.labels import Ruling
+from betterbench.diagnosis.second_pass import judge_rules
+from betterbench.diagnosis.trial import Choice, read_trial, setting_of
+from betterbench.tasks import get_task
+
+COFFEE = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4", "O1", "T1")
+FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")
+
+
+def coffee_choice(name: str, slot: str) -> Choice:
+    """Makes the choice of a first attempt in a coffee trial with two mugs."""
+    setting = setting_of("morning_coffee", name)
+    condition, goal = setting.condition, setting.condition.instruction.subgoals[0]
+    asked = condition.layout[condition.resolve(goal.reference)[0]]
+    standing = frozenset(
+        (s, condition.object(o).kind) for o, s in condition.layout.items() if condition.object(o).role == "item"
+    )
+    words = frozenset(setting.regime.word_slots[goal.word])
+    return Choice(standing, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
+
+
+def coffee_run(follow, strength: float, seeds: int = 20, *, names: tuple[str, ...] = COFFEE[:8]) -> dict[str, Choice]:
+    """Lets a policy follow a rule in a share of the trials and be right in the others."""
+    rng = np.random.default_rng(1)
+    choices = {}
+    for name in names:
+        for seed in range(seeds):
+            right = next(iter(coffee_choice(name, "near").right))
+            slot = follow(name) if rng.random() < strength else right
+            choices[f"morning_coffee/{name}/{seed}"] = coffee_choice(name, slot)
+    return choices
+
+
+def by_word(name: str) -> str:
+    return next(iter(coffee_choice(name, "near").word_slots))
+
+
+@pytest.mark.parametrize("strength", [0.3, 0.6, 1.0])
+def test_a_shortcut_is_found_at_any_strength(strength):
+    found = judge_rules(coffee_run(by_word, strength))
+    assert found.upheld[0] == "word"
+    assert found.rules[0].strength == pytest.approx(strength, abs=0.2)
+    wrong = [k for k, c in coffee_run(by_word, strength).items() if not c.correct]
+    assert wrong
+    assert all(found.rulings[k] == Ruling("upheld") for k in wrong)
+
+
+@pytest.mark.parametrize("strength", [0.3, 0.6, 1.0])
+def test_a_favourite_place_is_found_at_any_strength(strength):
+    choices = coffee_run(lambda _: "far", strength)
+    found = judge_rules(choices)
+    assert found.upheld[0] == "place:far"
+    wrong = [k for k, c in choices.items() if not c.correct]
+    assert all(found.rulings[k] == Ruling("rejected", place=True) for k in wrong)
+
+
+def test_a_policy_that_errs_without_direction_follows_no_rule():
+    rng = np.random.default_rng(0)
+    choices = coffee_run(lambda _: str(rng.choice(["near", "far"])), 1.0)
+    found = judge_rules(choices)
+    assert found.upheld == ()
+    assert all(r == Ruling("rejected") for r in found.rulings.values())
+
+
+def test_a_right_policy_follows_no_rule():
+    assert judge_rules(coffee_run(by_word, 0.0)).rules == ()
+
+
+def test_without_pairs_word_and_place_are_not_told_apart():
+    choices = coffee_run(by_word, 1.0, names=("L3",))
+    found = judge_rules(choices)
+    assert set(found.rulings.values()) == {Ruling("open")}
+    assert found.undecided == 20
+    assert judge_rules(coffee_run(by_word, 1.0, names=("L3", "train3"))).undecided == 0
+
+
+@pytest.mark.parametrize("rule", ["right", "lexical", "layout", "inertia"])
+@pytest.mark.parametrize("task", ["fast_food", "morning_coffee"])
+def test_each_culprit_gets_its_label(policies, task, rule):
+    expected = {
+        ("fast_food", "lexical"): {
+            "L1": Label.LEXICAL_KINEMATIC_SHORTCUT,
+            "O1": Label.SEMANTIC_FEATURE_COLLAPSE,
+        },
+        ("fast_food", "layout"): {
+            **dict.fromkeys(("L1", "R1", "R2"), Label.VISUAL_LAYOUT_BIAS),
+            "O1": Label.SEMANTIC_FEATURE_COLLAPSE,
+        },
+        ("fast_food", "inertia"): dict.fromkeys(("R1", "R2"), Label.BEHAVIORAL_INERTIA),
+        ("morning_coffee", "lexical"): {
+            **dict.fromkeys(("L3", "L4"), Label.LEXICAL_KINEMATIC_SHORTCUT),
+            "O1": Label.SEMANTIC_FEATURE_COLLAPSE,
+            "T1": Label.BEHAVIORAL_INERTIA,
+        },
+        ("morning_coffee", "layout"): dict.fromkeys(("train1", "train4", "L2", "L4", "T1"), Label.VISUAL_LAYOUT_BIAS),
+        ("morning_coffee", "inertia"): {"T1": Label.BEHAVIORAL_INERTIA},
+    }.get((task, rule), {})
+    names = [c.name for c in get_task(task).training] + [v.name for v in get_task(task).variations]
+    run = diagnose_records([policies[rule](task, name, 0) for name in names])
+    got = {t.variation or t.condition: t.label for t in run.trials}
+    right = {n: Label.CORRECT_FREEZE if (task, n) == ("morning_coffee", "T1") else Label.SUCCESS for n in names}
+    assert got == {**right, **expected}
+
+
+def test_inertia_and_place_are_told_apart_by_where_the_habit_stands(policies):
+    records = [policies["inertia"]("fast_food", n, 0) for n in ("train1", "train2", "R1", "R2")]
+    labels = {t.variation: t.label for t in diagnose_records(records).trials}
+    assert labels["R1"] is labels["R2"] is Label.BEHAVIORAL_INERTIA
+
+
+def test_a_run_without_pairs_says_so(policies):
+    run = diagnose_records([policies["lexical"]("morning_coffee", "L3", seed) for seed in range(2)])
+    assert {t.label for t in run.trials} == {Label.WRONG_OBJECT}
+    assert all("lexical_kinematic_shortcut" in t.evidence.candidates for t in run.trials)
+    assert any("lacks the pairs" in note for note in run.notes)
+
+
+def test_a_look_alike_says_nothing_about_rules(policies):
+    assert read_trial(policies["lexical"]("fast_food", "O1", 0)).choice is None
+
+
+def test_a_shortcut_beside_random_slips_is_still_found():
+    rng = np.random.default_rng(3)
+    choices = coffee_run(lambda name: by_word(name) if rng.random() < 0.9 else "near", 0.5)
+    assert judge_rules(choices).upheld[0] == "word"

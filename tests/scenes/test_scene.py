@@ -1,0 +1,325 @@
+"""The scene at reset: at rest, free of penetration, the same bits every time, and blind to names and order."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import mujoco
+import numpy as np
+import pytest
+
+import betterbench.scenes.builder as builder
+from betterbench.assets import build
+from betterbench.errors import InvalidActionError, PremiseError
+from betterbench.geometry import Pose, distance
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Clearance, Scene, place_objects
+from betterbench.scenes.stage import quality_preset
+from betterbench.state import WorldState
+from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, all_tasks, get_task
+
+pytestmark = pytest.mark.physics
+
+CONDITIONS = [(t.id, c.name) for t in all_tasks() for c in (*t.training, *t.variations)]
+each_condition = pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=[f"{t}/{n}" for t, n in CONDITIONS])
+STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+
+
+def condition_of(task_id: str, name: str) -> Condition:
+    task = get_task(task_id)
+    return task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
+
+
+def build_scene(condition: Condition, seed: int = 0) -> Scene:
+    task = get_task(condition.task)
+    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+
+
+@functools.lru_cache(maxsize=32)
+def scene(task_id: str, name: str, seed: int = 0) -> Scene:
+    return build_scene(condition_of(task_id, name), seed)
+
+
+def world(state: WorldState) -> dict[str, tuple[object, ...]]:
+    return {
+        o.name: (state.pose(o.name), state.linear_speeds[i], state.angular_speeds[i])
+        for i, o in enumerate(state.info.objects)
+    }
+
+
+@each_condition
+def test_initial_state_is_at_rest(task_id, name):
+    s = scene(task_id, name)
+    before = s.reset()
+    assert all(v < THRESHOLDS.rest_speed for v in before.linear_speeds)
+    fastest = 0.0
+    for _ in range(100):
+        s.step(STILL)
+        fastest = max(fastest, *s.state().linear_speeds)
+    after = s.state()
+    for o in before.info.objects:
+        moved = distance(before.pose(o.name).position, after.pose(o.name).position)
+        assert moved < 0.5e-3, f"{o.name} moved {moved * 1e3:.2f} mm in 5 s"
+    assert fastest < THRESHOLDS.rest_speed
+    assert distance(before.ee_pose.position, after.ee_pose.position) < 2e-3
+    s.reset()
+
+
+@each_condition
+@pytest.mark.parametrize("seed", [0, 3])
+def test_initial_state_is_free_of_penetration(task_id, name, seed):
+    s = scene(task_id, name, seed)
+    s.reset()
+    assert s.data.ncon > 0, "objects stand on something"
+    assert s.data.contact.dist.min() > -0.5e-3
+    labels = s.compiled.geom_labels
+    robot = {s.body_names.index(n) for n in ("left_finger", "right_finger", "hand", "arm")}
+    touching = {int(x) for x in labels[s.data.contact.geom].ravel()} & robot
+    assert not touching, "the arm touches nothing at reset"
+
+
+@each_condition
+def test_goal_is_false_at_reset_unless_nothing_is_to_be_done(task_id, name):
+    s = scene(task_id, name)
+    tracker = GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.control_rate_hz)
+    truth = tracker.update(s.reset())
+    assert truth.goal is (s.condition.expected is Expected.STAY_STILL)
+    assert not truth.success
+    assert not truth.forbidden
+
+
+@each_condition
+def test_reset_reproduces_every_bit_whatever_happened(task_id, name):
+    s = scene(task_id, name)
+    first = s.reset()
+    start = (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time)
+    draw = np.random.default_rng(5)
+    for _ in range(12):
+        s.step(draw.uniform(-1, 1, 7))
+    assert s.data.qpos.tobytes() != start[0]
+    assert s.reset() == first
+    assert (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time) == start
+
+
+@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
+def test_two_scenes_with_one_seed_live_the_same_life(task_id):
+    one, two = build_scene(condition_of(task_id, "train1"), 4), build_scene(condition_of(task_id, "train1"), 4)
+    assert one.reset() == two.reset()
+    draw = np.random.default_rng(0)
+    for action in draw.uniform(-1, 1, (40, 7)):
+        assert np.array_equal(one.step(action), two.step(action))
+    assert one.state() == two.state()
+    assert one.data.qpos.tobytes() == two.data.qpos.tobytes()
+
+
+@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
+def test_another_seed_is_another_trial(task_id):
+    one, two = scene(task_id, "train1", 0), scene(task_id, "train1", 1)
+    assert world(one.reset()) != world(two.reset())
+
+
+def renamed(condition: Condition, names: dict[str, str]) -> Condition:
+    goals = tuple(dataclasses.replace(g, target=names[g.target]) for g in condition.instruction.subgoals)
+    return condition.with_(
+        objects=tuple(dataclasses.replace(o, name=names[o.name]) for o in condition.objects),
+        layout={names[n]: slot for n, slot in condition.layout.items()},
+        preplaced={names[n]: names[t] for n, t in condition.preplaced.items()},
+        instruction=dataclasses.replace(condition.instruction, subgoals=goals),
+    )
+
+
+def shuffled(condition: Condition) -> Condition:
+    return condition.with_(
+        objects=condition.objects[::-1],
+        layout=dict(reversed(condition.layout.items())),
+        preplaced=dict(reversed(condition.preplaced.items())),
+    )
+
+
+@each_condition
+def test_names_and_listing_order_change_nothing(task_id, name):
+    condition = condition_of(task_id, name)
+    # Names that sort the other way round.
+    names = {o.name: f"x{i}" for i, o in enumerate(sorted(condition.objects, key=lambda o: o.name, reverse=True))}
+    plain, other = build_scene(condition, 2), build_scene(shuffled(renamed(condition, names)), 2)
+    assert plain.compiled is other.compiled
+    assert plain.reset().positions == other.reset().positions
+    draw = np.random.default_rng(1)
+    for action in draw.uniform(-1, 1, (10, 7)):
+        plain.step(action)
+        other.step(action)
+    assert plain.data.qpos.tobytes() == other.data.qpos.tobytes()
+    assert plain.data.qvel.tobytes() == other.data.qvel.tobytes()
+    assert [names[o.name] for o in plain.info.objects] == [o.name for o in other.info.objects]
+
+
+def test_adding_an_object_moves_no_other():
+    condition = condition_of("fast_food", "train1")
+    poses = {p.spec.name: p.pose for p in place_objects(get_task("fast_food"), condition, 6)}
+    fewer = condition.with_(
+        objects=tuple(o for o in condition.objects if o.name != "drink"),
+        layout={n: s for n, s in condition.layout.items() if n != "drink"},
+    )
+    for placement in place_objects(get_task("fast_food"), fewer, 6):
+        assert placement.pose == poses[placement.spec.name]
+
+
+def test_layout_and_language_share_one_compiled_model():
+    base = scene("fast_food", "train1")
+    for name in ("train2", "L1", "R1", "R2", "T2"):
+        assert scene("fast_food", name).compiled is base.compiled
+    for name in ("O1", "T1"):
+        assert scene("fast_food", name).compiled is not base.compiled
+
+
+@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
+def test_the_scene_knows_its_objects_slots_and_regime(task_id):
+    s = scene(task_id, "train1")
+    assert {o.name for o in s.info.objects} == {o.name for o in s.condition.objects}
+    for o in s.info.objects:
+        assert o.slot == s.condition.layout.get(o.name)
+        assert min(o.size_m) > 0.0
+        assert o.mass_kg > 0.0
+    assert [slot.name for slot in s.info.slots] == [slot.name for slot in s.task.slots]
+    state = s.reset()
+    assert state.step == 0
+    assert state.time_s == 0.0
+    assert state.held is None
+    assert state.gripper_command == -1.0
+    assert state.ee_pose.position == pytest.approx(s.info.home_position)
+    assert state.finger_width_m == pytest.approx(s.info.gripper_opening_m)
+
+
+def test_time_goes_by_in_whole_control_steps():
+    s = scene("morning_coffee", "train1")
+    s.reset()
+    for step in range(1, 6):
+        s.step(STILL)
+        state = s.state()
+        assert state.step == step
+        assert state.time_s == pytest.approx(step * 0.05)
+        assert s.data.time == pytest.approx(state.time_s)
+    s.reset()
+
+
+def test_step_reports_what_was_really_applied_and_refuses_the_impossible():
+    s = scene("morning_coffee", "train1")
+    s.reset()
+    asked = np.array([2.0, -3.0, 0.5, 0.0, 0.0, 0.0, 7.0])
+    assert s.step(asked).tolist() == [1.0, -1.0, 0.5, 0.0, 0.0, 0.0, 1.0]
+    assert s.state().gripper_command == 1.0
+    qpos = s.data.qpos.copy()
+    for bad in (np.full(7, np.nan), np.full(7, np.inf), np.zeros(6), np.zeros((1, 7)), np.array(["a"] * 7)):
+        with pytest.raises(InvalidActionError):
+            s.step(bad)
+    assert np.array_equal(s.data.qpos, qpos), "a refused action moves nothing"
+    s.reset()
+
+
+# --------------------------------------------------------------------------------------------------------- the premise
+
+
+def patched(monkeypatch, category, **changes):
+    """Makes the library build one category differently, as a changed asset would."""
+
+    def other(name, **arguments):
+        asset = build(name, **arguments)
+        return dataclasses.replace(asset, **changes) if name == category else asset
+
+    monkeypatch.setattr(builder, "build", other)
+
+
+def test_an_asset_that_no_longer_stands_stops_the_run(monkeypatch):
+    can = build("can", colour="red")
+    # A round bottom and a heavy head: the can falls over when it settles.
+    ball = dataclasses.replace(can.collision[0], shape="sphere", size=(0.03, 0.0, 0.0), position=(0.0, 0.0, 0.03))
+    patched(monkeypatch, "can", collision=(ball,), centre_of_mass=(0.02, 0.0, 0.1))
+    s = build_scene(condition_of("morning_coffee", "O1"))
+    with pytest.raises(PremiseError, match="red_can does not stand still and upright") as caught:
+        s.reset()
+    assert "morning_coffee/O1 seed 0" in str(caught.value)
+    assert "MuJoCo" in str(caught.value)
+
+
+def test_an_instruction_without_its_object_stops_the_run():
+    """O1 has one burger and a block: both burgers cannot be packed."""
+    condition = condition_of("fast_food", "O1").with_(instruction=condition_of("fast_food", "T2").instruction)
+    s = build_scene(condition)
+    with pytest.raises(PremiseError, match="names 'burger', but the scene holds 1 of 2"):
+        s.reset()
+    s.reset(check_premise=False)
+
+
+def test_a_moved_fixture_stops_the_run(monkeypatch):
+    ordinary = builder.slot_pose
+
+    def shifted(task, seed, slot):
+        (x, y, z), yaw = ordinary(task, seed, slot)
+        return ((x + 0.06, y, z), yaw) if slot == "near" else ((x, y, z), yaw)
+
+    monkeypatch.setattr(builder, "slot_pose", shifted)
+    with pytest.raises(PremiseError, match="does not stand in its slot 'near'"):
+        build_scene(condition_of("morning_coffee", "train1")).reset()
+
+
+# ------------------------------------------------------------------------------------------------------------ clearance
+
+
+def everything(s: Scene) -> tuple[bytes, ...]:
+    size = mujoco.mj_stateSize(s.model, mujoco.mjtState.mjSTATE_INTEGRATION)
+    full = np.empty(size)
+    mujoco.mj_getState(s.model, s.data, full, mujoco.mjtState.mjSTATE_INTEGRATION)
+    buffer = np.zeros(mujoco.mj_sizeModel(s.model), dtype=np.uint8)
+    mujoco.mj_saveModel(s.model, None, buffer)
+    return full.tobytes(), buffer.tobytes(), s.data.contact.geom.tobytes(), s.data.xpos.tobytes()
+
+
+def test_clearance_never_touches_the_scene():
+    s = scene("fast_food", "train1")
+    state = s.reset()
+    before = everything(s)
+    clearance = Clearance(s)
+    clearance.load(state)
+    draw = np.random.default_rng(2)
+    for joints in draw.uniform(-2.5, 2.5, (20, 7)):
+        clearance.touches(joints, finger_width_m=0.05, held="fries", held_pose=Pose((0.5, 0.0, 0.3)))
+    assert everything(s) == before
+    assert s.state() == state
+
+
+def test_clearance_sees_what_is_in_the_way_and_what_is_ignored():
+    s = scene("morning_coffee", "train1")
+    state = s.reset()
+    clearance = Clearance(s)
+    clearance.load(state)
+    home = np.array(state.joint_positions)
+    assert clearance.touches(home, finger_width_m=0.08) == ()
+    # A mug between the open fingers of the hand at home, and one through the hand.
+    x, y, z = state.ee_pose.position
+    in_hand = dataclasses.replace(
+        state,
+        positions=tuple((x, y, z + 0.05) if o.name == "red_mug" else p
+                        for o, p in zip(state.info.objects, state.positions, strict=True)),
+    )
+    clearance.load(in_hand)
+    hits = clearance.touches(home, finger_width_m=0.08)
+    assert hits
+    assert all(h.endswith("-red_mug") for h in hits)
+    assert clearance.touches(home, finger_width_m=0.08, ignore=frozenset({"red_mug"})) == ()
+    clearance.load(state)
+    assert clearance.touches(home, finger_width_m=0.08) == ()
+
+
+def test_clearance_notices_a_held_object_that_runs_into_another():
+    s = scene("fast_food", "train1")
+    state = s.reset()
+    clearance = Clearance(s)
+    clearance.load(state)
+    home = np.array(state.joint_positions)
+    onto = state.pose("drink")
+    hits = clearance.touches(home, finger_width_m=0.08, held="fries", held_pose=onto)
+    assert any("drink" in h and "fries" in h for h in hits)
+    free = Pose((0.5, 0.0, 0.5))
+    assert not any("drink" in h for h in clearance.touches(home, finger_width_m=0.08, held="fries", held_pose=free))

@@ -1,0 +1,240 @@
+"""The first law of the benchmark: a trial and its twin differ in what was intervened on and in nothing else, bit for bit."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+import pytest
+
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Scene
+from betterbench.scenes.builder import ROBOT_PREFIX
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import all_tasks, get_task
+
+pytestmark = pytest.mark.physics
+
+VARIATIONS = [(t.id, v.name) for t in all_tasks() for v in t.variations]
+SEEDS = (0, 7)
+each_pair = pytest.mark.parametrize(
+    ("task_id", "name", "seed"),
+    [(t, v, s) for s in SEEDS for t, v in VARIATIONS],
+    ids=[f"{t}/{v}-{s}" for s in SEEDS for t, v in VARIATIONS],
+)
+each_pair_many_seeds = pytest.mark.parametrize(("task_id", "name"), VARIATIONS, ids=[f"{t}/{v}" for t, v in VARIATIONS])
+
+
+@functools.lru_cache(maxsize=16)
+def scene(task_id: str, name: str, seed: int) -> Scene:
+    task = get_task(task_id)
+    condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
+    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+
+
+def pair(task_id: str, name: str, seed: int) -> tuple[Scene, Scene]:
+    return scene(task_id, name, seed), scene(task_id, get_task(task_id).variation(name).base, seed)
+
+
+def bits(value: object) -> bytes:
+    return np.ascontiguousarray(value).tobytes()
+
+
+GEOM = ("type", "size", "pos", "quat", "friction", "rgba", "condim", "contype", "conaffinity", "solref", "solimp", "margin",
+        "gap", "group", "solmix", "priority", "aabb", "rbound", "fluid")
+BODY = ("mass", "inertia", "ipos", "iquat", "gravcomp", "dofnum", "jntnum", "geomnum", "subtreemass")
+JOINT = ("type", "pos", "axis", "range", "stiffness", "limited", "actfrclimited", "solref", "solimp", "margin")
+MATERIAL = ("rgba", "specular", "shininess", "reflectance", "emission", "texrepeat", "texuniform", "metallic", "roughness")
+CAMERA = ("pos", "quat", "fovy", "resolution", "sensorsize", "intrinsic", "mode", "projection")
+LIGHT = ("pos", "dir", "ambient", "diffuse", "specular", "castshadow", "type", "attenuation", "cutoff", "exponent", "active",
+         "bulbradius", "intensity", "range")
+
+
+def fields(model: mujoco.MjModel, kind: str, names: tuple[str, ...], i: int) -> dict[str, bytes]:
+    return {f"{kind}_{n}": bits(getattr(model, f"{kind}_{n}")[i]) for n in names if hasattr(model, f"{kind}_{n}")}
+
+
+def mesh_part(model: mujoco.MjModel, mesh: int) -> dict[str, bytes]:
+    v, nv = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
+    f, nf = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
+    n, nn = model.mesh_normaladr[mesh], model.mesh_normalnum[mesh]
+    part = {
+        "vertices": bits(model.mesh_vert[v : v + nv]),
+        "faces": bits(model.mesh_face[f : f + nf]),
+        "normals": bits(model.mesh_normal[n : n + nn]),
+        "pos": bits(model.mesh_pos[mesh]),
+        "quat": bits(model.mesh_quat[mesh]),
+    }
+    t, nt = model.mesh_texcoordadr[mesh], model.mesh_texcoordnum[mesh]
+    if t >= 0:
+        part["uv"] = bits(model.mesh_texcoord[t : t + nt])
+    return part
+
+
+def texture_part(model: mujoco.MjModel, texture: int) -> dict[str, bytes]:
+    size = int(model.tex_height[texture] * model.tex_width[texture] * model.tex_nchannel[texture])
+    start = int(model.tex_adr[texture])
+    shape = bits([model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture], model.tex_type[texture]])
+    return {"shape": shape, "pixels": bits(model.tex_data[start : start + size])}
+
+
+def material_part(model: mujoco.MjModel, material: int) -> dict[str, object]:
+    part: dict[str, object] = dict(fields(model, "mat", MATERIAL, material))
+    for role, texture in enumerate(model.mat_texid[material].tolist()):
+        part[f"texture{role}"] = texture_part(model, texture) if texture >= 0 else None
+    return part
+
+
+def body_part(model: mujoco.MjModel, body: int) -> dict[str, object]:
+    """Everything of the compiled model that belongs to one body and that physics or a camera can notice."""
+    part: dict[str, object] = dict(fields(model, "body", BODY, body))
+    part["at"] = bits(model.body_pos[body]) + bits(model.body_quat[body])
+    joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+    part["joints"] = [fields(model, "jnt", JOINT, j) for j in joints]
+    dofs = range(model.body_dofadr[body], model.body_dofadr[body] + model.body_dofnum[body])
+    part["dofs"] = [fields(model, "dof", ("damping", "armature", "frictionloss", "solref", "solimp"), d) for d in dofs]
+    geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+    part["geoms"] = [
+        {
+            **fields(model, "geom", GEOM, g),
+            "mesh": mesh_part(model, model.geom_dataid[g]) if model.geom_dataid[g] >= 0 else None,
+            "material": material_part(model, model.geom_matid[g]) if model.geom_matid[g] >= 0 else None,
+        }
+        for g in geoms
+    ]
+    return part
+
+
+def object_part(s: Scene, name: str) -> dict[str, object]:
+    i = s.info.index(name)
+    part = body_part(s.model, int(s.compiled.bodies[i]))
+    address, dof = int(s.compiled.qpos_addresses[i]), int(s.compiled.dof_addresses[i])
+    if address >= 0:
+        part["qpos"] = bits(s.data.qpos[address : address + 7])
+        part["qvel"] = bits(s.data.qvel[dof : dof + 6])
+    state = s.state()
+    part["pose"] = state.pose(name)
+    part["info"] = s.info.object(name)
+    return part
+
+
+def rest_of_the_world(s: Scene) -> dict[str, object]:
+    """Robot, stage, cameras, lights, actuators and options: all that is no object of the condition."""
+    m = s.model
+    objects = set(s.compiled.bodies.tolist())
+    world: dict[str, object] = {m.body(b).name: body_part(m, b) for b in range(m.nbody) if b not in objects}
+    # The world body carries the mass of everything below it: what the objects weigh is theirs.
+    world["world"] = {k: v for k, v in body_part(m, 0).items() if k != "body_subtreemass"}
+    world["cameras"] = {m.camera(c).name: fields(m, "cam", CAMERA, c) for c in range(m.ncam)}
+    world["lights"] = {m.light(x).name: fields(m, "light", LIGHT, x) for x in range(m.nlight)}
+    world["actuators"] = [
+        fields(m, "actuator", ("gainprm", "biasprm", "ctrlrange", "forcerange", "gear", "trntype"), a) for a in range(m.nu)
+    ]
+    world["options"] = {
+        n: bits(getattr(m.opt, n))
+        for n in ("timestep", "integrator", "cone", "impratio", "noslip_iterations", "gravity", "tolerance", "iterations")
+    }
+    world["visual"] = {n: bits(getattr(m.vis.map, n)) for n in ("znear", "zfar", "shadowclip", "shadowscale")}
+    world["extent"] = (m.stat.extent, bits(m.stat.center))
+    world["controls"] = bits(s.data.ctrl)
+    return world
+
+
+def robot_state(s: Scene) -> tuple[object, ...]:
+    state = s.state()
+    return (
+        bits(s.data.qpos[s.arm_addresses]), bits(s.data.qpos[s.finger_addresses]), state.ee_pose, state.commanded_pose,
+        state.joint_positions, state.joint_velocities, state.finger_width_m, state.gripper_command,
+    )
+
+
+def assert_twins(trial: Scene, twin: Scene, changed: frozenset[str], *, language: bool) -> None:
+    trial.reset()
+    twin.reset()
+    there, here = ({o.name for o in s.info.objects} for s in (trial, twin))
+    assert (there ^ here) <= changed
+    for name in sorted((there & here) - changed):
+        assert object_part(trial, name) == object_part(twin, name), f"{name} was not declared to change"
+    mine, theirs = rest_of_the_world(trial), rest_of_the_world(twin)
+    assert mine.keys() == theirs.keys()
+    for part in mine:
+        assert mine[part] == theirs[part], part
+    assert robot_state(trial) == robot_state(twin)
+    assert trial.info.slots == twin.info.slots
+    assert trial.info.home_position == twin.info.home_position
+    if not changed:
+        assert language
+        assert trial.compiled.content_hash == twin.compiled.content_hash
+        assert trial.model is twin.model
+        assert bits(trial.data.qpos) == bits(twin.data.qpos)
+        assert bits(trial.data.qvel) == bits(twin.data.qvel)
+        assert trial.info == twin.info
+
+
+@each_pair
+def test_twins_differ_in_what_was_intervened_on_and_in_nothing_else(task_id, name, seed):
+    trial, twin = pair(task_id, name, seed)
+    task = get_task(task_id)
+    changes = vary(task, task.variation(name))[1]
+    assert_twins(trial, twin, changes.objects, language=changes.language)
+
+
+@each_pair
+def test_what_was_declared_to_change_really_did(task_id, name, seed):
+    """Otherwise the law above would hold for an intervention that does nothing."""
+    trial, twin = pair(task_id, name, seed)
+    task = get_task(task_id)
+    changes = vary(task, task.variation(name))[1]
+    for changed in changes.objects:
+        if changed in trial.info and changed in twin.info:
+            assert trial.reset().pose(changed) != twin.reset().pose(changed)
+        else:
+            assert (changed in trial.info) != (changed in twin.info)
+    if changes.language:
+        assert trial.condition.instruction.text != twin.condition.instruction.text
+
+
+@each_pair
+def test_an_object_that_moves_to_another_slot_takes_that_slot_s_jitter_along(task_id, name, seed):
+    """The jitter belongs to the slot: whoever stands there stands at the same place."""
+    trial, twin = pair(task_id, name, seed)
+    for slot in trial.info.slots:
+        one, other = trial.condition.occupant(slot.name), twin.condition.occupant(slot.name)
+        if one is None or other is None:
+            continue
+        a, b = trial.reset().pose(one).position, twin.reset().pose(other).position
+        # Each asset settles by less than a millimetre from its nominal pose.
+        assert abs(a[0] - b[0]) < 1e-3
+        assert abs(a[1] - b[1]) < 1e-3
+
+
+@pytest.mark.slow
+@each_pair_many_seeds
+def test_twin_law_over_many_seeds(task_id, name):
+    task = get_task(task_id)
+    changes = vary(task, task.variation(name))[1]
+    for seed in range(20, 40):
+        assert_twins(*pair(task_id, name, seed), changes.objects, language=changes.language)
+
+
+def test_this_comparison_can_fail():
+    """A hair's breadth of another seed, mass or colour is noticed."""
+    trial, other = scene("fast_food", "train1", 0), scene("fast_food", "train1", 1)
+    trial.reset()
+    other.reset()
+    assert object_part(trial, "fries") != object_part(other, "fries")
+    assert rest_of_the_world(trial) == rest_of_the_world(other)
+    part = object_part(trial, "fries")
+    body = int(trial.compiled.bodies[trial.info.index("fries")])
+    before = trial.model.body_mass[body]
+    try:
+        trial.model.body_mass[body] = np.nextafter(before, 1.0)
+        assert object_part(trial, "fries") != part
+    finally:
+        trial.model.body_mass[body] = before
+    assert object_part(trial, "fries") == part
+    assert part["geoms"]
+    assert any(g["material"] for g in part["geoms"])
+    assert ROBOT_PREFIX + "hand" in rest_of_the_world(trial)

@@ -1,0 +1,190 @@
+"""Truth tables of the predicates on states posed by hand, a tenth of a millimetre to each side of every limit."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from betterbench.errors import UnknownNameError
+from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalise, rotate
+from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.predicates import arm_still, at_rest, inside, on_ring, relation, released, upright
+
+TENTH_MM = 1e-4
+
+
+def in_bag(state, x, y, z, turn=(1.0, 0.0, 0.0, 0.0)):
+    """Pose of the fries whose box has its centre at (x, y, z), as fractions of the bag's inner half sizes."""
+    region = state.info.object("bag").region("inside")
+    height = state.info.object("fries").size_m[2]
+    hx, hy, hz = region.half_size
+    centre = (state.pose("bag") @ region.pose).apply((x * hx, y * hy, z * hz))
+    q = normalise(multiply(state.pose("bag").quaternion, turn))
+    dx, dy, dz = rotate(q, (0.0, 0.0, 0.5 * height))
+    return Pose((centre[0] - dx, centre[1] - dy, centre[2] - dz), q)
+
+
+@pytest.fixture
+def food(at_reset):
+    return at_reset("fast_food", "train1")
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_inside_ends_at_every_wall_floor_and_rim(food, posed, axis, sign):
+    half = food.info.object("bag").region("inside").half_size[axis]
+    for metres, expected in ((half - TENTH_MM, True), (half + TENTH_MM, False)):
+        at = [0.0, 0.0, 0.0]
+        at[axis] = sign * metres / half
+        assert inside(posed(food, poses={"fries": in_bag(food, *at)}), "fries", "bag") is expected
+
+
+def test_inside_middle_corners_and_outside(food, posed):
+    for x, y, z, expected in (
+        (0.0, 0.0, 0.0, True),
+        (0.99, -0.99, 0.99, True),
+        (1.5, 0.0, 0.0, False),
+        (0.0, 0.0, 3.0, False),
+        (1.02, 1.02, 0.0, False),
+    ):
+        assert inside(posed(food, poses={"fries": in_bag(food, x, y, z)}), "fries", "bag") is expected
+
+
+def test_inside_judges_the_centre_of_a_leaning_object_and_not_its_origin(food, posed):
+    lying = from_axis_angle((0.0, math.pi / 2, 0.0))
+    centred = posed(food, poses={"fries": in_bag(food, 0.0, 0.0, 0.0, lying)})
+    assert inside(centred, "fries", "bag")
+    out = posed(food, poses={"fries": in_bag(food, 1.05, 0.0, 0.0, lying)})
+    origin_in_bag = food.pose("bag").inverse().apply(out.pose("fries").position)
+    half = food.info.object("bag").region("inside").half_size
+    assert abs(origin_in_bag[0]) < half[0], "the origin of the leaning object is still within the walls"
+    assert not inside(out, "fries", "bag")
+
+
+def test_inside_turns_with_the_bag(food, posed):
+    half = food.info.object("bag").region("inside").half_size
+    bag = Pose(food.pose("bag").position, from_yaw(math.pi / 2))
+    turned = posed(food, poses={"bag": bag})
+    beyond = 0.5 * (half[0] + half[1])
+    world_x, world_y = (posed(turned, poses={"fries": Pose((bag.position[0] + dx, bag.position[1] + dy, 0.02))})
+                        for dx, dy in ((beyond, 0.0), (0.0, beyond)))
+    assert inside(world_x, "fries", "bag")
+    assert not inside(world_y, "fries", "bag")
+
+
+def test_what_touches_the_table_is_not_inside_whatever_its_pose(food, posed):
+    pose = in_bag(food, 0.0, 0.0, 0.0)
+    assert inside(posed(food, poses={"fries": pose}, contacts=(("fries", "bag"),)), "fries", "bag")
+    assert not inside(posed(food, poses={"fries": pose}, contacts=(("fries", "table"),)), "fries", "bag")
+    assert not inside(posed(food, poses={"fries": pose}, contacts=(("table", "fries"),)), "fries", "bag")
+
+
+def test_a_held_or_moving_object_is_inside_but_neither_released_nor_at_rest(food, posed):
+    pose = {"fries": in_bag(food, 0.0, 0.0, 0.0)}
+    held = posed(food, poses=pose, contacts=(("left_finger", "fries"), ("right_finger", "fries")), held="fries")
+    assert inside(held, "fries", "bag")
+    assert not released(held, "fries")
+    assert released(held, "drink")
+    moving = posed(food, poses=pose, speeds={"fries": 0.5})
+    assert inside(moving, "fries", "bag")
+    assert not at_rest(moving, "fries")
+
+
+@pytest.mark.parametrize("part", ["left_finger", "right_finger", "hand"])
+def test_released_means_no_part_of_the_gripper_touches(food, posed, part):
+    assert released(food, "fries")
+    assert not released(posed(food, contacts=((part, "fries"),)), "fries")
+    assert not released(posed(food, contacts=(("fries", part),)), "fries")
+    assert released(posed(food, contacts=(("arm", "fries"), ("fries", "drink"))), "fries")
+
+
+def test_rest_ends_at_its_speeds(food, posed):
+    for speed, turning, expected in (
+        (THRESHOLDS.rest_speed - 1e-6, THRESHOLDS.rest_turning - 1e-6, True),
+        (THRESHOLDS.rest_speed + 1e-6, 0.0, False),
+        (0.0, THRESHOLDS.rest_turning + 1e-6, False),
+    ):
+        state = posed(food, speeds={"fries": speed}, turning={"fries": turning})
+        assert at_rest(state, "fries") is expected
+        assert at_rest(state, "drink")
+
+
+def test_upright_ends_at_five_degrees_whatever_the_yaw(food, posed):
+    for degrees, expected in ((4.9, True), (5.1, False), (180.0, False)):
+        for yaw in (0.0, 1.0, -2.5):
+            q = normalise(multiply(from_axis_angle((math.radians(degrees), 0.0, 0.0)), from_yaw(yaw)))
+            state = posed(food, poses={"fries": Pose(food.pose("fries").position, q)})
+            assert upright(state, "fries") is expected
+
+
+def test_arm_still_looks_at_every_joint(food, posed):
+    for joint in range(7):
+        for speed, expected in ((0.049, True), (0.051, False), (-0.051, False)):
+            speeds = [0.0] * 7
+            speeds[joint] = speed
+            assert arm_still(posed(food, joint_velocities=tuple(speeds))) is expected
+
+
+@pytest.fixture
+def coffee(at_reset):
+    return at_reset("morning_coffee", "train1")
+
+
+def on_tray(state, dx=0.0, dy=0.0, dz=0.0, turn=0.0, tilt=0.0, name="red_mug"):
+    """Pose of the mug whose foot is off the ring's centre by (dx, dy, dz) [m] in the machine's frame."""
+    machine = state.pose("coffee_machine")
+    ring = state.info.object("coffee_machine").region("ring").position
+    goal = machine.apply((ring[0] + dx, ring[1] + dy, ring[2] + dz))
+    q = normalise(multiply(machine.quaternion, multiply(from_yaw(turn), from_axis_angle((0.0, tilt, 0.0)))))
+    base = next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
+    x, y, z = rotate(q, base)
+    return Pose((goal[0] - x, goal[1] - y, goal[2] - z), q)
+
+
+def judged(state, posed, **where):
+    return on_ring(posed(state, poses={"red_mug": on_tray(state, **where)}), "red_mug", "coffee_machine")
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, math.pi / 2, 2.5, math.pi, -1.2])
+def test_on_ring_ends_at_ten_millimetres_in_every_direction(coffee, posed, angle):
+    for millimetres, expected in ((0.0, True), (9.9, True), (10.1, False), (30.0, False)):
+        r = millimetres * 1e-3
+        assert judged(coffee, posed, dx=r * math.cos(angle), dy=r * math.sin(angle)) is expected
+
+
+@pytest.mark.parametrize(("degrees", "expected"), [(0.0, True), (4.0, True), (-4.0, True), (6.0, False), (-6.0, False)])
+def test_on_ring_ends_at_five_degrees_of_tilt(coffee, posed, degrees, expected):
+    assert judged(coffee, posed, tilt=math.radians(degrees)) is expected
+
+
+@pytest.mark.parametrize(
+    ("dz", "expected"), [(0.0, True), (0.0059, True), (-0.0059, True), (0.0061, False), (-0.0061, False), (0.05, False)]
+)
+def test_on_ring_ends_at_its_height(coffee, posed, dz, expected):
+    assert judged(coffee, posed, dz=dz) is expected
+
+
+def test_on_ring_wants_the_handle_clear_of_the_spout(coffee, posed):
+    """The spout is on the machine's side of the ring, -x: a handle that points there is under it."""
+    assert judged(coffee, posed, turn=0.0)
+    assert judged(coffee, posed, turn=0.5)
+    assert not judged(coffee, posed, turn=math.pi)
+
+
+def test_a_thing_without_a_handle_may_be_turned_any_way(at_reset, posed):
+    state = at_reset("morning_coffee", "O1")
+    for turn in (0.0, math.pi / 2, math.pi):
+        there = posed(state, poses={"red_can": on_tray(state, turn=turn, name="red_can")})
+        assert on_ring(there, "red_can", "coffee_machine")
+
+
+def test_mugs_at_their_slots_are_not_on_the_ring(coffee):
+    assert not on_ring(coffee, "red_mug", "coffee_machine")
+    assert not on_ring(coffee, "blue_mug", "coffee_machine")
+
+
+def test_unknown_relation_is_refused_with_those_that_exist():
+    assert relation("inside") is inside
+    with pytest.raises(UnknownNameError, match="Did you mean 'inside'"):
+        relation("insid")

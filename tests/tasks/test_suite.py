@@ -1,0 +1,255 @@
+"""What every task of the registry has to keep: the support law, the names and axes, and references that mean something."""
+
+from __future__ import annotations
+
+import pytest
+
+from betterbench.errors import UnknownNameError
+from betterbench.interventions import vary
+from betterbench.tasks import (
+    TEMPLATES,
+    Axis,
+    Condition,
+    Expected,
+    ObjectSpec,
+    Reference,
+    Support,
+    Variation,
+    all_tasks,
+    get_task,
+    regime_of,
+    task_names,
+)
+from betterbench.tasks.predicates import RELATIONS
+
+TASKS = all_tasks()
+VARIATIONS = [(t, v) for t in TASKS for v in t.variations]
+CONDITIONS = [(t, c) for t in TASKS for c in t.training] + [(t, vary(t, v)[0]) for t, v in VARIATIONS]
+each_task = pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+each_variation = pytest.mark.parametrize(("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS])
+each_condition = pytest.mark.parametrize(("task", "condition"), CONDITIONS, ids=[c.id for _, c in CONDITIONS])
+
+SUITE_TABLE = {
+    "desk_meeting": "LLRROT",
+    "breakfast_table": "LLROOT",
+    "fruit_lunch": "LROOTT",
+    "fast_food": "LRROTT",
+    "tidy_desk": "LLOOOT",
+    "morning_coffee": "LLLLOT",
+    "office_drawer": "LLROTT",
+    "cheeseburger": "LRROTT",
+    "seasoning_rack": "LLROOT",
+    "dinner_plates": "LLROTT",
+}
+"""Axis letters of the variations of each task in the order of the suite's table (suite, section 3)."""
+
+
+def numbered(letters: str) -> list[str]:
+    return [f"{letter}{letters[: i + 1].count(letter)}" for i, letter in enumerate(letters)]
+
+
+def test_suite_table_itself_adds_up_to_the_sixty():
+    letters = "".join(SUITE_TABLE.values())
+    assert {letter: letters.count(letter) for letter in "LROT"} == {"L": 19, "R": 11, "O": 15, "T": 15}
+
+
+@each_task
+def test_variations_and_axes_are_those_of_the_suite(task):
+    assert [v.name for v in task.variations] == numbered(SUITE_TABLE[task.id])
+    assert all(v.name[0] == v.axis.letter for v in task.variations)
+    assert [c.name for c in task.training] == [f"train{i}" for i in range(1, len(task.training) + 1)]
+
+
+@each_task
+def test_task_is_complete_and_found_by_name(task):
+    assert get_task(task.id) is task
+    assert task.template is TEMPLATES[task.template.name]
+    assert task.template.relation in RELATIONS
+    assert task.version >= 1
+    assert task.title
+    assert task.description.endswith(".")
+    assert len({s.name for s in task.slots}) == len(task.slots)
+
+
+def test_unknown_names_are_refused_with_the_closest():
+    task = TASKS[0]
+    with pytest.raises(UnknownNameError, match="Did you mean 'fast_food'"):
+        get_task("fastfood")
+    for look_up, name in ((task.slot, "nowhere"), (task.train, "train99"), (task.variation, "X9")):
+        with pytest.raises(UnknownNameError, match=name):
+            look_up(name)
+    assert task_names() == tuple(sorted(task_names()))
+
+
+@each_condition
+def test_condition_is_consistent(task, condition):
+    names = [o.name for o in condition.objects]
+    assert len(set(names)) == len(names)
+    assert condition.task == task.id
+    placed = {**condition.layout, **condition.preplaced}
+    assert set(placed) == set(names), "every object starts in a slot or at a target, and nothing else does"
+    assert len(set(condition.layout.values())) == len(condition.layout), "no slot holds two objects"
+    for slot in condition.layout.values():
+        task.slot(slot)
+    assert all(target in names for target in condition.preplaced.values())
+
+
+@each_condition
+def test_every_reference_resolves(task, condition):
+    goals = condition.instruction.subgoals
+    assert goals
+    for goal in goals:
+        assert goal.relation == task.template.relation
+        assert condition.object(goal.target).role in ("container", "fixture")
+        assert goal.word in condition.instruction.text.lower()
+        if condition.premise_broken:
+            continue
+        names = condition.resolve(goal.reference)
+        assert len(names) >= goal.count
+        assert all(condition.object(n).role in ("item", "distractor") for n in names)
+    assert len({g.name for g in goals}) == len(goals)
+    assert len({g.target for g in goals}) == 1, "the goal tracker follows one target"
+
+
+@each_condition
+def test_condition_survives_json_as_plain_data(task, condition):
+    form = condition.to_json()
+    assert form["name"] == condition.name
+    assert form["layout"] == dict(condition.layout)
+    assert form["preplaced"] == dict(condition.preplaced)
+    assert [o["name"] for o in form["objects"]] == [o.name for o in condition.objects]
+
+
+@each_condition
+def test_instructed_objects_can_be_told_apart_from_look_alikes(task, condition):
+    """Two objects of one kind are interchangeable, so they must be the same category and colour."""
+    by_kind: dict[str, set[tuple[str, str | None]]] = {}
+    for o in condition.objects:
+        by_kind.setdefault(o.kind, set()).add((o.category, o.colour))
+    assert all(len(looks) == 1 for looks in by_kind.values())
+
+
+@each_variation
+def test_expected_behaviour_is_that_of_the_suite(task, variation):
+    exceptions = {"fruit_lunch/O1": Expected.REFUSE, "morning_coffee/T1": Expected.STAY_STILL}
+    assert variation.expected is exceptions.get(f"{task.id}/{variation.name}", Expected.SUCCEED)
+    assert variation.exposes
+    assert variation.hypothesis.endswith(".")
+    assert variation.title
+
+
+@each_variation
+def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, variation):
+    """Suite, section 3: what may be new is the combination, never a slot, a target or a grasp."""
+    condition, _ = vary(task, variation)
+    regime = regime_of(task)
+    picked = {slot for slots in regime.kind_slots.values() for slot in slots}
+    stood = set(regime.standing_kinds)
+    targets = {(g.target, condition.layout.get(g.target)) for g in condition.instruction.subgoals}
+    trained = {(g.target, c.layout.get(g.target)) for c in task.training for g in c.instruction.subgoals}
+    assert targets <= trained
+    if variation.support is Support.NOVEL:
+        return
+    assert set(condition.layout.values()) <= stood, "something stands where nothing ever stood in training"
+    for goal in condition.instruction.subgoals:
+        for name in condition.resolve(goal.reference):
+            assert condition.object(name).kind in regime.kind_slots, f"{name} was never grasped in training"
+            if name in condition.layout:
+                assert condition.layout[name] in picked, f"{name} stands where nothing was picked in training"
+
+
+@each_variation
+def test_support_what_is_preplaced_rests_where_training_put_it(task, variation):
+    condition, _ = vary(task, variation)
+    trained = {
+        (c.object(n).kind, g.target) for c in task.training for g in c.instruction.subgoals for n in c.resolve(g.reference)
+    }
+    assert {(condition.object(n).kind, target) for n, target in condition.preplaced.items()} <= trained
+
+
+@each_variation
+def test_variation_is_new(task, variation):
+    """A variation that equals a training condition would test nothing."""
+    condition, _ = vary(task, variation)
+
+    def setting(c: Condition) -> tuple[object, ...]:
+        kinds = frozenset((slot, c.object(n).kind) for n, slot in c.layout.items())
+        return c.instruction.text, kinds, frozenset((c.object(n).kind, t) for n, t in c.preplaced.items())
+
+    assert setting(condition) not in {setting(c) for c in task.training}
+
+
+@each_variation
+def test_look_alikes_and_distractors_are_not_meant(task, variation):
+    condition, _ = vary(task, variation)
+    meant = {n for g in condition.instruction.subgoals for n in condition.resolve(g.reference)}
+    assert not {o.name for o in condition.objects if o.role == "distractor"} & meant
+
+
+@each_condition
+def test_step_limit_grows_with_the_steps_asked(task, condition):
+    limit = task.step_limit(condition)
+    if condition.expected is Expected.STAY_STILL:
+        assert limit == task.template.still_steps
+    else:
+        assert limit == task.template.base_steps + task.template.steps_per_subgoal * len(condition.instruction.subgoals)
+
+
+def test_axis_letters():
+    assert [a.letter for a in Axis] == ["L", "R", "O", "T"]
+
+
+def test_variation_named_against_its_axis_is_refused():
+    with pytest.raises(ValueError, match="must begin with R"):
+        Variation("L1", Axis.PRIMITIVE_RECOMPOSITION, "train1", (), "t", "h.", ())
+
+
+def test_reference_names_exactly_one_thing():
+    for arguments in ({}, {"kind": "burger", "slot": "near"}):
+        with pytest.raises(ValueError, match="either a kind or a slot"):
+            Reference(**arguments)
+
+
+def test_resolve_by_kind_is_sorted_and_by_slot_follows_the_layout():
+    task = get_task("fast_food")
+    condition = task.train("train1")
+    backwards = condition.with_(objects=condition.objects[::-1])
+    assert backwards.resolve(Reference(kind="burger")) == ("burger_1", "burger_2")
+    assert condition.resolve(Reference(slot="third")) == ("fries",)
+    assert condition.resolve(Reference(slot="nowhere")) == ()
+    assert condition.resolve(Reference(kind="nothing")) == ()
+    assert condition.occupant("third") == "fries"
+    assert condition.occupant("nowhere") is None
+    assert condition.meant_kinds() == {"burger", "fries"}
+    assert condition.object("bag") == ObjectSpec("bag", "bag", "paper_bag", role="container")
+    with pytest.raises(UnknownNameError, match="burger_1"):
+        condition.object("burger1")
+
+
+def test_fast_food_regime_has_the_confounds_of_the_suite():
+    regime = regime_of(get_task("fast_food"))
+    assert regime.first_kinds == (("burger", 2),)
+    assert set(regime.sequences) == {("burger", "fries"), ("burger", "drink")}
+    assert regime.word_slots == {"burger": ("first", "second"), "fries": ("third",), "drink": ("fourth",)}
+    assert regime.standing_kinds["first"] == ("burger",)
+    assert regime.initial_items == 4
+
+
+def test_morning_coffee_regime_ties_colours_to_layout_1_and_places_to_layout_2():
+    task = get_task("morning_coffee")
+    regime = regime_of(task)
+    assert regime.word_slots == {"red": ("near",), "blue": ("far",), "top": ("far",), "bottom": ("near",)}
+    assert regime.kind_slots == {"red mug": ("far", "near"), "blue mug": ("far", "near")}
+    assert regime.standing_kinds["near"] == ("blue mug", "red mug")
+    assert regime.first_kinds == (("blue mug", 2), ("red mug", 2))
+    assert regime.initial_items == 2
+
+
+@each_task
+def test_regime_is_computed_from_all_training_conditions(task):
+    regime = regime_of(task)
+    assert len(regime.sequences) == len(task.training)
+    assert sum(n for _, n in regime.first_kinds) == len(task.training)
+    assert [n for _, n in regime.first_kinds] == sorted((n for _, n in regime.first_kinds), reverse=True)
+    words = {g.word for c in task.training for g in c.instruction.subgoals}
+    assert set(regime.word_slots) == words
