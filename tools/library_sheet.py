@@ -117,7 +117,9 @@ def sheet(names: Sequence[str], *, columns: int = 5, pixels: int = 256) -> Image
             for j, asset in enumerate(row):
                 close = j == columns
                 turn = (0.0, -35.0, 35.0)[j % 3]
-                shot = picture(renderer, data, (i, j), asset, zoom=1.3 if close else 1.0, azimuth=180.0 + (25.0 if close else turn))
+                shot = picture(
+                    renderer, data, (i, j), asset, zoom=1.3 if close else 1.0, azimuth=180.0 + (25.0 if close else turn)
+                )
                 image.paste(Image.fromarray(shot), (j * pixels, top + _LABEL))
                 draw.text((j * pixels + 6, top + 3), asset.identity, fill="black", font=font)
     return image

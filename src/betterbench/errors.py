@@ -1,7 +1,7 @@
 """The errors a user can meet: each names the thing that is wrong and what to do about it.
 
-Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as one
-line and exits with status 2; anything else is a bug and keeps its traceback.
+Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as
+one line and exits with status 2; anything else is a bug and keeps its traceback.
 """
 
 from __future__ import annotations

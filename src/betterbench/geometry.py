@@ -31,7 +31,7 @@ def normalise(q: Sequence[float]) -> Quaternion:
     Raises:
         ValueError: If all components are zero.
     """
-    w, x, y, z = (float(c) for c in q)
+    w, x, y, z = map(float, q)
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:
         msg = "a quaternion of zero length describes no rotation"

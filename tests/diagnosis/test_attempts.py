@@ -18,11 +18,15 @@ def test_closing_far_from_everything_is_no_attempt(stage):
     assert diagnose_record(stage("fast_food", "train1").go(0.42, -0.3, 0.3).close().open().end()).attempts == ()
 
 
-def test_closing_an_empty_hand_again_without_travel_is_no_attempt(stage):
+def test_a_command_that_the_fingers_do_not_follow_is_no_attempt(stage):
     s = stage("fast_food", "T1").go(0.4, 0.0, 0.4).close()
     place = s.slot("second")
-    found = diagnose_record(s.go(*place[:2], 0.3).go(*place[:2], 0.05).close().end())
-    assert found.attempts == ()
+    s.go(*place[:2], 0.3).go(*place[:2], 0.05)
+    real = s.state
+    s.state = lambda: replace(real(), gripper_command=-1.0)  # asked to open for a second, and jammed
+    s.wait(1.0)
+    s.state = real
+    assert diagnose_record(s.wait(1.0).end()).attempts == ()
 
 
 def test_chatter_is_one_attempt(stage):
@@ -64,13 +68,15 @@ def test_closing_again_on_a_held_object_is_no_new_attempt(stage):
 
 def test_a_command_of_zero_keeps_the_last_one(stage):
     s = stage("fast_food", "train1")
-    s.grasp(s.at("first")).lift()
+    name = s.at("first")
+    s.over(s.positions[name]).go(*s.positions[name][:2], 0.03)
+    s.close(0.05)
     real = s.state
-    s.state = lambda: replace(real(), gripper_command=0.0)
-    s.wait(1.0)
+    s.state = lambda: replace(real(), gripper_command=0.0)  # one short command, and the fingers keep closing
+    s.wait(0.6).lift()
     s.state = real
-    found = diagnose_record(s.carry(s.goal_place()).bring(s.of("fries")).wait(1).end())
-    assert len(found.attempts) == 2
+    found = diagnose_record(s.close(0.05).carry(s.goal_place()).bring(s.of("fries")).wait(1).end())
+    assert [(a.object, a.secured) for a in found.attempts] == [(name, True), (s.of("fries"), True)]
 
 
 def test_an_attempt_without_a_lift_is_not_secured(stage):

@@ -55,10 +55,10 @@ def test_names_of_objects_mean_nothing(stage, renamed, act):
 def test_idle_time_at_the_end_means_nothing(stage, act):
     task, name, play = acts()[act]
     labels = []
-    for idle in (5.0, 10.0, 40.0):
+    for idle in (5.0, 12.0):
         found = diagnose_record(play(stage(task, name)).wait(idle).end())
         labels.append((found.label, found.evidence.rule, found.evidence.start_s, found.attempts, found.progress))
-    assert labels[0] == labels[1] == labels[2]
+    assert labels[0] == labels[1]
 
 
 def test_idle_time_after_the_limit_makes_no_halt_of_a_timeout(stage):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
+from betterbench.interventions.layout import swap
 from betterbench.interventions.objects import remove
 from betterbench.recording import Record
 from betterbench.state import Contact
@@ -154,6 +155,13 @@ def test_a_halt_is_early_if_something_is_left(stage):
     assert label_of(stage("fast_food", "train1").wait(10).end()) is Label.EARLY_HALT
 
 
+def test_a_frozen_arm_with_a_restless_gripper_has_halted(stage):
+    s = stage("fast_food", "train1")
+    for _ in range(10):
+        s.close(0.5).open(0.5)
+    assert label_of(s.end()) is Label.EARLY_HALT
+
+
 def test_a_pause_is_no_halt(stage):
     s = stage("fast_food", "train1")
     s.wait(4).bring(s.at("first")).wait(4).grasp(s.of("fries")).lift()
@@ -191,6 +199,13 @@ def test_one_trial_alone_cannot_prove_a_shortcut(stage):
     found = diagnose_record(s.bring(s.of("blue mug")).wait(1).end())
     assert found.label is Label.WRONG_OBJECT
     assert found.evidence.candidates == ("lexical_kinematic_shortcut", "visual_layout_bias")
+
+
+def test_inertia_stands_where_the_word_leads_there_too(changed_stage):
+    s = changed_stage("fast_food", "R1", lambda c: swap(c, a="burger_1", b="fries")[0])
+    found = diagnose_record(s.bring(s.of("burger", "third")).wait(1).end())
+    assert found.label is Label.BEHAVIORAL_INERTIA
+    assert "lexical_kinematic_shortcut" in found.evidence.candidates
 
 
 @pytest.mark.parametrize("how", ["policy_error", "interrupted"])

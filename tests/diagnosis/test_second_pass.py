@@ -123,6 +123,13 @@ def test_a_run_without_pairs_says_so(policies):
     assert any("lacks the pairs" in note for note in run.notes)
 
 
+def test_trials_in_which_nothing_is_to_do_are_judged_alone(stage, policies):
+    right = [policies["right"]("morning_coffee", "T1", seed) for seed in range(2)]
+    assert {t.label for t in diagnose_records(right).trials} == {Label.CORRECT_FREEZE}
+    s = stage("morning_coffee", "T1", seed=2)
+    assert diagnose_records([*right, s.air_grasp("near").end()]).trials[2].label is Label.BEHAVIORAL_INERTIA
+
+
 def test_a_look_alike_says_nothing_about_rules(policies):
     assert read_trial(policies["lexical"]("fast_food", "O1", 0)).choice is None
 

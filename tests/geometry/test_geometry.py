@@ -89,8 +89,9 @@ def test_product_rotates_by_the_right_factor_first(a, b, v):
 def test_rotation_keeps_lengths_angles_and_handedness(q, v, w):
     rv, rw = rotate(q, v), rotate(q, w)
     assert math.isclose(math.hypot(*rv), math.hypot(*v), abs_tol=NEAR)
-    assert math.isclose(sum(a * b for a, b in zip(rv, rw, strict=True)), sum(a * b for a, b in zip(v, w, strict=True)),
-                        abs_tol=NEAR)
+    assert math.isclose(
+        sum(a * b for a, b in zip(rv, rw, strict=True)), sum(a * b for a, b in zip(v, w, strict=True)), abs_tol=NEAR
+    )
 
     def cross(a, b):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

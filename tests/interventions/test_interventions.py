@@ -12,7 +12,9 @@ from betterbench.interventions import Changes, apply, operations, vary
 from betterbench.tasks import Condition, Expected, Instruction, ObjectSpec, all_tasks, do, get_task
 
 VARIATIONS = [(t, v) for t in all_tasks() for v in t.variations]
-each_variation = pytest.mark.parametrize(("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS])
+each_variation = pytest.mark.parametrize(
+    ("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS]
+)
 CUBE = ObjectSpec("cube", "cube", "round_block", role="distractor")
 
 
@@ -135,7 +137,11 @@ LONG = get_task("fast_food").variation("T2").interventions[0].arguments["instruc
 
 
 def test_language_leaves_the_scene_alone(food):
-    for intervention in (do("instruct", instruction=TWO), do("chain", instruction=LONG), do("repeat", instruction=LONG)):
+    for intervention in (
+        do("instruct", instruction=TWO),
+        do("chain", instruction=LONG),
+        do("repeat", instruction=LONG),
+    ):
         changed, changes = apply(food, [intervention])
         assert changes == Changes(language=True)
         assert changed == food.with_(instruction=intervention.arguments["instruction"])
@@ -144,7 +150,11 @@ def test_language_leaves_the_scene_alone(food):
 BAD = {
     "unknown operation": (do("swop", a="fries", b="drink"), UnknownNameError, "Did you mean 'swap'"),
     "swap unknown": (do("swap", a="frise", b="drink"), UnknownNameError, "Did you mean 'fries'"),
-    "move to a taken slot": (do("move", object="fries", slot="first"), InvalidInputError, "burger_1 already stands there"),
+    "move to a taken slot": (
+        do("move", object="fries", slot="first"),
+        InvalidInputError,
+        "burger_1 already stands there",
+    ),
     "add to a taken slot": (do("add", object=CUBE, slot="first"), InvalidInputError, "burger_1 already stands there"),
     "move unknown": (do("move", object="salad", slot="first"), UnknownNameError, "salad"),
     "remove unknown": (do("remove", object="salad"), UnknownNameError, "salad"),
@@ -171,8 +181,12 @@ def test_a_name_in_use_is_refused(food):
 
 def test_what_is_preplaced_starts_in_no_slot(food):
     placed, _ = apply(food, [do("preplace", object="fries", target="bag")])
-    for intervention in (do("move", object="fries", slot="third"), do("swap", a="fries", b="drink"),
-                         do("preplace", object="fries", target="bag"), do("replace", object="fries", by=CUBE)):
+    for intervention in (
+        do("move", object="fries", slot="third"),
+        do("swap", a="fries", b="drink"),
+        do("preplace", object="fries", target="bag"),
+        do("replace", object="fries", by=CUBE),
+    ):
         with pytest.raises(InvalidInputError, match="starts in no slot"):
             apply(placed, [intervention])
 

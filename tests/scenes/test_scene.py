@@ -300,8 +300,10 @@ def test_clearance_sees_what_is_in_the_way_and_what_is_ignored():
     x, y, z = state.ee_pose.position
     in_hand = dataclasses.replace(
         state,
-        positions=tuple((x, y, z + 0.05) if o.name == "red_mug" else p
-                        for o, p in zip(state.info.objects, state.positions, strict=True)),
+        positions=tuple(
+            (x, y, z + 0.05) if o.name == "red_mug" else p
+            for o, p in zip(state.info.objects, state.positions, strict=True)
+        ),
     )
     clearance.load(in_hand)
     hits = clearance.touches(home, finger_width_m=0.08)

@@ -42,14 +42,57 @@ def bits(value: object) -> bytes:
     return np.ascontiguousarray(value).tobytes()
 
 
-GEOM = ("type", "size", "pos", "quat", "friction", "rgba", "condim", "contype", "conaffinity", "solref", "solimp", "margin",
-        "gap", "group", "solmix", "priority", "aabb", "rbound", "fluid")
+GEOM = (
+    "type",
+    "size",
+    "pos",
+    "quat",
+    "friction",
+    "rgba",
+    "condim",
+    "contype",
+    "conaffinity",
+    "solref",
+    "solimp",
+    "margin",
+    "gap",
+    "group",
+    "solmix",
+    "priority",
+    "aabb",
+    "rbound",
+    "fluid",
+)
 BODY = ("mass", "inertia", "ipos", "iquat", "gravcomp", "dofnum", "jntnum", "geomnum", "subtreemass")
 JOINT = ("type", "pos", "axis", "range", "stiffness", "limited", "actfrclimited", "solref", "solimp", "margin")
-MATERIAL = ("rgba", "specular", "shininess", "reflectance", "emission", "texrepeat", "texuniform", "metallic", "roughness")
+MATERIAL = (
+    "rgba",
+    "specular",
+    "shininess",
+    "reflectance",
+    "emission",
+    "texrepeat",
+    "texuniform",
+    "metallic",
+    "roughness",
+)
 CAMERA = ("pos", "quat", "fovy", "resolution", "sensorsize", "intrinsic", "mode", "projection")
-LIGHT = ("pos", "dir", "ambient", "diffuse", "specular", "castshadow", "type", "attenuation", "cutoff", "exponent", "active",
-         "bulbradius", "intensity", "range")
+LIGHT = (
+    "pos",
+    "dir",
+    "ambient",
+    "diffuse",
+    "specular",
+    "castshadow",
+    "type",
+    "attenuation",
+    "cutoff",
+    "exponent",
+    "active",
+    "bulbradius",
+    "intensity",
+    "range",
+)
 
 
 def fields(model: mujoco.MjModel, kind: str, names: tuple[str, ...], i: int) -> dict[str, bytes]:
@@ -76,7 +119,9 @@ def mesh_part(model: mujoco.MjModel, mesh: int) -> dict[str, bytes]:
 def texture_part(model: mujoco.MjModel, texture: int) -> dict[str, bytes]:
     size = int(model.tex_height[texture] * model.tex_width[texture] * model.tex_nchannel[texture])
     start = int(model.tex_adr[texture])
-    shape = bits([model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture], model.tex_type[texture]])
+    shape = bits(
+        [model.tex_height[texture], model.tex_width[texture], model.tex_nchannel[texture], model.tex_type[texture]]
+    )
     return {"shape": shape, "pixels": bits(model.tex_data[start : start + size])}
 
 
@@ -130,11 +175,21 @@ def rest_of_the_world(s: Scene) -> dict[str, object]:
     world["cameras"] = {m.camera(c).name: fields(m, "cam", CAMERA, c) for c in range(m.ncam)}
     world["lights"] = {m.light(x).name: fields(m, "light", LIGHT, x) for x in range(m.nlight)}
     world["actuators"] = [
-        fields(m, "actuator", ("gainprm", "biasprm", "ctrlrange", "forcerange", "gear", "trntype"), a) for a in range(m.nu)
+        fields(m, "actuator", ("gainprm", "biasprm", "ctrlrange", "forcerange", "gear", "trntype"), a)
+        for a in range(m.nu)
     ]
     world["options"] = {
         n: bits(getattr(m.opt, n))
-        for n in ("timestep", "integrator", "cone", "impratio", "noslip_iterations", "gravity", "tolerance", "iterations")
+        for n in (
+            "timestep",
+            "integrator",
+            "cone",
+            "impratio",
+            "noslip_iterations",
+            "gravity",
+            "tolerance",
+            "iterations",
+        )
     }
     world["visual"] = {n: bits(getattr(m.vis.map, n)) for n in ("znear", "zfar", "shadowclip", "shadowscale")}
     world["extent"] = (m.stat.extent, bits(m.stat.center))
@@ -145,8 +200,14 @@ def rest_of_the_world(s: Scene) -> dict[str, object]:
 def robot_state(s: Scene) -> tuple[object, ...]:
     state = s.state()
     return (
-        bits(s.data.qpos[s.arm_addresses]), bits(s.data.qpos[s.finger_addresses]), state.ee_pose, state.commanded_pose,
-        state.joint_positions, state.joint_velocities, state.finger_width_m, state.gripper_command,
+        bits(s.data.qpos[s.arm_addresses]),
+        bits(s.data.qpos[s.finger_addresses]),
+        state.ee_pose,
+        state.commanded_pose,
+        state.joint_positions,
+        state.joint_velocities,
+        state.finger_width_m,
+        state.gripper_command,
     )
 
 

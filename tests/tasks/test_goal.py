@@ -14,8 +14,13 @@ from betterbench.tasks import THRESHOLDS, Expected, GoalTracker, Instruction, Re
 RATE_HZ = 20.0
 DWELL = 10
 """Control steps of 0.5 s at 20 Hz."""
-SPOTS = {"burger_1": (-0.05, -0.07), "burger_2": (0.05, 0.07), "fries": (0.04, -0.08), "drink": (-0.04, 0.08),
-         "round_block": (0.0, 0.0)}
+SPOTS = {
+    "burger_1": (-0.05, -0.07),
+    "burger_2": (0.05, 0.07),
+    "fries": (0.04, -0.08),
+    "drink": (-0.04, 0.08),
+    "round_block": (0.0, 0.0),
+}
 """A place in the bag for each thing [m]."""
 
 
@@ -76,7 +81,9 @@ def test_nothing_is_done_at_the_start(at_reset):
 def test_relations_are_named_after_what_they_judge(at_reset, packed):
     state, tracker, course = start(at_reset, "train1")
     truth = course.see(packed(state, "drink"))
-    assert [n for n, holds in zip(tracker.relation_names, truth.relations, strict=True) if holds] == ["inside(drink, bag)"]
+    assert [n for n, holds in zip(tracker.relation_names, truth.relations, strict=True) if holds] == [
+        "inside(drink, bag)"
+    ]
 
 
 @pytest.mark.parametrize("burger", ["burger_1", "burger_2"])
@@ -153,8 +160,9 @@ def test_a_look_alike_in_the_bag_spoils_the_goal_and_stands_for_nothing(at_reset
     assert not course.see(packed(state, "round_block", "burger_2", "fries"), 3 * DWELL).success
 
 
-@pytest.mark.parametrize("flaw", [{"contacts": (("left_finger", "fries"),)}, {"speeds": {"fries": 0.05}},
-                                  {"turning": {"fries": 1.0}}])
+@pytest.mark.parametrize(
+    "flaw", [{"contacts": (("left_finger", "fries"),)}, {"speeds": {"fries": 0.05}}, {"turning": {"fries": 1.0}}]
+)
 def test_a_subgoal_needs_release_and_rest(at_reset, packed, flaw):
     state, _, course = start(at_reset, "train1")
     course.see(packed(state, "burger_1"))
@@ -265,8 +273,10 @@ def test_a_goal_that_was_undone_on_the_way_is_no_correct_freeze(at_reset, posed)
 def refusal(at_reset):
     """A burger is asked for and a block of its look stands there instead: refuse, but the fries may be packed."""
     state = at_reset("fast_food", "O1")
-    goals = (Subgoal("pack_apple", "inside", Reference(kind="apple"), "bag", "apple"),
-             Subgoal("pack_fries", "inside", Reference(kind="fries"), "bag", "fries"))
+    goals = (
+        Subgoal("pack_apple", "inside", Reference(kind="apple"), "bag", "apple"),
+        Subgoal("pack_fries", "inside", Reference(kind="fries"), "bag", "fries"),
+    )
     condition = condition_of("fast_food", "O1").with_(
         expected=Expected.REFUSE, premise_broken=True, instruction=Instruction("Pack the apple, then the fries.", goals)
     )

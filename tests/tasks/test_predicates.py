@@ -67,8 +67,10 @@ def test_inside_turns_with_the_bag(food, posed):
     bag = Pose(food.pose("bag").position, from_yaw(math.pi / 2))
     turned = posed(food, poses={"bag": bag})
     beyond = 0.5 * (half[0] + half[1])
-    world_x, world_y = (posed(turned, poses={"fries": Pose((bag.position[0] + dx, bag.position[1] + dy, 0.02))})
-                        for dx, dy in ((beyond, 0.0), (0.0, beyond)))
+    world_x, world_y = (
+        posed(turned, poses={"fries": Pose((bag.position[0] + dx, bag.position[1] + dy, 0.02))})
+        for dx, dy in ((beyond, 0.0), (0.0, beyond))
+    )
     assert inside(world_x, "fries", "bag")
     assert not inside(world_y, "fries", "bag")
 

@@ -70,7 +70,9 @@ def test_a_goal_that_is_reached_already(at_reset):
 
 def test_something_left_to_do_where_nothing_should_be(at_reset):
     condition = condition_of("morning_coffee", "train1").with_(expected=Expected.STAY_STILL)
-    assert found(condition, at_reset("morning_coffee", "train1")) == "nothing should be left to do, but a subgoal is open"
+    assert (
+        found(condition, at_reset("morning_coffee", "train1")) == "nothing should be left to do, but a subgoal is open"
+    )
 
 
 def test_a_preplaced_thing_that_is_not_at_its_target(at_reset, posed):

@@ -26,7 +26,11 @@ def test_stream_depends_on_its_names_alone(task, seed, purpose):
 @given(names, st.integers(0, 1 << 40), names)
 def test_any_other_name_is_another_stream(task, seed, purpose):
     first = stream(task, seed, purpose).random(2)
-    for other in (stream(task + "x", seed, purpose), stream(task, seed + 1, purpose), stream(task, seed, purpose + "x")):
+    for other in (
+        stream(task + "x", seed, purpose),
+        stream(task, seed + 1, purpose),
+        stream(task, seed, purpose + "x"),
+    ):
         assert not np.array_equal(first, other.random(2))
 
 

@@ -26,7 +26,9 @@ TASKS = all_tasks()
 VARIATIONS = [(t, v) for t in TASKS for v in t.variations]
 CONDITIONS = [(t, c) for t in TASKS for c in t.training] + [(t, vary(t, v)[0]) for t, v in VARIATIONS]
 each_task = pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
-each_variation = pytest.mark.parametrize(("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS])
+each_variation = pytest.mark.parametrize(
+    ("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS]
+)
 each_condition = pytest.mark.parametrize(("task", "condition"), CONDITIONS, ids=[c.id for _, c in CONDITIONS])
 
 SUITE_TABLE = {
@@ -162,7 +164,10 @@ def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, varia
 def test_support_what_is_preplaced_rests_where_training_put_it(task, variation):
     condition, _ = vary(task, variation)
     trained = {
-        (c.object(n).kind, g.target) for c in task.training for g in c.instruction.subgoals for n in c.resolve(g.reference)
+        (c.object(n).kind, g.target)
+        for c in task.training
+        for g in c.instruction.subgoals
+        for n in c.resolve(g.reference)
     }
     assert {(condition.object(n).kind, target) for n, target in condition.preplaced.items()} <= trained
 

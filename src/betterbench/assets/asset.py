@@ -187,9 +187,7 @@ class Asset:
                 digest.update(part.texture.pixels.tobytes())
                 digest.update(part.texture.uv.tobytes())
         for shape in self.collision:
-            digest.update(
-                repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode()
-            )
+            digest.update(repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode())
             if shape.vertices is not None:
                 digest.update(shape.vertices.tobytes())
         return digest.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""What the command line prints: tables for people on standard output, or one JSON document; messages on standard error."""
+"""What the command line prints: tables or one JSON document on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OUT = Console(highlight=False)
 ERR = Console(stderr=True, highlight=False)
 
 
-def print_json(document: Any) -> None:
+def print_json(document: object) -> None:
     """Print one JSON document on standard output."""
     sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, sort_keys=False) + "\n")
 

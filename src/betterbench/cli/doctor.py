@@ -5,18 +5,16 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import platform
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
-import av
 import numpy as np
 
 from betterbench import __version__
 from betterbench.cli.console import OUT, print_json, print_table
 from betterbench.errors import BetterError
+from betterbench.evaluation import probe_encoder
 from betterbench.interface.actions import EE_DELTA
 from betterbench.robots import robot_names
 from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
@@ -98,27 +96,21 @@ def _physics() -> str:
 def _rendering() -> str:
     scene = _scene()
     with Renderer(scene.model, quality=scene.quality) as renderer:
-        renderer.render(scene.data, "front")
+        view = renderer.render(scene.data, "front")
         began = time.perf_counter()
         frames = 10
         for _ in range(frames):
-            view = renderer.render(scene.data, "front")
+            renderer.render(scene.data, "front")
         rate = frames / (time.perf_counter() - began)
     if view.rgb is None or view.rgb.std() < 5.0:
-        raise BetterError("The picture is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa.")
+        raise BetterError(
+            "The picture is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa."
+        )
     return f"{gl_backend()}, {renderer_fingerprint().get('renderer', '?')}, {rate:.0f} frames per second at 256 x 256"
 
 
 def _video() -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "probe.mp4"
-        with av.open(str(path), "w") as container:
-            stream = container.add_stream("libx264", rate=20)
-            stream.width = stream.height = 64
-            stream.pix_fmt = "yuv420p"
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")))
-            container.mux(stream.encode(None))
-        return f"H.264 ({path.stat().st_size} bytes written)"
+    return probe_encoder()
 
 
 def _scene() -> Scene:

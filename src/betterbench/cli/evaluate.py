@@ -28,8 +28,8 @@ def evaluate(
 ) -> None:
     """Evaluate a policy. The same command goes on with an unfinished run.
 
-    Every variation runs with the same seeds, and the training conditions with as many trials in all; the first of them are the
-    counterfactual twins.
+    Every variation runs with the same seeds, and the training conditions with as many trials in all; the first of them
+    are the counterfactual twins.
 
     Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
 

@@ -9,11 +9,12 @@ from typing import Annotated
 import tyro
 
 from betterbench.cli.console import OUT, progress_bar, say
-from betterbench.diagnosis import RunDiagnosis, diagnose_run
-from betterbench.errors import MissingDependencyError, RecordError
+from betterbench.diagnosis import diagnose_run
+from betterbench.errors import MissingDependencyError
 from betterbench.evaluation import Shot, render_shots
 from betterbench.recording import RunFolder
-from betterbench.report import Film, Frame, trials_worth_showing, write_report
+from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
+from betterbench.report.page import write_report
 
 
 def report(
@@ -36,3 +37,63 @@ def report(
     runs = [RunFolder.open(path) for path in run]
     page = build_report(runs, out or runs[0].report_path, latex=latex, films=films)
     OUT.print(str(page), markup=False)
+
+
+def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: int) -> Path:
+    """Diagnose runs, render the moments that show their failures, and write the page.
+
+    Args:
+        runs: The runs, one per policy.
+        out: Folder of the report.
+        latex: Write LaTeX tables too.
+        films: Largest number of trials to show as film strips, shared by the runs.
+
+    Returns:
+        The page.
+    """
+    diagnoses = [diagnose_run(run) for run in runs]
+    shown: dict[str, Film] = {}
+    share = films // max(1, len(runs))
+    try:
+        for run, diagnosis in zip(runs, diagnoses, strict=True):
+            shown |= _films(run, trials_worth_showing(diagnosis, share))
+    except MissingDependencyError as error:
+        say(f"no film strips: {error}")
+    return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs))
+
+
+def _films(run: RunFolder, showings: Sequence[Showing]) -> dict[str, Film]:
+    wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
+    with progress_bar("film strips", len(wanted)) as (bar, task):
+        pictures = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
+    return {s.key: _film(s, pictures) for s in showings}
+
+
+def _moments(showing: Showing) -> list[tuple[str, float]]:
+    twin = [] if showing.twin is None else [(showing.twin, t) for t in showing.twin_times_s]
+    return [(showing.trial, t) for t in showing.times_s] + twin
+
+
+def _shot(key: str, time_s: float) -> Shot:
+    task, condition, seed = key.split("/")
+    return Shot(task, condition, int(seed), time_s)
+
+
+def _film(showing: Showing, pictures: dict[Shot, bytes]) -> Film:
+    def frames(key: str, times: Sequence[float], captions: Sequence[str]) -> tuple[Frame, ...]:
+        return tuple(Frame(t, pictures[_shot(key, t)], c) for t, c in zip(times, captions, strict=True))
+
+    twin = () if showing.twin is None else frames(showing.twin, showing.twin_times_s, showing.twin_captions)
+    return Film(
+        showing.policy,
+        showing.trial,
+        frames(showing.trial, showing.times_s, showing.captions),
+        showing.twin,
+        twin,
+        showing.evidence_s,
+    )
+
+
+def _machine(runs: Sequence[RunFolder]) -> dict[str, str]:
+    context = runs[0].context
+    return {name: str(context[name]) for name in ("platform", "processors", "python") if name in context}

@@ -23,9 +23,11 @@ def find_halt(course: Course) -> tuple[int, int] | None:
         First and last row of the halt.
     """
     trace = course.trace
-    still = _still(trace) & ~_fingers_at_work(trace)
+    still = _still(trace)
     for step in course.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
+        release = step.grasp.release  # an arm that lets go of something has not halted yet
+        still[release : release + trace.steps(LIMITS.stop_time)] = False
     last = max((s.grasp.end for s in course.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
     for start, stop in _runs(still):
@@ -50,13 +52,6 @@ def _still(trace: Trace) -> Bools:
     for shift in range(window + 1):  # every row of a slow stretch counts as still
         still[shift : shift + len(slow)] |= slow
     return still
-
-
-def _fingers_at_work(trace: Trace) -> Bools:
-    """Return the rows at which the fingers travel: an arm that opens its hand in mid-air has not halted yet."""
-    working = np.zeros(trace.rows, dtype=np.bool_)
-    working[1:] = np.abs(np.diff(trace.width)) * trace.rate_hz > THRESHOLDS.halt_speed
-    return working
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:

@@ -186,6 +186,6 @@ def _confusion(choices: Sequence[Choice]) -> float:
     if not choices:
         return 0.0
     guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))
-    rates = np.linspace(1e-3, max(2e-3, guessing), 100)
+    rates = np.linspace(1e-3, min(0.99, max(2e-3, guessing)), 100)
     costs = [-sum(math.log(_chance(c, float(rate))) for c in choices) for rate in rates]
     return min(costs)

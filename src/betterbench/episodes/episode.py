@@ -61,7 +61,7 @@ class _Answers:
                 actions = actions[None, :]
             if actions.ndim != 2 or actions.shape[1] != dim or len(actions) == 0:
                 msg = (
-                    f"the policy answered an array of shape {np.shape(answer)}. {self.scene.action_space.name} wants "
+                    f"the policy answered an array of shape {actions.shape}. {self.scene.action_space.name} wants "
                     f"({dim},) or (horizon, {dim}) with at least one action."
                 )
                 raise InvalidActionError(msg)
@@ -111,7 +111,7 @@ def run_episode(
     )
     builder = RecordBuilder(describe(scene, tracker, context))
     truth = tracker.update(state)
-    _append(builder, scene, state, truth, None, None)
+    _append(builder, scene, state, truth, action=None, applied=None)
     answers = _Answers(mind, scene, observer)
     limit = scene.task.step_limit(scene.condition)
     termination: Termination = "step_limit"
@@ -125,17 +125,17 @@ def run_episode(
         while state.step < limit and not truth.success:
             action = np.asarray(answers.next(state))
             applied = scene.step(action)
-            clipped += not np.array_equal(applied, action)
+            clipped += applied.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
-            _append(builder, scene, state, truth, action.astype(np.float64), applied)
+            _append(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
             if on_step is not None:
                 on_step(state.step)
         if truth.success:
             termination = "success"
     except (KeyboardInterrupt, PremiseError, InvalidInputError):
         raise
-    except Exception as problem:  # noqa: BLE001 - the episode boundary: whatever a policy does, the run goes on
+    except (Exception, SystemExit) as problem:  # noqa: BLE001 - the episode boundary: whatever a policy does, the run goes on
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     record = builder.finish(
@@ -153,6 +153,7 @@ def _append(
     scene: Scene,
     state: WorldState,
     truth: Truth,
+    *,
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:

@@ -19,6 +19,15 @@ from betterbench.state import WorldState
 from betterbench.tasks import Condition, GoalTracker, Truth, get_task, task_names
 
 NAMESPACE = "BeTTER"
+_BOUNDS = {
+    "joint_positions": (7, 4.0),
+    "joint_velocities": (7, 50.0),
+    "ee_position": (3, 2.0),
+    "ee_quaternion": (4, 1.0 + 1e-9),
+    "gripper_width": (1, 0.2),
+}
+"""Number of values and bound of each measurement, wider than anything that can happen: the joints' limits stay within
+3.8 rad and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the hand opens by 0.08 m."""
 
 
 def environment_id(task: str) -> str:
@@ -70,11 +79,10 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._tracker: GoalTracker | None = None
         low, high = np.array(self._actions.low), np.array(self._actions.high)
         self.action_space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
-        unbounded = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4, "gripper_width": 1}
         self.observation_space = spaces.Dict(
             {
                 **{c.name: spaces.Box(0, 255, (c.height, c.width, 3), np.uint8) for c in self._spec.cameras},
-                **{name: spaces.Box(-np.inf, np.inf, (n,), np.float64) for name, n in unbounded.items()},
+                **{name: spaces.Box(-bound, bound, (n,), np.float64) for name, (n, bound) in _BOUNDS.items()},
             }
         )
 
@@ -101,9 +109,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         super().reset(seed=seed)
         del options
         trial = int(self.np_random.integers(1 << 31)) if seed is None else seed
-        self._scene = Scene(
-            self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality
-        )
+        self._scene = Scene(self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality)
         state = self._scene.reset()
         self._tracker = GoalTracker(
             self._condition,
@@ -136,7 +142,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             self._info(state, truth, scene.seed),
         )
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> np.ndarray | None:
         """Return the front camera's picture, (256, 256, 3) uint8, in mode "rgb_array"."""
         if self.render_mode is None or self._scene is None:
             return None

@@ -14,8 +14,7 @@ _KEPT_RENDERERS = 4
 
 
 class Observer:
-    """Makes observations. It keeps the renderers of the last few models, because making one costs tens of
-    milliseconds."""
+    """Makes observations and keeps the renderers of the last few models: making one costs tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec) -> None:
         """Prepare for one observation preset."""

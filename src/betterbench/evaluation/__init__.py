@@ -1,7 +1,7 @@
 """Evaluation: a plan of trials, run by worker processes into a folder that survives anything."""
 
 from betterbench.evaluation.agents import PolicyEntry, check_policy, known_policies
-from betterbench.evaluation.films import Shot, render_shots, write_video
+from betterbench.evaluation.films import Shot, probe_encoder, render_shots, write_video
 from betterbench.evaluation.plan import Plan, Trial, make_plan
 from betterbench.evaluation.replay import ReplayCheck, check_record
 from betterbench.evaluation.runner import Progress, evaluate
@@ -19,6 +19,7 @@ __all__ = [
     "evaluate",
     "known_policies",
     "make_plan",
+    "probe_encoder",
     "render_shots",
     "show_comparison",
     "show_condition",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from betterbench.episodes.episode import Mind
-from betterbench.errors import UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.plan import Trial
 from betterbench.experts import EXPERTS, make_expert
 from betterbench.interface import Policy
+from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin
 from betterbench.scenes import Scene
 
@@ -44,19 +45,40 @@ def known_policies() -> tuple[PolicyEntry, ...]:
     return (*privileged, *_PLAIN.values(), *_PREFIXES.values())
 
 
-def check_policy(address: str) -> None:
+def check_policy(address: str, *, action_space: str | None = None) -> None:
     """Check that an address means something, before a run is planned for it.
 
+    Args:
+        address: Address of the policy.
+        action_space: Action space of the run, which the policy has to answer in; None where there is no run yet.
+
     Raises:
-        UnknownNameError: If it does not.
-        InvalidInputError: If a plugin cannot be loaded.
+        UnknownNameError: If the address means nothing.
+        InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
     """
-    if address in EXPERTS or address in _PLAIN or address.startswith("replay:"):
-        return
-    if address.startswith("python:"):
-        load_plugin(address.removeprefix("python:"))
-        return
-    raise UnknownNameError("policy", address, (e.address for e in known_policies()))
+    if address.startswith("replay:"):
+        return  # Its action space is that of each record, which it compares itself.
+    if address in EXPERTS:
+        declared = EE_DELTA.name
+    elif address in _PLAIN or address.startswith("python:"):
+        declared = _make(address).info.action_space
+    else:
+        raise UnknownNameError("policy", address, (e.address for e in known_policies()))
+    if action_space not in (None, declared):
+        raise InvalidInputError(
+            "action space",
+            f"the policy {address} answers in {declared!r}, the run asks for {action_space!r}",
+            f"Give --action-space {declared}, or another policy",
+        )
+
+
+def _make(address: str) -> Policy:
+    """Return a policy that sees observations and needs to know nothing of the trial."""
+    if address == "noop":
+        return Noop()
+    if address == "random":
+        return Random()
+    return load_plugin(address.removeprefix("python:"))
 
 
 def is_privileged(address: str) -> bool:
@@ -95,12 +117,5 @@ class Minds:
                 seed=trial.seed,
             )
         if self._kept is None:
-            self._kept = self._make()
+            self._kept = _make(self.address)
         return self._kept
-
-    def _make(self) -> Policy:
-        if self.address == "noop":
-            return Noop()
-        if self.address == "random":
-            return Random()
-        return load_plugin(self.address.removeprefix("python:"))

@@ -76,7 +76,14 @@ def render_shots(
 
 
 def write_video(
-    run: RunFolder, task: str, condition: str, seed: int, *, camera: str = "front", size: int = 512, out: Path | None = None
+    run: RunFolder,
+    task: str,
+    condition: str,
+    seed: int,
+    *,
+    camera: str = "front",
+    size: int = 512,
+    out: Path | None = None,
 ) -> Path:
     """Write the video of a recorded trial.
 
@@ -118,6 +125,18 @@ def write_video(
         view.close()
     part.replace(path)
     return path
+
+
+def probe_encoder() -> str:
+    """Encode a tiny video in memory and return what was written; anything that is missing raises."""
+    buffer = io.BytesIO()
+    with av.open(buffer, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=20)
+        stream.width = stream.height = 64
+        stream.pix_fmt = "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")))
+        container.mux(stream.encode(None))
+    return f"H.264 ({len(buffer.getvalue())} bytes written)"
 
 
 def _picture(view: StoredView, record: Record, camera: str, time_s: float) -> np.ndarray:

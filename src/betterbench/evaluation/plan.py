@@ -101,8 +101,8 @@ def make_plan(
 ) -> Plan:
     """Return the plan of a run.
 
-    Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as many
-    trials in all as its variations, evenly shared. The first of them are the counterfactual twins of the variations.
+    Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
+    many trials in all as its variations, evenly shared. The first of them are the twins of the variations.
 
     Args:
         policy: Address of the policy.

@@ -53,15 +53,15 @@ def check_record(path: Path) -> ReplayCheck:
     notes = []
     if meta.engine.get("mujoco") != engine_version():
         notes.append(f"recorded with MuJoCo {meta.engine.get('mujoco')}, replayed with {engine_version()}")
-    trial = Trial(
-        meta.task, meta.condition, meta.variation, meta.axis, meta.base_condition, meta.seed, meta.expected
-    )
+    trial = Trial(meta.task, meta.condition, meta.variation, meta.axis, meta.base_condition, meta.seed, meta.expected)
     task, condition, _ = trial.resolve()
     if task.version != meta.task_version:
         notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {task.version}")
     scene = Scene(task, condition, seed=meta.seed, action_space=action_space(meta.action_space))
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
-        raise RecordError(f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again.")
+        raise RecordError(
+            f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."
+        )
     return _compare(scene, record, tuple(notes))
 
 

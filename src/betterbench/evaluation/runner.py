@@ -68,11 +68,12 @@ def evaluate(
     Raises:
         RunConflictError: If the folder holds another run or another process writes to it.
         PremiseError: If a scene does not show what its instruction presupposes.
-        InvalidInputError: If the number of workers is out of range.
+        InvalidInputError: If the number of workers is out of range, or the policy answers in another action space.
+        UnknownNameError: If there is no such policy.
     """
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
-    check_policy(plan.policy)
+    check_policy(plan.policy, action_space=plan.action_space)
     run = RunFolder.start(out, plan.to_json(), context=_context())
     setting = Setting(str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot)
     began = time.perf_counter()

@@ -18,7 +18,9 @@ OUTLINE = (255, 64, 160)
 _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 
 
-def show_condition(task: Task, condition: Condition, *, seed: int, size: int, outlined: Sequence[str] = ()) -> Image.Image:
+def show_condition(
+    task: Task, condition: Condition, *, seed: int, size: int, outlined: Sequence[str] = ()
+) -> Image.Image:
     """Return the front view of a condition at reset.
 
     Args:
@@ -66,9 +68,7 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
 def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Image:
     """Return all training conditions of a task side by side."""
     task = get_task(task_id)
-    panels = [
-        (c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training
-    ]
+    panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
     return _side_by_side(f"{task.title} · training regime", *panels)
 
 

@@ -1,4 +1,4 @@
-"""Privileged experts and the calibration zoo: skills that see the truth, and minds that are right or wrong on purpose."""
+"""Privileged experts and the calibration zoo: skills that see the truth, minds that are right or wrong on purpose."""
 
 from betterbench.experts.privileged import PrivilegedAgent
 from betterbench.experts.registry import EXPERTS, expert_names, make_expert

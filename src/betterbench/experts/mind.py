@@ -86,9 +86,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Return the object to take for a subgoal: one that is not at the target yet, any of several alike by the seed."""
     goal = situation.condition.instruction.subgoals[index]
     names = [
-        n
-        for n in situation.condition.resolve(goal.reference)
-        if not at_target(state, n, goal.target, goal.relation)
+        n for n in situation.condition.resolve(goal.reference) if not at_target(state, n, goal.target, goal.relation)
     ]
     if not names:
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -128,8 +129,8 @@ class Planner:
             PlanningError: If none of them can be reached without touching something.
         """
         self._clearance.load(state)
-        T_object_tcp = state.pose(name).inverse() @ state.ee_pose  # noqa: N806
-        T_tcp_object = T_object_tcp.inverse()  # noqa: N806
+        T_object_tcp = state.pose(name).inverse() @ state.ee_pose
+        T_tcp_object = T_object_tcp.inverse()
         reasons: list[str] = []
         for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
             release = goal.pose @ T_object_tcp
@@ -181,7 +182,7 @@ class Planner:
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
-            for T_world_tcp in _turned(pose, grasp):  # noqa: N806
+            for T_world_tcp in _turned(pose, grasp):
                 approach = _approach(T_world_tcp)
                 if approach > -0.9:
                     continue
@@ -189,7 +190,7 @@ class Planner:
                 found.append((10.0 * grasp.preference + turn, T_world_tcp, grasp.width_m))
         if not found:
             found = [(0.0, p, w) for p, w in self._lying_grasps(state, name)]
-        for _, T_world_tcp, width in sorted(found, key=lambda item: item[0]):  # noqa: N806
+        for _, T_world_tcp, width in sorted(found, key=lambda item: item[0]):
             yield T_world_tcp, width
 
     def _lying_grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
@@ -210,9 +211,7 @@ class Planner:
                 down = normalise(multiply(from_yaw(yaw + flip), DOWN))
                 yield Pose((centre[0], centre[1], height), down), info.size_m[axis]
 
-    def _reach(
-        self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0
-    ) -> np.ndarray | None:
+    def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
         """Return joint angles that reach a pose and keep ``margin`` [rad] from the joint limits, or None."""
         result = self._ik.reach(np.asarray(start, dtype=float), pose)
         if not result.converged:
@@ -227,7 +226,7 @@ class Planner:
         width: float,
         *,
         held: str | None = None,
-        T_tcp_object: Pose | None = None,  # noqa: N803
+        T_tcp_object: Pose | None = None,
     ) -> tuple[tuple[Pose, ...], np.ndarray] | None:
         """Return a way up, across and down to ``goal`` that touches nothing, and the joints at its end, or None."""
         start = state.commanded_pose
@@ -253,7 +252,7 @@ class Planner:
         width: float,
         *,
         held: str | None = None,
-        T_tcp_object: Pose | None = None,  # noqa: N803
+        T_tcp_object: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, np.ndarray]:
@@ -275,7 +274,7 @@ class Planner:
             What blocks the way, or None if it is free; and the joint angles where the check ended.
         """
         travelled = 0.0
-        for start, end in zip(way, way[1:], strict=False):
+        for start, end in itertools.pairwise(way):
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
             steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
@@ -310,7 +309,7 @@ def _turned(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
             yield turned @ half_turn
 
 
-def _approach(T_world_tcp: Pose) -> float:  # noqa: N803
+def _approach(T_world_tcp: Pose) -> float:
     """Return the vertical component of the approach direction: -1 points straight down."""
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)

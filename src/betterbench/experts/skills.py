@@ -140,7 +140,11 @@ class Skills:
         state = yield from open_gripper(state, width_m=0.076)
         state = yield from hold(state, 3, gripper=OPEN)
         state = yield from follow(
-            state, (state.commanded_pose.translated(z=0.12),), gripper=OPEN, pace=APPROACH, period_s=self.period_s,
+            state,
+            (state.commanded_pose.translated(z=0.12),),
+            gripper=OPEN,
+            pace=APPROACH,
+            period_s=self.period_s,
             settle=2,
         )
         return state, arrived

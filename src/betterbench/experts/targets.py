@@ -57,9 +57,11 @@ def _on_ring(state: WorldState, name: str, fixture: str) -> tuple[PlaceGoal, ...
     ring = state.info.object(fixture).region("ring")
     x, y, z = frame.apply(ring.position)
     facing = yaw_of(frame.quaternion)
-    base = 0.0 if any(r.name == "handle" for r in state.info.object(name).regions) else yaw_of(
-        state.pose(name).quaternion
-    ) - facing
+    base = (
+        0.0
+        if any(r.name == "handle" for r in state.info.object(name).regions)
+        else yaw_of(state.pose(name).quaternion) - facing
+    )
     turns = [0.0] + [sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)]
     foot = next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
     front = rotate(frame.quaternion, (ENTRY_M, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Interventions on what is asked: instruct, repeat and chain. They change the sentence and the goal, never the scene."""
+"""Interventions on what is asked: instruct, repeat and chain. They change sentence and goal, never the scene."""
 
 from __future__ import annotations
 

@@ -34,9 +34,7 @@ def add(condition: Condition, *, object: ObjectSpec, slot: str) -> tuple[Conditi
     require_free(condition, slot)
     if any(o.name == object.name for o in condition.objects):
         raise InvalidInputError(f"{condition.id} object {object.name!r}", "the name is in use", "Choose another name")
-    changed = condition.with_(
-        objects=(*condition.objects, object), layout={**condition.layout, object.name: slot}
-    )
+    changed = condition.with_(objects=(*condition.objects, object), layout={**condition.layout, object.name: slot})
     return changed, Changes(frozenset({object.name}))
 
 

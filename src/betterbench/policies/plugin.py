@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import inspect
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 from betterbench.errors import InvalidInputError
-from betterbench.interface import Policy
+from betterbench.interface import Policy, PolicyInfo
 
 
 def load_plugin(address: str) -> Policy:
@@ -33,21 +35,44 @@ def load_plugin(address: str) -> Policy:
         raise InvalidInputError(
             f"policy python:{address}", f"{where} has no {name!r}", "Name a class of that module"
         ) from None
-    policy = made()
+    policy = _instance(address, name, made)
     for needed in ("info", "reset", "act"):
         if not hasattr(policy, needed):
             raise InvalidInputError(
-                f"policy python:{address}", f"{name} has no {needed!r}", "Give it info, reset(start) and act(observation)"
+                f"policy python:{address}",
+                f"{name} has no {needed!r}",
+                "Give it info, reset(start) and act(observation)",
             )
-    return policy  # type: ignore[no-any-return]
+    if not isinstance(policy.info, PolicyInfo):
+        raise InvalidInputError(
+            f"policy python:{address}",
+            f"info of {name} is a {type(policy.info).__name__}",
+            "Make it a betterbench.interface.PolicyInfo",
+        )
+    return policy
+
+
+def _instance(address: str, name: str, made: Callable[[], Policy]) -> Policy:
+    """Call a plugin's class without arguments; what it raises itself is its author's to see."""
+    try:
+        inspect.signature(made).bind()
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(
+            f"policy python:{address}", f"{name} cannot be called without arguments ({error})", "Give defaults to all"
+        ) from None
+    return made()
 
 
 def _load_module(name: str) -> ModuleType:
+    if not all(part.isidentifier() for part in name.split(".")):
+        raise InvalidInputError(
+            f"policy python:{name}", f"{name!r} is no module name", "Write python:module:Class or python:file.py:Class"
+        )
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))
     try:
         return importlib.import_module(name)
-    except ImportError as error:
+    except (ImportError, SyntaxError) as error:
         raise InvalidInputError(
             f"policy python:{name}", f"the module cannot be imported ({error})", "Install it or run beside it"
         ) from error
@@ -58,5 +83,10 @@ def _load_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None or not path.is_file():
         raise InvalidInputError(f"policy python:{path}", "there is no such file", "Name an existing Python file")
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, SyntaxError) as error:
+        raise InvalidInputError(
+            f"policy python:{path}", f"it cannot be loaded ({error})", "Correct the file"
+        ) from error
     return module

@@ -19,10 +19,13 @@ import numpy as np
 
 from betterbench.errors import InvalidActionError, InvalidInputError
 from betterbench.geometry import (
+    IDENTITY_QUATERNION,
     Pose,
     Quaternion,
     Vector,
+    angle_between,
     conjugate,
+    distance,
     from_axis_angle,
     multiply,
     normalise,
@@ -293,13 +296,19 @@ class ArmController:
         Raises:
             InvalidInputError: If the base is not at the world origin or is turned.
         """
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-        base = data.body(prefix + self.spec.arm_bodies[0])
-        if np.abs(base.xpos).max() > 1e-9 or np.abs(base.xmat.reshape(3, 3) - np.eye(3)).max() > 1e-9:
+        body = model.body(prefix + self.spec.arm_bodies[0]).id
+        base = Pose()
+        while body:
+            x, y, z = model.body_pos[body].tolist()
+            base = Pose((x, y, z), normalise(model.body_quat[body].tolist())) @ base
+            body = int(model.body_parentid[body])
+        if (
+            distance(base.position, (0.0, 0.0, 0.0)) > 1e-9
+            or angle_between(base.quaternion, IDENTITY_QUATERNION) > 1e-9
+        ):
             raise InvalidInputError(
                 f"base of the robot {self.spec.name!r}",
-                f"it stands at {base.xpos.tolist()}, or is turned",
+                f"it stands at {list(base.position)}, or is turned",
                 "Attach the robot at the world origin; all poses are given in the base frame",
             )
 

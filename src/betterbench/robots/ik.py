@@ -118,6 +118,7 @@ class ArmIK:
         self.home = np.array(spec.home_joints)
         self.low = np.array(spec.joint_low) + LIMIT_MARGIN_RAD
         self.high = np.array(spec.joint_high) - LIMIT_MARGIN_RAD
+        self._limits = np.stack([self.low, self.high])
         self._speed = np.array(spec.joint_velocity) * spec.control_period_s
         n = len(spec.arm_joints)
         # mink's weighted error is minus cost times error.
@@ -178,9 +179,8 @@ class ArmIK:
         Returns:
             Lowest and highest reference, each of shape (n,) [rad].
         """
-        down, up = APPROACH * (self.low - q), APPROACH * (self.high - q)
-        low = q + np.minimum(np.maximum(down, -self._speed), self._speed)
-        high = q + np.maximum(np.minimum(up, self._speed), -self._speed)
+        reach = APPROACH * (self._limits - q)
+        low, high = q + np.minimum(np.maximum(reach, -self._speed), self._speed)
         return low, high
 
     def reach(

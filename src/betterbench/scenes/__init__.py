@@ -3,8 +3,8 @@
 from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
 from betterbench.scenes.clearance import Clearance
 from betterbench.scenes.rendering import Renderer, gl_backend, renderer_fingerprint
-from betterbench.scenes.stored import StoredView, load_model
 from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
+from betterbench.scenes.stored import StoredView, load_model
 
 __all__ = [
     "CONTROL_RATE_HZ",

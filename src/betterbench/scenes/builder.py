@@ -109,7 +109,7 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
     return tuple(sorted(placements, key=order))
 
 
-def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose) -> Pose:  # noqa: N803
+def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose) -> Pose:
     """Return where an object rests that is at its target from the start, well inside the tolerance of the goal."""
     dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
     names = {r.name for r in target.regions}
@@ -195,7 +195,7 @@ def _label_geoms(model: mujoco.MjModel, bodies: np.ndarray, description: RobotSp
         elif name in label_of:
             body_label[body] = label_of[name]
     body_label[bodies] = np.arange(n)
-    labels = body_label[model.geom_bodyid].copy()
+    labels: np.ndarray = body_label[model.geom_bodyid].copy()
     for geom in range(model.ngeom):
         name = model.geom(geom).name
         if name in label_of:

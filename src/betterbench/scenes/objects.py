@@ -113,8 +113,8 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 def rest_pose(asset: Asset) -> Pose:
     """Return the pose in which an asset rests on a flat surface through the origin of its frame.
 
-    It is found by letting the asset, alone in the world, settle from its nominal pose. The result depends on nothing but
-    the asset, so that no neighbour can change where an object stands.
+    It is found by letting the asset, alone in the world, settle from its nominal pose. The result depends on nothing
+    but the asset, so that no neighbour can change where an object stands.
 
     Args:
         asset: The asset.

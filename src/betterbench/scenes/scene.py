@@ -83,7 +83,7 @@ class Scene:
 
     def _initial_qpos(self) -> np.ndarray:
         c = self.compiled
-        qpos = self.model.qpos0.copy()
+        qpos: np.ndarray = self.model.qpos0.copy()
         qpos[self._arm_qpos] = c.robot.home_joints
         qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
         for i, placement in enumerate(self.placements):
@@ -106,10 +106,9 @@ class Scene:
             for s in self.task.slots
         )
         objects = tuple(_object_info(p, self.condition.layout.get(p.spec.name)) for p in self.placements)
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = self._home_qpos
-        mujoco.mj_kinematics(self.model, data)
-        x, y, z = (float(v) for v in data.site_xpos[self._tcp])
+        self.data.qpos[:] = self._home_qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        x, y, z = self.data.site_xpos[self._tcp].tolist()
         return SceneInfo(objects, slots, (x, y, z), self.compiled.robot.gripper_opening_m)
 
     @property
@@ -205,7 +204,7 @@ class Scene:
             angular_speeds=tuple(angular),
             ee_pose=Pose((x, y, z), normalise(self._quaternion.tolist())),
             commanded_pose=self.controller.commanded_pose,
-            finger_width_m=float(data.qpos[self._finger_qpos].sum()),
+            finger_width_m=self.controller.measured_width_m(data),
             gripper_command=self._gripper_command,
             joint_positions=tuple(data.qpos[self._arm_qpos].tolist()),
             joint_velocities=tuple(data.qvel[self._arm_dofs].tolist()),
@@ -219,28 +218,30 @@ class Scene:
             return (), None
         contact = data.contact
         pairs = self.compiled.geom_labels[contact.geom].tolist()
-        addresses = contact.efc_address
-        forces = np.where(addresses >= 0, data.efc_force[np.maximum(addresses, 0)], 0.0).tolist()
+        addresses = contact.efc_address.tolist()
+        forces = data.efc_force.tolist()
         total: dict[tuple[int, int], float] = {}
         below = self._relevant_below
-        for (a, b), force in zip(pairs, forces, strict=True):
+        for (a, b), address in zip(pairs, addresses, strict=True):
             if a == b or a < 0 or b < 0 or (a >= below and b >= below):
                 continue
             key = (a, b) if a < b else (b, a)
-            total[key] = total.get(key, 0.0) + force
+            total[key] = total.get(key, 0.0) + (forces[address] if address >= 0 else 0.0)
         labels = self._labels
-        contacts = tuple(Contact(labels[a], labels[b], total[a, b]) for a, b in sorted(total))
-        return contacts, self._held(total)
+        touching = sorted(total)
+        contacts = tuple([Contact(labels[a], labels[b], total[a, b]) for a, b in touching])
+        return contacts, self._held(touching)
 
-    def _held(self, touching: dict[tuple[int, int], float]) -> str | None:
+    def _held(self, touching: list[tuple[int, int]]) -> str | None:
+        """Return the object that both fingers touch and nothing else supports.
+
+        Args:
+            touching: Pairs of labels, the smaller first, in order; objects come before everything else.
+        """
         n = len(self._names)
-        for i in range(n):
-            if (i, self._left) in touching and (i, self._right) in touching:
-                supported = any(
-                    (a == i and (b < n or b == self._table)) or (b == i and a < n) for a, b in touching
-                )
-                if not supported:
-                    return self._names[i]
+        for i in [a for a, b in touching if a < n and b == self._left and (a, self._right) in touching]:
+            if not any((a == i and (b < n or b == self._table)) or (b == i and a < n) for a, b in touching):
+                return self._names[i]
         return None
 
 

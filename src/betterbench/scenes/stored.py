@@ -45,7 +45,9 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
         binary = files[MODEL_FILE]
         wrote = index["mujoco"]
     except (KeyError, TypeError, ValueError) as error:
-        raise RecordError(f"stored scene: {error!r} is missing or malformed. Run the trial again to store it.") from error
+        raise RecordError(
+            f"stored scene: {error!r} is missing or malformed. Run the trial again to store it."
+        ) from error
     if wrote != mujoco.__version__:
         raise RecordError(
             f"stored scene: MuJoCo {wrote} wrote it, {mujoco.__version__} is installed. "

@@ -174,9 +174,7 @@ class SceneInfo:
                 for o in form["objects"]
             )
             slots = tuple(
-                SlotInfo(
-                    s["name"], tuple(s["position"]), s["yaw"], tuple(s["trained_kinds"]), tuple(s["picked_kinds"])
-                )
+                SlotInfo(s["name"], tuple(s["position"]), s["yaw"], tuple(s["trained_kinds"]), tuple(s["picked_kinds"]))
                 for s in form["slots"]
             )
             return cls(objects, slots, tuple(form["home_position"]), float(form["gripper_opening_m"]))

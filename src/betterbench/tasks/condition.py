@@ -117,7 +117,7 @@ class Condition:
             self.object(name).kind for goal in self.instruction.subgoals for name in self.resolve(goal.reference)
         )
 
-    def with_(self, **changes: Any) -> Condition:
+    def with_(self, **changes: Any) -> Condition:  # noqa: ANN401 - the fields' own types, checked by the constructor
         """Return a copy with some fields changed."""
         return replace(self, **changes)
 

@@ -1,4 +1,4 @@
-"""Named random streams: one generator per purpose, so that adding a camera moves no object and twins share every draw."""
+"""Named random streams, one generator per purpose: adding a camera moves no object, and twins share every draw."""
 
 from __future__ import annotations
 

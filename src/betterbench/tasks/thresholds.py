@@ -19,8 +19,8 @@ class Thresholds:
         inside_margin: Distance by which an object's centre must be inside the opening of a container [m].
         grasp_reach: Distance from the tool centre point to an object's box up to which a closing gripper is an attempt
             at it [m]; half a finger pad plus the width of a pad.
-        slot_reach: Horizontal distance from an empty slot up to which a closing gripper is an attempt there [m]; the slot
-            jitter plus the radius of the largest item.
+        slot_reach: Horizontal distance from an empty slot up to which a closing gripper is an attempt there [m]; the
+            slot jitter plus the radius of the largest item.
         attempt_height: Height above the table below which a closing gripper can be an attempt [m]; above it no item
             of the suite can be reached.
         attempt_window: Time after the start of closing within which an attempt is resolved [s]; the fingers need 0.4 s

@@ -49,6 +49,9 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
             Grasp("body", Pose((0.0, 0.0, z / 2), JAW_OPENS_ALONG_Y), y),
             Grasp("long", Pose((0.0, 0.0, z / 2), JAW_OPENS_ALONG_X), x, preference=1),
         ),
-        regions=(Region("top", (0.0, 0.0, z), (x / 2, y / 2, 0.001)), Region("base", (0.0, 0.0, 0.0), (x / 2, y / 2, 0.001))),
+        regions=(
+            Region("top", (0.0, 0.0, z), (x / 2, y / 2, 0.001)),
+            Region("base", (0.0, 0.0, 0.0), (x / 2, y / 2, 0.001)),
+        ),
         parameters={"x_m": x, "y_m": y, "z_m": z, "bevel_m": bevel},
     )

@@ -151,7 +151,8 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
     rise = high - low
     profile = [(0.0, low), (0.955 * radius, low)]
     profile += [
-        (radius * share, low + rise * level) for share, level in ((1.0, 0.27), (0.92, 0.60), (0.66, 0.875), (0.32, 0.98))
+        (radius * share, low + rise * level)
+        for share, level in ((1.0, 0.27), (0.92, 0.60), (0.66, 0.875), (0.32, 0.98))
     ]
     profile.append((0.0, high))
     mesh = lathe(profile, 18, crease_degrees=55.0)
@@ -201,7 +202,14 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     height = float(rng.uniform(0.0480, 0.0540))
     bevel = float(rng.uniform(0.0018, 0.0032))
     shade = jittered(BUN if colour == "brown" else PALETTE[colour], rng, amount=0.10)
-    profile = [(0.0, 0.0), (radius - bevel, 0.0), (radius, bevel), (radius, height - bevel), (radius - bevel, height), (0.0, height)]
+    profile = [
+        (0.0, 0.0),
+        (radius - bevel, 0.0),
+        (radius, bevel),
+        (radius, height - bevel),
+        (radius - bevel, height),
+        (0.0, height),
+    ]
     length = profile_length(profile)
     canvas = Canvas(math.pi * radius, float(length[-1]), (64, 256), shade)
     top = canvas.y - float(length[4])
@@ -217,7 +225,15 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
         description=f"A {colour} round wooden block with flat faces and bevelled edges.",
         tags=("block", "round block", "cylinder", "wood", "toy", colour),
         body=mass_properties(collision, round(700.0 * math.pi * radius**2 * height, 4)),
-        visual=(part("block", lathe(profile, 28, crease_degrees=35.0, wrap=True), shade, picture=canvas.pixels(), specular=0.25),),
+        visual=(
+            part(
+                "block",
+                lathe(profile, 28, crease_degrees=35.0, wrap=True),
+                shade,
+                picture=canvas.pixels(),
+                specular=0.25,
+            ),
+        ),
         collision=collision,
         grasps=_round_grasps(radius, 0.5 * height),
         regions=_round_regions(radius, height),

@@ -58,7 +58,11 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     mouth = prism(lid_ellipse(0.0088, 0.0068, 0.0125, 0.0002))
     tab = prism(lid_ellipse(0.0095, 0.0058, -0.0035, 0.0014))
     hole = prism(lid_ellipse(0.0034, 0.0028, -0.0078, 0.0016))
-    collision = (foot(0.0170), upright_cylinder(_RADIUS, 0.0005, height - 0.006), upright_cylinder(0.027, height - 0.006, height))
+    collision = (
+        foot(0.0170),
+        upright_cylinder(_RADIUS, 0.0005, height - 0.006),
+        upright_cylinder(0.027, height - 0.006, height),
+    )
     body = mass_properties(collision, 0.35)
     return Draft(
         shape="cylinder",
@@ -73,7 +77,13 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
         ),
         collision=collision,
         grasps=(
-            Grasp("body", Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y), 2 * _RADIUS, clearance_m=0.006, symmetric_yaw=True),
+            Grasp(
+                "body",
+                Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y),
+                2 * _RADIUS,
+                clearance_m=0.006,
+                symmetric_yaw=True,
+            ),
         ),
         regions=(
             Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),

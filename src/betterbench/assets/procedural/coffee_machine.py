@@ -183,7 +183,9 @@ def _flat_ring(inner: float, outer: float, top: float) -> Mesh:
 
 def _nozzle(x: float, tip: float, underside: float) -> Mesh:
     """Return the chrome outlet: a collar under the head and two short spouts."""
-    collar = lathe([(0.0, tip + 0.0055), (0.0125, tip + 0.0055), (0.0140, underside + 0.001), (0.0, underside + 0.001)], 12)
+    collar = lathe(
+        [(0.0, tip + 0.0055), (0.0125, tip + 0.0055), (0.0140, underside + 0.001), (0.0, underside + 0.001)], 12
+    )
     spout = lathe([(0.0, tip), (0.0038, tip), (0.0045, tip + 0.006), (0.0, tip + 0.006)], 6)
     return merge([collar.moved(x), spout.moved(x, 0.0070), spout.moved(x, -0.0070)])
 

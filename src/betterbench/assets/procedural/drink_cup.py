@@ -87,14 +87,25 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
         tags=("drink", "cup", "soda", "soft drink", "paper cup", colour),
         body=mass_properties(collision, 0.27, densities=(1.0, 1.0, 1.0, 0.1, 0.1)),
         visual=(
-            part("cup", lathe(cup_profile, 24, wrap=True), shade, picture=_print(rng, cup_profile, shade, design=design), specular=0.2),
-            part("lid", lathe(lid_profile, 22), (0.95, 0.96, 0.97), picture=lid_canvas.pixels(), specular=0.5, shininess=0.5),
+            part(
+                "cup",
+                lathe(cup_profile, 24, wrap=True),
+                shade,
+                picture=_print(rng, cup_profile, shade, design=design),
+                specular=0.2,
+            ),
+            part(
+                "lid",
+                lathe(lid_profile, 22),
+                (0.95, 0.96, 0.97),
+                picture=lid_canvas.pixels(),
+                specular=0.5,
+                shininess=0.5,
+            ),
             part("straw", straw, (0.90, 0.18, 0.16) if colour != "red" else (0.95, 0.95, 0.95), specular=0.4),
         ),
         collision=collision,
-        grasps=(
-            Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), 2.0 * grip_radius, clearance_m=0.007),
-        ),
+        grasps=(Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), 2.0 * grip_radius, clearance_m=0.007),),
         regions=(
             Region("base", (0.0, 0.0, 0.0), (base_radius, base_radius, 0.001)),
             Region("lid", (0.0, 0.0, lid_top), (lid_radius, lid_radius, 0.001)),

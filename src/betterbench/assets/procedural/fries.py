@@ -109,7 +109,9 @@ def _print(rng: np.random.Generator, shade: Colour, *, design: str) -> np.ndarra
     else:
         canvas.paint(outside, shade)
         for u in (0.0, 1.0):
-            ring = canvas.inside_ellipse((u, level + 0.06), (0.24, 0.20)) & ~canvas.inside_ellipse((u, level + 0.10), (0.24, 0.19))
+            ring = canvas.inside_ellipse((u, level + 0.06), (0.24, 0.20)) & ~canvas.inside_ellipse(
+                (u, level + 0.10), (0.24, 0.19)
+            )
             canvas.paint(ring, PALETTE["yellow"])
         canvas.paint(outside & (y > 0.08) & (y < 0.14), (0.93, 0.92, 0.89))
     canvas.shade(np.where(outside, 0.86 + 0.14 * np.clip(y / (0.5 * _OUTSIDE), 0.0, 1.0), 1.0))

@@ -231,7 +231,11 @@ def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, st
         for step in range(steps + 1):
             angle = math.pi / 2.0 * (quarter - 1 + step / steps)
             points.append(
-                (sx * (half_x - corner) + corner * math.cos(angle), sy * (half_y - corner) + corner * math.sin(angle), z)
+                (
+                    sx * (half_x - corner) + corner * math.cos(angle),
+                    sy * (half_y - corner) + corner * math.sin(angle),
+                    z,
+                )
             )
     return np.array(points)
 

@@ -94,9 +94,7 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
         collision=collision,
         grasps=(
             Grasp("handle", Pose((axis + bar, 0.0, grip_height), JAW_OPENS_ALONG_Y), thickness),
-            Grasp(
-                "body", Pose((axis, 0.0, 0.056), JAW_OPENS_ALONG_Y), 2.0 * radius, clearance_m=0.003, preference=1
-            ),
+            Grasp("body", Pose((axis, 0.0, 0.056), JAW_OPENS_ALONG_Y), 2.0 * radius, clearance_m=0.003, preference=1),
         ),
         regions=(
             Region(

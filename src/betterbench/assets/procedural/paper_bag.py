@@ -40,7 +40,9 @@ def paper_bag(rng: np.random.Generator, colour: str) -> Draft:
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
 
     mesh, front = _bag(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
-    picture = _print(rng, kraft, ink, sign=sign, height=height, half_perimeter=2.0 * (half_x + half_y + 2 * _WALL), front=front)
+    picture = _print(
+        rng, kraft, ink, sign=sign, height=height, half_perimeter=2.0 * (half_x + half_y + 2 * _WALL), front=front
+    )
     ox, oy = half_x + _WALL, half_y + _WALL
     collision = (
         solid_box((-ox, -oy, 0.0), (ox, oy, _FLOOR)),
@@ -81,7 +83,11 @@ def _bag(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     fold = np.where(on_short, np.clip(1.0 - np.abs(outline[:, 0]) / half_x, 0.0, 1.0), 0.0) * 0.0040
     # Long sides stand in slightly unevenly, as paper does.
     on_long = np.abs(np.abs(outline[:, 0]) - half_x) < 1e-9
-    wave = np.where(on_long, np.clip(1.0 - np.abs(outline[:, 1]) / half_y, 0.0, 1.0), 0.0) * rng.uniform(0.2, 1.0, n) * 0.0022
+    wave = (
+        np.where(on_long, np.clip(1.0 - np.abs(outline[:, 1]) / half_y, 0.0, 1.0), 0.0)
+        * rng.uniform(0.2, 1.0, n)
+        * 0.0022
+    )
 
     def ring(inset: float, push: np.ndarray, z: np.ndarray | float) -> np.ndarray:
         points = np.zeros((n, 3))
@@ -106,7 +112,11 @@ def _bag(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     along = np.where(
         np.abs(outline[:, 0] - half_x) < 1e-9,
         np.abs(outline[:, 1]),
-        np.where(np.abs(outline[:, 0] + half_x) < 1e-9, 2 * half_y + 2 * half_x - np.abs(outline[:, 1]), half_y + half_x - outline[:, 0]),
+        np.where(
+            np.abs(outline[:, 0] + half_x) < 1e-9,
+            2 * half_y + 2 * half_x - np.abs(outline[:, 1]),
+            half_y + half_x - outline[:, 0],
+        ),
     )
     half_perimeter = 2.0 * (half_x + half_y)
     v = (0.0, 0.52 * _OUTSIDE, _OUTSIDE, _OUTSIDE + 0.01, 0.97)
@@ -163,4 +173,7 @@ def _sign(canvas: Canvas, sign: str, centre: tuple[float, float], ink: Colour, k
         canvas.paint(canvas.inside_ellipse((cx, cy), (0.018, 0.030)), ink)
         canvas.paint(np.abs(dx) < 0.0014, kraft)
         for level in (-0.012, 0.0, 0.012):
-            canvas.paint(canvas.inside_ellipse((cx, cy), (0.018, 0.030)) & (np.abs(dy - level - 0.6 * np.abs(dx)) < 0.0014), kraft)
+            canvas.paint(
+                canvas.inside_ellipse((cx, cy), (0.018, 0.030)) & (np.abs(dy - level - 0.6 * np.abs(dx)) < 0.0014),
+                kraft,
+            )

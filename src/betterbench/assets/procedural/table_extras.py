@@ -53,7 +53,9 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
         tags=("napkins", "napkin", "serviette", "paper", colour),
         body=mass_properties(collision, 0.05),
         visual=(
-            part("sheets", merge([m.moved(z=-0.07 * thickness) for m in layers[:-1]]), shaded(shade, 0.93), specular=0.05),
+            part(
+                "sheets", merge([m.moved(z=-0.07 * thickness) for m in layers[:-1]]), shaded(shade, 0.93), specular=0.05
+            ),
             part("top", flat, shade, picture=canvas.pixels(), specular=0.05),
         ),
         collision=collision,
@@ -116,7 +118,13 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
         visual=(part("cup", lathe(profile, 24, wrap=True), paper, picture=canvas.pixels(), specular=0.3),),
         collision=collision,
         grasps=(
-            Grasp("body", Pose((0.0, 0.0, 0.60 * height), JAW_OPENS_ALONG_Y), 2.0 * radius, symmetric_yaw=True, clearance_m=0.008),
+            Grasp(
+                "body",
+                Pose((0.0, 0.0, 0.60 * height), JAW_OPENS_ALONG_Y),
+                2.0 * radius,
+                symmetric_yaw=True,
+                clearance_m=0.008,
+            ),
         ),
         regions=(
             Region("base", (0.0, 0.0, 0.0), (base, base, 0.001)),

@@ -1,7 +1,7 @@
 """The true label of every zoo policy on every variation: what its one broken rule makes it do there.
 
-The diagnosis is measured against this table. Where a rule does not speak, the policy is right and so is its label; where
-two rules act alike, the label is the one that the evidence deserves (suite, section 6).
+The diagnosis is measured against this table. Where a rule does not speak, the policy is right and so is its label;
+where two rules act alike, the label is the one that the evidence deserves (suite, section 6).
 """
 
 from __future__ import annotations

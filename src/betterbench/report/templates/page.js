@@ -172,8 +172,13 @@
     show();
   }));
   document.getElementById("browser").hidden = false;
-  new IntersectionObserver((seen) => {
-    if (seen.some((s) => s.isIntersecting) && drawn < found.length) more();
-  }, { rootMargin: "800px" }).observe(document.getElementById("sentinel"));
+  const sentinel = document.getElementById("sentinel");
+  const watch = new IntersectionObserver((seen) => {
+    if (!seen.some((s) => s.isIntersecting) || drawn >= found.length) return;
+    more();
+    watch.unobserve(sentinel);  // observing anew reports again if the end is still near
+    watch.observe(sentinel);
+  }, { rootMargin: "800px" });
+  watch.observe(sentinel);
   show();
 })();

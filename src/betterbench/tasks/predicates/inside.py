@@ -18,12 +18,12 @@ def inside(state: WorldState, name: str, container: str) -> bool:
         name: Name of the object.
         container: Name of the container; its asset has a region "inside".
     """
+    if state.touching(name, "table"):
+        return False
     info = state.info.object(name)
     region = state.info.object(container).region("inside")
     centre = state.pose(name).apply((0.0, 0.0, 0.5 * info.size_m[2]))
     x, y, z = (state.pose(container) @ region.pose).inverse().apply(centre)
     hx, hy, hz = region.half_size
     margin = THRESHOLDS.inside_margin
-    if not (abs(x) <= hx - margin and abs(y) <= hy - margin and -hz <= z <= hz):
-        return False
-    return not state.touching(name, "table")
+    return abs(x) <= hx - margin and abs(y) <= hy - margin and -hz <= z <= hz

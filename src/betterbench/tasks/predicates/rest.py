@@ -10,9 +10,7 @@ from betterbench.tasks.thresholds import THRESHOLDS
 def at_rest(state: WorldState, name: str) -> bool:
     """Tell whether an object neither moves nor turns."""
     i = state.info.index(name)
-    return (
-        state.linear_speeds[i] < THRESHOLDS.rest_speed and state.angular_speeds[i] < THRESHOLDS.rest_turning
-    )
+    return state.linear_speeds[i] < THRESHOLDS.rest_speed and state.angular_speeds[i] < THRESHOLDS.rest_turning
 
 
 def upright(state: WorldState, name: str) -> bool:

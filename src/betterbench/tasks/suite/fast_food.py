@@ -55,8 +55,8 @@ def _train(name: str, instruction: Instruction) -> Condition:
 def fast_food() -> Task:
     """Pack the ordered food into the paper bag, in the order in which it is named.
 
-    Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger is
-    packed, and always a burger comes first.
+    Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
+    is packed, and always a burger comes first.
     Success: what was named is in the bag, nothing else is, packed in the named order, at rest and released for 0.5 s.
     Premise: what is named stands in its slot and the bag is empty.
     """
@@ -78,31 +78,56 @@ def fast_food() -> Task:
         training=(_train("train1", BURGER_THEN_FRIES), _train("train2", BURGER_THEN_DRINK)),
         variations=(
             Variation(
-                "L1", shift, "train1", (do("swap", a=BURGER_1.name, b=FRIES.name),), "burger and fries exchanged",
+                "L1",
+                shift,
+                "train1",
+                (do("swap", a=BURGER_1.name, b=FRIES.name),),
+                "burger and fries exchanged",
                 "Food is found by what it is and not by where it stood in training.",
                 ("lexical_kinematic_shortcut", "visual_layout_bias"),
             ),
             Variation(
-                "R1", recompose, "train1", (do("instruct", instruction=FRIES_THEN_DRINK),), "fries, then drink (B→C)",
-                "Known steps are put together in a new way, without the step that always came first.", inertia,
+                "R1",
+                recompose,
+                "train1",
+                (do("instruct", instruction=FRIES_THEN_DRINK),),
+                "fries, then drink (B→C)",
+                "Known steps are put together in a new way, without the step that always came first.",
+                inertia,
             ),
             Variation(
-                "R2", recompose, "train2", (do("instruct", instruction=DRINK_THEN_FRIES),), "drink, then fries (C→B)",
-                "Known steps are put together in a new way, without the step that always came first.", inertia,
+                "R2",
+                recompose,
+                "train2",
+                (do("instruct", instruction=DRINK_THEN_FRIES),),
+                "drink, then fries (C→B)",
+                "Known steps are put together in a new way, without the step that always came first.",
+                inertia,
             ),
             Variation(
-                "O1", perturb, "train1", (do("replace", object=BURGER_1.name, by=BLOCK),),
+                "O1",
+                perturb,
+                "train1",
+                (do("replace", object=BURGER_1.name, by=BLOCK),),
                 "round block where the first burger stood",
                 "A burger is told from a block of its colour and shape that stands in its place.",
                 ("semantic_feature_collapse",),
             ),
             Variation(
-                "T1", extrapolate, "train1", (do("remove", object=BURGER_2.name),), "one burger at the start",
+                "T1",
+                extrapolate,
+                "train1",
+                (do("remove", object=BURGER_2.name),),
+                "one burger at the start",
                 "Progress is known from what was done and not from how many burgers are left.",
-                ("causal_confusion", "phase_conflict"), mid_task_look=True,
+                ("causal_confusion", "phase_conflict"),
+                mid_task_look=True,
             ),
             Variation(
-                "T2", extrapolate, "train1", (do("chain", instruction=EVERYTHING),),
+                "T2",
+                extrapolate,
+                "train1",
+                (do("chain", instruction=EVERYTHING),),
                 "both burgers, fries and drink (A→A→B→C)",
                 "A longer chain of known steps, one of them repeated, is carried to its end.",
                 ("causal_confusion", "early_halt", "timeout"),

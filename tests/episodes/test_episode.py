@@ -1,0 +1,374 @@
+"""The loop: a pure function of trial and policy, and a boundary that no policy can break."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.evaluation import check_record
+from betterbench.experts import make_expert
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.interventions import vary
+from betterbench.policies import Noop, Random
+from betterbench.recording import read_record, write_record
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import GoalTracker, Task, get_task
+
+pytestmark = pytest.mark.physics
+
+STATE_ONLY = observation_spec("state_only")
+STILL = np.array([0.0] * 6 + [-1.0])
+
+
+def short(task: Task, steps: int = 40) -> Task:
+    """Returns the task with a short step limit."""
+    template = dataclasses.replace(task.template, base_steps=steps, steps_per_subgoal=0, still_steps=steps)
+    return dataclasses.replace(task, template=template)
+
+
+def make_scene(
+    name: str = "train1", *, task_id: str = "morning_coffee", seed: int = 0, steps: int = 40, space: str = "ee_delta"
+) -> Scene:
+    task = short(get_task(task_id), steps)
+    condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
+    return Scene(task, condition, seed=seed, action_space=action_space(space), quality=quality_preset("fast"))
+
+
+class Scripted:
+    """A policy that answers what a function says."""
+
+    info = PolicyInfo("scripted", needs_images=False)
+
+    def __init__(self, answer: Callable[[Observation], object]) -> None:
+        self.answer = answer
+        self.seen: list[int] = []
+        self.started: list[EpisodeStart] = []
+
+    def reset(self, start: EpisodeStart) -> None:
+        self.started.append(start)
+
+    def act(self, observation: Observation) -> object:
+        self.seen.append(observation.step)
+        return self.answer(observation)
+
+
+def run(policy, scene=None, **context):
+    return run_episode(
+        scene or make_scene(), policy, context=TrialContext("scripted", **context), observer=Observer(STATE_ONLY)
+    ).record
+
+
+# ---------------------------------------------------------------------------------------------------------------- purity
+
+
+@pytest.mark.parametrize("policy", [Noop, Random])
+def test_two_runs_of_a_trial_give_the_same_bytes(tmp_path, policy):
+    for name in ("a", "b"):
+        write_record(run(policy(), make_scene("L2")), tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_used_scene_and_a_used_policy_make_no_difference():
+    scene, policy = make_scene("L2"), Random()
+    first = run(policy, scene)
+    scene.step(np.ones(7))
+    assert run(policy, scene).same_bits(first)
+
+
+def test_the_expert_s_episode_is_pure_too():
+    records = []
+    for _ in range(2):
+        scene = make_scene("train1", steps=60)
+        records.append(run_episode(scene, make_expert("expert", scene), context=TrialContext("expert")).record)
+    assert records[0].same_bits(records[1])
+
+
+def test_wall_clock_figures_stay_out_of_the_record():
+    scene = make_scene()
+    result = run_episode(scene, Noop(), context=TrialContext("noop"), observer=Observer(STATE_ONLY))
+    assert {"duration_s", "policy_s", "policy_latency_p50_s", "policy_latency_max_s", "observe_s"} == set(result.wall)
+    assert all(v >= 0.0 for v in result.wall.values())
+    assert result.wall["duration_s"] >= result.wall["policy_s"]
+
+
+# -------------------------------------------------------------------------------------------------------------- the loop
+
+
+def test_the_record_begins_at_reset_and_ends_at_the_limit():
+    record = run(Noop())
+    assert len(record) == 41
+    assert record.n_steps == 40
+    assert np.isnan(record.action[0]).all()
+    assert record.outcome.termination == "step_limit"
+    assert not record.outcome.success
+    assert record.outcome.error is None
+    assert record.time[-1] == pytest.approx(2.0)
+
+
+def test_the_record_says_which_trial_it_is_of():
+    scene = make_scene("O1", seed=3)
+    meta = run(
+        Noop(),
+        scene,
+        variation="O1",
+        axis="adversarial_object_perturbation",
+        base_condition="train1",
+        interventions=("do(x)",),
+    ).metadata
+    assert (meta.task, meta.condition, meta.variation, meta.seed) == ("morning_coffee", "O1", "O1", 3)
+    assert meta.base_condition == "train1"
+    assert meta.interventions == ("do(x)",)
+    assert meta.instruction == scene.condition.instruction.text
+    assert meta.expected == "succeed"
+    assert meta.action_components == scene.action_space.components
+    assert meta.scene == scene.info
+    assert meta.scene_hash == scene.compiled.content_hash
+    assert meta.camera_preset is None
+    assert meta.render_quality is None
+    assert meta.engine["simulator"] == "mujoco"
+
+
+def test_a_policy_is_told_the_sentence_the_seed_and_the_convention_once():
+    policy = Scripted(lambda _: STILL)
+    scene = make_scene(seed=5)
+    run(policy, scene)
+    assert policy.started == [EpisodeStart(scene.condition.instruction.text, 5, "ee_delta")]
+    assert policy.seen == list(range(40))
+
+
+def test_observations_show_what_is_there_and_nothing_privileged():
+    seen: list[Observation] = []
+
+    def answer(observation):
+        seen.append(observation)
+        return STILL
+
+    record = run(Scripted(answer))
+    assert np.array_equal([o.ee_position for o in seen], record.ee_position[:-1])
+    assert np.array_equal([o.joint_positions for o in seen], record.joint_positions[:-1])
+    assert [o.gripper_width for o in seen] == record.finger_width[:-1].tolist()
+    assert seen[0].images == seen[0].depth == seen[0].masks == {}
+    assert {f.name for f in dataclasses.fields(Observation)} == {
+        "instruction",
+        "step",
+        "images",
+        "joint_positions",
+        "joint_velocities",
+        "ee_position",
+        "ee_quaternion",
+        "gripper_width",
+        "depth",
+        "masks",
+    }
+
+
+@pytest.mark.parametrize("horizon", [1, 3, 7, 100])
+def test_chunks_are_played_out_before_the_policy_is_asked_again(horizon):
+    draw = np.random.default_rng(0)
+    chunks = [np.hstack([draw.uniform(-1, 1, (horizon, 6)), -np.ones((horizon, 1))]) for _ in range(41)]
+    policy = Scripted(lambda o: chunks[o.step // horizon])
+    record = run(policy)
+    assert policy.seen == list(range(0, 40, horizon))
+    assert np.array_equal(record.action[1:], np.concatenate(chunks)[:40])
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        STILL,
+        STILL[None, :],
+        STILL.tolist(),
+        [STILL.tolist()],
+        STILL.astype(np.float32),
+        tuple(STILL),
+        np.array([0, 0, 0, 0, 0, 0, -1]),
+    ],
+)
+def test_one_action_may_come_in_any_array_form(answer):
+    record = run(Scripted(lambda _: answer), make_scene(steps=5))
+    assert record.outcome.termination == "step_limit"
+    assert np.array_equal(record.applied[1:], np.tile(STILL, (5, 1)))
+
+
+def test_what_is_out_of_range_is_clipped_and_counted():
+    def answer(observation):
+        return np.array([3.0, 0, 0, 0, 0, 0, -1.0]) if observation.step % 2 else STILL
+
+    record = run(Scripted(answer))
+    assert record.outcome.clipped_actions == 20
+    assert record.outcome.termination == "step_limit"
+    assert record.action[2, 0] == 3.0
+    assert record.applied[2, 0] == 1.0
+    assert run(Scripted(lambda _: STILL)).outcome.clipped_actions == 0
+
+
+# ------------------------------------------------------------------------------------------------------ hostile policies
+
+
+def nan_at_five(observation):
+    return np.where(np.arange(7) == 2, np.nan, STILL) if observation.step == 5 else STILL
+
+
+def raise_at_five(observation):
+    if observation.step == 5:
+        raise RuntimeError("out of memory")
+    return STILL
+
+
+HOSTILE = {
+    "nan": (nan_at_five, 5, "z = nan"),
+    "inf": (lambda o: np.full(7, np.inf), 0, "x = inf"),
+    "minus inf in a chunk": (lambda o: np.vstack([STILL, STILL, np.full(7, -np.inf)]), 2, "-inf"),
+    "too short": (lambda o: np.zeros(6), 0, r"shape \(6,\)"),
+    "too long": (lambda o: np.zeros(8), 0, r"shape \(8,\)"),
+    "three axes": (lambda o: np.zeros((2, 3, 7)), 0, r"shape \(2, 3, 7\)"),
+    "empty chunk": (lambda o: np.zeros((0, 7)), 0, "at least one action"),
+    "empty list": (lambda o: [], 0, "shape"),
+    "nothing": (lambda o: None, 0, "InvalidActionError"),
+    "text": (lambda o: "left", 0, "InvalidActionError"),
+    "texts": (lambda o: ["0"] * 7, 0, "not a real number"),
+    "complex": (lambda o: np.zeros(7, complex), 0, "not a real number"),
+    "booleans": (lambda o: np.zeros(7, bool), 0, "not a real number"),
+    "objects": (lambda o: np.array([None] * 7), 0, "not a real number"),
+    "ragged": (lambda o: [[0.0], [0.0, 1.0]], 0, "Error"),
+    "a dictionary": (lambda o: {"action": STILL}, 0, "InvalidActionError"),
+    "an exception": (raise_at_five, 5, "RuntimeError: out of memory"),
+    "an exit": (lambda o: sys.exit("enough"), 0, "SystemExit: enough"),
+    "division": (lambda o: 1 / 0, 0, "ZeroDivisionError"),
+}
+
+
+@pytest.mark.parametrize(("answer", "steps", "reason"), HOSTILE.values(), ids=HOSTILE.keys())
+def test_whatever_a_policy_does_the_trial_ends_as_policy_error_with_its_reason(answer, steps, reason):
+    record = run(Scripted(answer))
+    assert record.outcome.termination == "policy_error"
+    assert not record.outcome.success
+    assert record.outcome.error is not None
+    assert re.search(reason, record.outcome.error), record.outcome.error
+    assert record.n_steps == steps
+    assert record.outcome.invalid_actions == int(record.outcome.error.startswith("InvalidActionError"))
+    assert np.isfinite(record.qpos).all(), "the world stays as it was"
+
+
+@pytest.mark.parametrize("name", ["nan", "too short", "an exception", "nothing"])
+def test_a_record_of_a_policy_error_is_stored_and_read_back(tmp_path, name):
+    record = run(Scripted(HOSTILE[name][0]))
+    write_record(record, tmp_path / "r.parquet")
+    assert read_record(tmp_path / "r.parquet").same_bits(record)
+
+
+def test_a_policy_that_breaks_at_reset_is_a_policy_error_without_a_step():
+    class Broken(Scripted):
+        def reset(self, start):
+            raise ConnectionError("server is gone")
+
+    record = run(Broken(lambda _: STILL))
+    assert record.outcome.termination == "policy_error"
+    assert record.outcome.error == "ConnectionError: server is gone"
+    assert record.n_steps == 0
+
+
+def test_the_next_trial_after_a_crash_is_untouched_by_it():
+    scene = make_scene()
+    clean = run(Noop(), scene)
+    run(Scripted(nan_at_five), scene)
+    assert run(Noop(), scene).same_bits(clean)
+
+
+def test_a_keyboard_interrupt_stops_the_run():
+    def stop(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(Scripted(stop))
+
+
+def test_a_policy_cannot_change_the_world_through_what_it_sees():
+    def vandal(observation):
+        for array in (observation.joint_positions, observation.ee_position, observation.joint_velocities):
+            array[:] = 99.0
+        return STILL
+
+    assert run(Scripted(vandal)).same_bits(run(Scripted(lambda _: STILL)))
+
+
+def test_a_policy_cannot_change_the_record_through_what_it_gave():
+    kept = STILL.copy()
+
+    def answer(observation):
+        kept[:] = STILL
+        kept[0] = 0.01 * observation.step
+        return kept
+
+    record = run(Scripted(answer))
+    assert np.allclose(record.action[1:, 0], 0.01 * np.arange(40))
+
+
+# ----------------------------------------------------------------------------------------------------- judging it again
+
+
+@pytest.mark.parametrize(
+    ("task_id", "name"), [("morning_coffee", "train1"), ("morning_coffee", "T1"), ("fast_food", "L1")]
+)
+def test_offline_truth_is_live_truth(task_id, name):
+    scene = make_scene(name, task_id=task_id, steps=200)
+    record = run_episode(scene, make_expert("expert", scene), context=TrialContext("expert")).record
+    tracker = GoalTracker(
+        scene.condition,
+        record.metadata.scene,
+        template=scene.task.template,
+        control_rate_hz=record.metadata.control_rate_hz,
+    )
+    assert tracker.relation_names == record.metadata.predicate_names
+    assert tracker.subgoal_names == record.metadata.subgoal_names
+    truth = None
+    for row, state in enumerate(record.states()):
+        truth = tracker.update(state)
+        assert truth.relations == tuple(record.predicates[row].tolist())
+        assert truth.subgoals == tuple(record.subgoals[row].tolist())
+        assert truth.goal == bool(record.goal[row])
+        assert truth.forbidden == bool(record.forbidden[row])
+    assert truth is not None
+    assert truth.success == record.outcome.success
+
+
+@pytest.mark.parametrize("name", ["train3", "O1"])
+def test_replaying_recorded_actions_reproduces_every_state(tmp_path, name):
+    variation = None if name.startswith("train") else name
+    record = run(Random(), make_scene(name, seed=2), variation=variation)
+    write_record(record, tmp_path / "r.parquet")
+    check = check_record(tmp_path / "r.parquet")
+    assert check.identical
+    assert check.rows == 41
+    assert check.largest_difference == 0.0
+    assert check.notes == ()
+
+
+def test_replay_check_notices_a_changed_action(tmp_path):
+    record = run(Random(), make_scene("train3", seed=2))
+    actions = record.applied.copy()
+    actions[20, 0] = -np.sign(actions[20, 0])
+    write_record(dataclasses.replace(record, applied=actions), tmp_path / "r.parquet")
+    check = check_record(tmp_path / "r.parquet")
+    assert not check.identical
+    assert check.first_difference == 20
+    assert check.largest_difference > 0.0
+
+
+@pytest.mark.parametrize("space", ["ee_delta_measured", "joint_delta"])
+def test_other_action_spaces_are_replayed_in_their_own_terms(tmp_path, space):
+    scene = make_scene("train1", space=space, steps=20)
+    policy = Scripted(lambda o: 0.2 * np.sin(0.3 * o.step) * np.ones(scene.action_space.dim))
+    record = run(policy, scene)
+    assert record.outcome.termination == "step_limit"
+    assert record.metadata.action_space == space
+    write_record(record, tmp_path / "r.parquet")
+    assert check_record(tmp_path / "r.parquet").identical

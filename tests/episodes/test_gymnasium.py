@@ -1,0 +1,172 @@
+"""Every task as a Gymnasium environment that passes Gymnasium's own checker, without a warning."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from betterbench.episodes.gymnasium_env import environment_id, register
+from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
+from betterbench.policies import Noop
+from betterbench.interface import EpisodeStart
+from betterbench.tasks import all_tasks
+
+pytestmark = pytest.mark.physics
+
+TASKS = [t.id for t in all_tasks()]
+STILL = np.array([0.0] * 6 + [-1.0], dtype=np.float32)
+
+
+@pytest.fixture(autouse=True)
+def registered():
+    register()
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def build(task_id: str = "morning_coffee", **arguments: object) -> gymnasium.Env:
+        arguments = {"observation": "state_only", "quality": "fast", **arguments}
+        made.append(gymnasium.make(environment_id(task_id), **arguments))
+        return made[-1]
+
+    yield build
+    for env in made:
+        env.close()
+
+
+def test_ids_are_the_tasks_in_camel_case():
+    assert environment_id("fast_food") == "BeTTER/FastFood-v0"
+    assert all(environment_id(t) in gymnasium.registry for t in TASKS)
+
+
+def test_registering_twice_does_no_harm():
+    register()
+
+
+@pytest.mark.parametrize("task_id", TASKS)
+def test_every_task_passes_gymnasium_s_checker(make, task_id):
+    check_env(make(task_id).unwrapped, skip_render_check=True)
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("task_id", TASKS)
+def test_every_task_passes_the_checker_with_pictures(make, task_id):
+    env = make(task_id, observation="default", render_mode="rgb_array")
+    check_env(env.unwrapped)
+    seen, _ = env.reset(seed=0)
+    for camera in ("front", "wrist"):
+        assert seen[camera].shape == (256, 256, 3)
+        assert seen[camera].std() > 5.0, "the picture shows something"
+    assert env.render().shape == (256, 256, 3)
+
+
+def test_the_sentence_and_the_truth_are_in_info_and_not_in_the_observation(make):
+    env = make("fast_food", variation="T1")
+    seen, info = env.reset(seed=4)
+    assert info["instruction"] == "Put a burger into the paper bag, then the fries."
+    assert info["condition"] == "fast_food/T1"
+    assert info["seed"] == 4
+    assert info["subgoals"] == {"pack_burger": False, "pack_fries": False}
+    assert set(seen) == {"joint_positions", "joint_velocities", "ee_position", "ee_quaternion", "gripper_width"}
+
+
+def test_same_seed_same_life_and_other_seed_other_life(make):
+    def life(seed):
+        env = make(variation="L1")
+        rows = [np.concatenate([np.ravel(v) for v in env.reset(seed=seed)[0].values()])]
+        draw = np.random.default_rng(0)
+        for _ in range(15):
+            seen = env.step(draw.uniform(-1, 1, 7).astype(np.float32))[0]
+            rows.append(np.concatenate([np.ravel(v) for v in seen.values()]))
+        return np.array(rows), env.unwrapped._scene.data.qpos.tobytes()
+
+    first, world = life(3)
+    again, same_world = life(3)
+    assert np.array_equal(first, again)
+    assert world == same_world
+    assert life(4)[1] != world
+
+
+def test_resets_without_a_seed_go_on_from_the_seeded_one(make):
+    def seeds():
+        env = make()
+        env.reset(seed=11)
+        return [env.reset()[1]["seed"] for _ in range(3)]
+
+    assert seeds() == seeds()
+    assert len(set(seeds())) == 3
+
+
+def test_a_seed_is_the_trial_of_that_seed(make):
+    from betterbench.episodes import Observer, TrialContext, run_episode
+    from betterbench.interface import observation_spec
+    from betterbench.interface.actions import EE_DELTA
+    from betterbench.scenes import Scene
+    from betterbench.scenes.stage import quality_preset
+    from betterbench.tasks import get_task
+
+    env = make(variation="train2")
+    env.reset(seed=6)
+    task = get_task("morning_coffee")
+    scene = Scene(task, task.train("train2"), seed=6, action_space=EE_DELTA, quality=quality_preset("fast"))
+    scene.reset()
+    assert env.unwrapped._scene.data.qpos.tobytes() == scene.data.qpos.tobytes()
+    policy = Noop()
+    policy.reset(EpisodeStart("", 0, "ee_delta"))
+    record = run_episode(
+        scene, policy, context=TrialContext("noop"), observer=Observer(observation_spec("state_only"))
+    ).record
+    for _ in range(20):
+        seen, *_ = env.step(STILL)
+    assert np.array_equal(seen["joint_positions"], record.joint_positions[20])
+
+
+def test_an_episode_is_truncated_at_the_step_limit(make):
+    env = make(variation="train1")
+    env.reset(seed=0)
+    limit = env.unwrapped._task.step_limit(env.unwrapped._condition)
+    for step in range(1, limit + 1):
+        _, reward, terminated, truncated, info = env.step(STILL)
+        assert reward == 0.0
+        assert not terminated
+        assert truncated is (step == limit)
+    assert info["step"] == limit
+
+
+def test_staying_still_where_nothing_is_to_be_done_is_rewarded_at_the_end(make):
+    env = make(variation="T1")
+    env.reset(seed=0)
+    rewards = []
+    terminated = truncated = False
+    while not (terminated or truncated):
+        _, reward, terminated, truncated, _ = env.step(STILL)
+        rewards.append(reward)
+    assert terminated
+    assert not truncated
+    assert rewards == [0.0] * (len(rewards) - 1) + [1.0]
+
+
+def test_bad_arguments_are_named(make):
+    with pytest.raises(UnknownNameError, match="variation of morning_coffee 'Q1'"):
+        make(variation="Q1")
+    with pytest.raises(UnknownNameError, match="training condition"):
+        make(variation="train9")
+    with pytest.raises(UnknownNameError, match="observation preset"):
+        make(observation="defualt")
+    with pytest.raises(InvalidInputError, match="render_mode"):
+        gymnasium.make(environment_id("fast_food"), disable_env_checker=True).unwrapped.__class__(
+            "fast_food", render_mode="human"
+        )
+
+
+def test_a_step_before_reset_and_an_impossible_action_are_refused(make):
+    env = make().unwrapped
+    with pytest.raises(InvalidInputError, match="Call reset first"):
+        env.step(STILL)
+    env.reset(seed=0)
+    with pytest.raises(InvalidActionError, match="nan"):
+        env.step(np.full(7, np.nan))

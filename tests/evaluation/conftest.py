@@ -1,0 +1,40 @@
+"""Small plans: episodes of `morning_coffee/T1`, the shortest of the suite, and one uninterrupted run to compare with."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from betterbench.evaluation import Plan, evaluate, make_plan
+from betterbench.recording import RunFolder
+
+
+def tiny(policy: str = "random", *, trials: int = 4) -> Plan:
+    """Returns the plan of some trials of one condition."""
+    plan = make_plan(policy, tasks=["morning_coffee"], variations=["T1"], trials=trials, observation="state_only",
+                     quality="fast")
+    return dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
+
+
+def content(run: Path) -> dict[str, bytes]:
+    """Returns every record and scene of a run by name."""
+    files = [p for folder in ("records", "scenes") for p in sorted((run / folder).rglob("*")) if p.is_file()]
+    return {str(p.relative_to(run)): p.read_bytes() for p in files}
+
+
+@pytest.fixture
+def tiny_plan():
+    return tiny
+
+
+@pytest.fixture
+def run_content():
+    return content
+
+
+@pytest.fixture(scope="session")
+def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """The tiny plan, run in one go by one process."""
+    return evaluate(tiny(), tmp_path_factory.mktemp("uninterrupted") / "run")

@@ -1,0 +1,108 @@
+"""The plan: which trials, decided before the first one starts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation import make_plan
+from betterbench.interventions import vary
+from betterbench.tasks import all_tasks, get_task
+
+TASKS = all_tasks()
+
+
+@pytest.mark.parametrize("trials", [1, 3, 20])
+@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+def test_every_variation_gets_its_trials_and_training_gets_as_many_in_all(task, trials):
+    plan = make_plan("noop", tasks=[task.id], trials=trials)
+    for v in task.variations:
+        assert [t.seed for t in plan.trials if t.variation == v.name] == list(range(trials))
+    trained = [t for t in plan.trials if t.variation is None]
+    assert len(trained) >= trials * len(task.variations)
+    shares = [sum(t.condition == c.name for t in trained) for c in task.training]
+    assert len(set(shares)) == 1
+    assert shares[0] >= trials
+    assert sum(shares) < trials * len(task.variations) + max(trials, 1) * len(task.training)
+
+
+@pytest.mark.parametrize("names", [[], ["T1"], ["fast_food/L1", "morning_coffee/O1"]])
+def test_every_trial_has_its_twin_of_the_same_seed(names):
+    plan = make_plan("noop", variations=names, trials=3, seed=5)
+    keys = [(t.task, t.condition, t.seed) for t in plan.trials]
+    assert len(set(keys)) == len(keys), "no trial is planned twice"
+    for t in plan.trials:
+        if t.variation is not None:
+            assert (t.task, t.base_condition, t.seed) in keys
+        assert t.seed >= 5
+
+
+def test_the_default_is_the_whole_suite():
+    plan = make_plan("noop", trials=1)
+    assert {t.task for t in plan.trials} == {t.id for t in TASKS}
+    assert {(t.task, t.variation) for t in plan.trials if t.variation} == {(t.id, v.name) for t in TASKS for v in t.variations}
+
+
+def test_seeds_start_where_they_are_told_to():
+    a, b = make_plan("noop", trials=3, seed=0), make_plan("noop", trials=3, seed=100)
+    assert [dataclasses.replace(t, seed=t.seed + 100) for t in a.trials] == list(b.trials)
+
+
+def test_selecting_one_variation_runs_its_base_and_no_other_training():
+    plan = make_plan("noop", tasks=["morning_coffee"], variations=["L3"], trials=2)
+    assert {t.condition for t in plan.trials} == {"L3", "train3"}
+    assert len(plan.trials) == 4
+
+
+def test_a_task_named_twice_is_run_once():
+    assert make_plan("noop", tasks=["fast_food", "fast_food"], trials=1) == make_plan("noop", tasks=["fast_food"], trials=1)
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+def test_trials_resolve_to_what_the_task_says(task):
+    for trial in make_plan("noop", tasks=[task.id], trials=1).trials:
+        resolved, condition, interventions = trial.resolve()
+        assert resolved is task
+        assert condition.name == trial.condition
+        assert condition.expected.value == trial.expected
+        if trial.variation is None:
+            assert interventions == ()
+            assert trial.axis is None
+        else:
+            assert condition == vary(task, task.variation(trial.variation))[0]
+            assert trial.axis == task.variation(trial.variation).axis.value
+            assert len(interventions) == len(task.variation(trial.variation).interventions)
+
+
+def test_the_plan_is_json_and_holds_every_version_and_convention():
+    form = make_plan("noop", trials=2).to_json()
+    assert json.loads(json.dumps(form)) == form
+    assert form["task_versions"] == {t.id: get_task(t.id).version for t in TASKS}
+    for name in ("plan_version", "package_version", "suite_version", "engine", "policy", "action_space", "observation",
+                 "quality", "robot", "control_rate_hz", "trials"):
+        assert name in form
+    assert make_plan("noop", trials=2).to_json() == form
+
+
+BAD = {
+    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is not positive"),
+    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is negative"),
+    "unknown task": ({"tasks": ["fastfood"]}, UnknownNameError, "Did you mean 'fast_food'"),
+    "unknown variation": ({"tasks": ["fast_food"], "variations": ["Q1"]}, UnknownNameError, "variation of fast_food 'Q1'"),
+    "variation of an unknown task": ({"variations": ["fastfood/L1"]}, UnknownNameError, "Did you mean 'fast_food'"),
+    "variation of another task": (
+        {"tasks": ["fast_food"], "variations": ["morning_coffee/L1"]}, InvalidInputError, "belongs to no task of this run",
+    ),
+    "action space": ({"action_space": "ee_detla"}, UnknownNameError, "Did you mean 'ee_delta'"),
+    "observation": ({"observation": "defualt"}, UnknownNameError, "observation preset"),
+    "quality": ({"quality": "ultra"}, UnknownNameError, "quality"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "error", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_arguments_are_named_before_anything_runs(arguments, error, text):
+    with pytest.raises(error, match=text):
+        make_plan("noop", **arguments)

@@ -1,0 +1,457 @@
+"""Running a plan: resumed by the same command, the same bytes with any number of workers, and safe from everything."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import betterbench
+from betterbench.errors import InvalidInputError, PremiseError, RecordError, RunConflictError, UnknownNameError
+from betterbench.evaluation import Progress, evaluate, runner
+from betterbench.recording import RunFolder, TrialKey
+
+pytestmark = pytest.mark.physics
+
+
+def lines(run: Path) -> list[str]:
+    return (run / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+
+
+def keys(run: RunFolder) -> set[TrialKey]:
+    return {e.key for e in run.entries()}
+
+
+def planned(plan) -> set[TrialKey]:
+    return {TrialKey(t.task, t.condition, t.seed) for t in plan.trials}
+
+
+def is_complete(run: RunFolder, plan) -> bool:
+    entries = run.entries()
+    return len(lines(run.path)) == len(plan.trials) == len(entries) and keys(run) == planned(plan) and all(
+        e.status == "done" for e in entries
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------- running
+
+
+def test_every_planned_trial_is_in_the_journal_once_with_its_record(uninterrupted, tiny_plan):
+    plan = tiny_plan()
+    assert is_complete(uninterrupted, plan)
+    records = list(uninterrupted.records())
+    assert [TrialKey(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
+        e.key for e in uninterrupted.entries()
+    ]
+    for record, entry in zip(records, uninterrupted.entries(), strict=True):
+        assert record.metadata.policy == "random"
+        assert record.metadata.variation == entry.variation == "T1"
+        assert record.metadata.base_condition == "train1"
+        assert record.metadata.interventions == ("do(preplace object=red_mug target=coffee_machine)",)
+        assert uninterrupted.scene_path(record.metadata.scene_hash).exists()
+        assert entry.wall["total_s"] >= entry.wall["duration_s"] > 0.0
+
+
+def test_no_part_file_is_left(uninterrupted):
+    assert not list(uninterrupted.path.rglob("*.part"))
+
+
+def test_the_same_command_again_runs_nothing(uninterrupted, tiny_plan, monkeypatch):
+    before = {p: p.stat().st_mtime_ns for p in uninterrupted.path.rglob("*") if p.is_file() and p.name != ".lock"}
+
+    def run_nothing(setting, trial):
+        raise AssertionError("a finished trial was run again")
+
+    monkeypatch.setattr(runner, "run_trial", run_nothing)
+    told: list[Progress] = []
+    again = evaluate(tiny_plan(), uninterrupted.path, on_progress=told.append)
+    assert again.plan == uninterrupted.plan
+    assert [(p.done, p.planned, p.started_with, p.last) for p in told] == [(4, 4, 4, None)]
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+
+
+def test_progress_is_told_after_every_trial(tiny_plan, tmp_path):
+    told: list[Progress] = []
+    evaluate(tiny_plan(trials=2), tmp_path / "run", on_progress=told.append)
+    assert [p.done for p in told] == [0, 1, 2]
+    assert told[0].remaining_s is None
+    assert told[0].last is None
+    assert told[1].remaining_s > 0.0
+    assert told[2].remaining_s == 0.0
+    assert told[2].last.key in planned(tiny_plan(trials=2))
+
+
+def test_results_do_not_depend_on_the_order_of_the_plan(uninterrupted, tiny_plan, tmp_path, run_content):
+    plan = tiny_plan()
+    other = evaluate(dataclasses.replace(plan, trials=plan.trials[::-1]), tmp_path / "run")
+    assert run_content(other.path) == run_content(uninterrupted.path)
+
+
+def test_one_and_two_workers_write_the_same_bytes(uninterrupted, tiny_plan, tmp_path, run_content):
+    two = evaluate(tiny_plan(), tmp_path / "run", workers=2)
+    assert run_content(two.path) == run_content(uninterrupted.path)
+    assert keys(two) == keys(uninterrupted)
+    assert is_complete(two, tiny_plan())
+    assert (two.plan, two.path / "run.json") == (uninterrupted.plan, two.path / "run.json")
+    workers = {e.wall["worker"] for e in two.entries()}
+    assert float(os.getpid()) not in workers, "the work was done elsewhere"
+
+
+@pytest.mark.parametrize("workers", [0, -1, 257])
+def test_an_impossible_number_of_workers_is_refused_before_anything_is_written(tiny_plan, tmp_path, workers):
+    with pytest.raises(InvalidInputError, match="--workers"):
+        evaluate(tiny_plan(), tmp_path / "run", workers=workers)
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_unknown_policy_or_convention_is_refused_before_anything_is_written(tiny_plan, tmp_path):
+    with pytest.raises(UnknownNameError, match="Did you mean 'random'"):
+        evaluate(dataclasses.replace(tiny_plan(), policy="randum"), tmp_path / "run")
+    with pytest.raises(InvalidInputError, match="--action-space ee_delta"):
+        evaluate(dataclasses.replace(tiny_plan(), action_space="ee_pose"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+# -------------------------------------------------------------------------------------------------------------- resuming
+
+
+@pytest.fixture
+def half(uninterrupted, tmp_path):
+    """A copy of the run whose last two trials are missing from the journal; their records are there or not."""
+    import shutil
+
+    path = tmp_path / "half"
+    shutil.copytree(uninterrupted.path, path)
+    kept = lines(path)[:2]
+    (path / "journal.jsonl").write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("records", ["kept", "removed", "half written"])
+def test_an_unfinished_run_is_finished_to_the_same_bytes(half, uninterrupted, tiny_plan, run_content, records):
+    done = {e.seed for e in RunFolder.open(half).entries()}
+    for file in (half / "records").rglob("*.parquet"):
+        if int(file.stem) not in done and records != "kept":
+            file.unlink()
+            if records == "half written":
+                (file.parent / f".{file.name}.abc.part").write_bytes(b"PAR1")
+    told: list[Progress] = []
+    run = evaluate(tiny_plan(), half, on_progress=told.append)
+    assert told[0].started_with == 2
+    assert [p.last.seed for p in told[1:]] == [s for s in range(4) if s not in done]
+    assert is_complete(run, tiny_plan())
+    assert run_content(half) == run_content(uninterrupted.path)
+    assert not list(half.rglob("*.part"))
+
+
+def test_a_torn_line_costs_that_trial_only(half, uninterrupted, tiny_plan, run_content):
+    torn = lines(uninterrupted.path)[2]
+    with (half / "journal.jsonl").open("a", encoding="utf-8") as journal:
+        journal.write(torn[: len(torn) // 2])
+    assert len(RunFolder.open(half).entries()) == 2
+    run = evaluate(tiny_plan(), half)
+    assert is_complete(run, tiny_plan())
+    assert run_content(half) == run_content(uninterrupted.path)
+
+
+def test_a_corrupt_line_stops_with_its_number(half, tiny_plan):
+    text = lines(half)
+    (half / "journal.jsonl").write_text(f"{text[0]}\nnonsense\n{text[1]}\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="line 2 is corrupt"):
+        evaluate(tiny_plan(), half)
+
+
+def test_a_trial_that_is_done_but_has_no_record_is_named_and_not_left_out(half, tiny_plan, uninterrupted, run_content):
+    """The journal is the only truth about what is done; taking its line out runs the trial again."""
+    run = evaluate(tiny_plan(), half)
+    lost = run.record_path("morning_coffee", "T1", 1)
+    lost.unlink()
+    evaluate(tiny_plan(), half)
+    assert not lost.exists()
+    with pytest.raises(RecordError, match=r"1\.parquet"):
+        list(run.records())
+    kept = [line for line in lines(half) if '"seed":1,' not in line.replace(" ", "")]
+    assert len(kept) == 3
+    (half / "journal.jsonl").write_text("".join(f"{line}\n" for line in kept), encoding="utf-8")
+    evaluate(tiny_plan(), half)
+    assert run_content(half) == run_content(uninterrupted.path)
+
+
+CHANGES = {
+    "policy": {"policy": "noop"},
+    "observation": {"observation": "default"},
+    "quality": {"quality": "standard"},
+}
+
+
+@pytest.mark.parametrize(("field", "change"), CHANGES.items(), ids=CHANGES.keys())
+def test_another_plan_is_refused_with_the_field_that_differs(uninterrupted, tiny_plan, field, change):
+    before = lines(uninterrupted.path)
+    with pytest.raises(RunConflictError, match=rf"plan\.{field}"):
+        evaluate(dataclasses.replace(tiny_plan(), **change), uninterrupted.path)
+    assert lines(uninterrupted.path) == before
+
+
+def test_more_trials_are_another_plan(uninterrupted, tiny_plan):
+    with pytest.raises(RunConflictError, match=r"the length of plan\.trials is 4 there and 5 here"):
+        evaluate(tiny_plan(trials=5), uninterrupted.path)
+
+
+def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
+    (tmp_path / "thesis.tex").write_text("do not touch", encoding="utf-8")
+    with pytest.raises(RunConflictError, match="holds other files"):
+        evaluate(tiny_plan(), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_two_runs_into_one_folder_are_refused(uninterrupted, tiny_plan):
+    with uninterrupted.journal(), pytest.raises(RunConflictError, match="another run .* is writing here"):
+        evaluate(tiny_plan(), uninterrupted.path)
+    evaluate(tiny_plan(), uninterrupted.path)
+
+
+# --------------------------------------------------------------------------------------------------- trials that go wrong
+
+
+PLUGIN = """
+import os, pathlib, signal
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+HERE = pathlib.Path(__file__).parent
+
+class Base:
+    info = PolicyInfo("test", needs_images=False)
+    def reset(self, start):
+        self.seed = start.seed
+    def act(self, observation):
+        return np.array([0.0] * 6 + [-1.0])
+
+class Crashes(Base):
+    def act(self, observation):
+        if self.seed == 1 and observation.step == 3:
+            raise RuntimeError("out of memory")
+        return super().act(observation)
+
+class Dies(Base):
+    '''Its process is killed in the middle of one trial, the first time.'''
+    def act(self, observation):
+        marker = HERE / "died"
+        if self.seed == 1 and observation.step == 3 and not marker.exists():
+            marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation)
+
+class AlwaysDies(Base):
+    def act(self, observation):
+        os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    file = tmp_path / "plugin.py"
+    file.write_text(PLUGIN, encoding="utf-8")
+    return f"python:{file}"
+
+
+def test_a_crash_of_the_policy_is_a_result_and_the_run_goes_on(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Crashes", trials=3), tmp_path / "run")
+    entries = {e.seed: e for e in run.entries()}
+    assert [e.status for e in entries.values()] == ["done"] * 3
+    assert entries[1].message == "RuntimeError: out of memory"
+    records = {r.metadata.seed: r for r in run.records()}
+    assert records[1].outcome.termination == "policy_error"
+    assert records[1].n_steps == 3
+    assert records[0].outcome.success
+    assert records[2].outcome.success
+
+
+def test_a_trial_whose_worker_was_killed_is_done_again(plugin, tiny_plan, tmp_path, run_content, caplog):
+    plan = tiny_plan(f"{plugin}:Dies", trials=3)
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert (tmp_path / "died").exists()
+    assert "a worker process died" in caplog.text
+    assert is_complete(run, plan)
+    assert {r.outcome.success for r in run.records()} == {True}
+    assert run_content(evaluate(plan, tmp_path / "calm").path) == run_content(run.path)
+
+
+@pytest.mark.slow
+def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plugin, tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "MAX_RESTARTS", 1)
+    plan = tiny_plan(f"{plugin}:AlwaysDies", trials=2)
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert [e.status for e in run.entries()] == ["error", "error"]
+    assert all("worker processes died 2 times" in e.message for e in run.entries())
+    Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])"), encoding="utf-8")
+    again = evaluate(plan, tmp_path / "run", workers=2)
+    assert [e.status for e in again.entries()] == ["done", "done"]
+
+
+def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(tiny_plan, tmp_path, monkeypatch, uninterrupted, run_content):
+    from betterbench.evaluation import trial as trial_module
+
+    ordinary = trial_module.Scene
+
+    def broken(task, condition, **arguments):
+        if arguments["seed"] == 2:
+            raise MemoryError("no memory for the model")
+        return ordinary(task, condition, **arguments)
+
+    monkeypatch.setattr(trial_module, "Scene", broken)
+    run = evaluate(tiny_plan(), tmp_path / "run")
+    failed = [e for e in run.entries() if e.status == "error"]
+    assert [(e.seed, e.message) for e in failed] == [(2, "MemoryError: no memory for the model")]
+    monkeypatch.undo()
+    told: list[Progress] = []
+    run = evaluate(tiny_plan(), tmp_path / "run", on_progress=told.append)
+    assert [p.last.seed for p in told[1:]] == [2]
+    assert all(e.status == "done" for e in run.entries())
+    assert run_content(run.path) == run_content(uninterrupted.path)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, tmp_path, monkeypatch, workers):
+    plan = tiny_plan()
+    bad = dataclasses.replace(plan.trials[1], condition="T1", variation="T1")
+    assert bad in plan.trials
+    from betterbench.evaluation import trial as trial_module
+
+    if workers == 1:
+        ordinary = trial_module.run_episode
+
+        def checked(scene, mind, **arguments):
+            if scene.seed == 1:
+                raise PremiseError("morning_coffee/T1 seed 1: the scene does not show it")
+            return ordinary(scene, mind, **arguments)
+
+        monkeypatch.setattr(trial_module, "run_episode", checked)
+        with pytest.raises(PremiseError, match="seed 1"):
+            evaluate(plan, tmp_path / "run", workers=workers)
+        assert {e.seed for e in RunFolder.open(tmp_path / "run").entries()} == {0}
+        monkeypatch.undo()
+        assert is_complete(evaluate(plan, tmp_path / "run"), plan)
+    else:
+        monkeypatch.setattr(runner, "run_trial", _premise_in_worker)
+        with pytest.raises(PremiseError, match="a stranger stands in the slot"):
+            evaluate(plan, tmp_path / "run", workers=workers)
+        assert RunFolder.open(tmp_path / "run").entries() == ()
+
+
+def _premise_in_worker(setting, trial):
+    raise PremiseError("a stranger stands in the slot")
+
+
+# ------------------------------------------------------------------------------------------------------------- kill -9
+
+
+SCRIPT = """
+import dataclasses, sys
+from pathlib import Path
+from betterbench.evaluation import evaluate, make_plan
+
+if __name__ == "__main__":
+    plan = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=4, observation="state_only", quality="fast")
+    plan = dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
+    evaluate(plan, Path(sys.argv[1]), workers=int(sys.argv[2]))
+"""
+
+
+@contextlib.contextmanager
+def in_another_process(folder: Path, out: Path, *, workers: int):
+    """Runs the tiny plan in a session of its own, and leaves none of its processes behind."""
+    script = folder / "run_tiny.py"
+    script.write_text(textwrap.dedent(SCRIPT), encoding="utf-8")
+    source = str(Path(betterbench.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": source}
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(out), str(workers)], env=environment, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(timeout=30)
+
+
+def wait_for_lines(out: Path, count: int, process: subprocess.Popen, *, seconds: float = 60.0) -> None:
+    deadline = time.monotonic() + seconds
+    journal = out / "journal.jsonl"
+    while time.monotonic() < deadline:
+        if journal.exists() and journal.read_bytes().count(b"\n") >= count:
+            return
+        assert process.poll() is None, "the run ended early"
+        time.sleep(0.02)
+    raise AssertionError("the run makes no progress")
+
+
+def test_kill_9_and_the_same_command_again_give_the_same_run(uninterrupted, tiny_plan, tmp_path, run_content):
+    out = tmp_path / "run"
+    with in_another_process(tmp_path, out, workers=1) as process:
+        wait_for_lines(out, 1, process)
+        with pytest.raises(RunConflictError, match=f"process {process.pid}"):
+            evaluate(tiny_plan(), out)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(timeout=30)
+    finished = len(RunFolder.open(out).entries())
+    assert 1 <= finished <= 4
+    told: list[Progress] = []
+    run = evaluate(tiny_plan(), out, on_progress=told.append)
+    assert told[0].started_with == finished
+    assert is_complete(run, tiny_plan())
+    assert run_content(out) == run_content(uninterrupted.path)
+    assert not list(out.rglob("*.part"))
+
+
+@pytest.mark.slow
+def test_ten_kills_at_random_moments_lose_nothing(uninterrupted, tiny_plan, tmp_path, run_content):
+    out = tmp_path / "run"
+    draw = np.random.default_rng(2026)
+    before = 0
+    for attempt, wait in enumerate(draw.uniform(0.5, 6.0, 10)):
+        with in_another_process(tmp_path, out, workers=1 + attempt % 2) as process:
+            time.sleep(float(wait))
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait(timeout=30)
+        done = len(RunFolder.open(out).entries()) if (out / "run.json").exists() else 0
+        assert done >= before, "a finished trial was lost"
+        before = done
+    run = evaluate(tiny_plan(), out)
+    assert is_complete(run, tiny_plan())
+    assert run_content(out) == run_content(uninterrupted.path)
+    assert not list(out.rglob("*.part"))
+
+
+def _alive(pid: int) -> bool:
+    """Tells whether a process runs; a zombie that nobody has waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads the list of processes")
+def test_workers_do_not_outlive_a_run_that_was_killed_alone(tmp_path):
+    out = tmp_path / "run"
+    with in_another_process(tmp_path, out, workers=2) as process:
+        wait_for_lines(out, 1, process)
+        workers = {int(e.wall["worker"]) for e in RunFolder.open(out).entries()}
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(timeout=30)
+        deadline = time.monotonic() + 15.0
+        while any(_alive(w) for w in workers) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        assert not [w for w in workers if _alive(w)]

@@ -1,0 +1,156 @@
+"""Policies of users: loaded by module or file, and refused with one clear line when something is missing."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation import check_policy, known_policies
+from betterbench.policies import load_plugin
+
+GOOD = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class Mine:
+    info = PolicyInfo("mine", needs_images=False)
+    def reset(self, start): pass
+    def act(self, observation): return np.zeros(7)
+
+class InJointSpace(Mine):
+    info = PolicyInfo("joints", action_space="joint_delta")
+
+class Mute:
+    info = PolicyInfo("mute")
+    def reset(self, start): pass
+
+class Nameless:
+    info = None
+    def reset(self, start): pass
+    def act(self, observation): pass
+
+class Needy(Mine):
+    def __init__(self, weights): pass
+
+NUMBER = 3
+"""
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    file = tmp_path / "my_policy.py"
+    file.write_text(GOOD, encoding="utf-8")
+    return file
+
+
+def test_a_class_in_a_file_is_loaded(plugin):
+    assert load_plugin(f"{plugin}:Mine").info.name == "mine"
+    check_policy(f"python:{plugin}:Mine")
+
+
+def test_a_class_in_an_importable_module_is_loaded(plugin, monkeypatch):
+    monkeypatch.syspath_prepend(str(plugin.parent))
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    assert load_plugin("my_policy:Mine").info.name == "mine"
+
+
+def test_a_module_beside_the_caller_is_found(plugin, monkeypatch):
+    monkeypatch.chdir(plugin.parent)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    assert load_plugin("my_policy:Mine").info.name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Absent", "has no 'Absent'"),
+        ("Mute", "Mute has no 'act'"),
+        ("Nameless", "info of Nameless is a NoneType"),
+        ("Needy", "cannot be called without arguments"),
+        ("NUMBER", "cannot be called without arguments"),
+    ],
+)
+def test_what_is_missing_is_named(plugin, name, text):
+    with pytest.raises(InvalidInputError, match=text) as caught:
+        load_plugin(f"{plugin}:{name}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "",
+        ":",
+        "module",
+        ":Class",
+        "module:",
+        "no_such_module_anywhere:Class",
+        "no/such/file.py:Class",
+        "../../../../etc/passwd:root",
+        ".relative:Class",
+        "..:Class",
+        "a..b:Class",
+        "os;import sys:Class",
+        "os\x00:Class",
+        "module name:Class",
+    ],
+)
+def test_hostile_and_broken_addresses_give_one_clear_error(address):
+    with pytest.raises(InvalidInputError, match="policy python:"):
+        load_plugin(address)
+
+
+@pytest.mark.parametrize("source", ["def broken(:\n", "import no_such_module_anywhere\n"])
+def test_a_file_that_cannot_be_loaded_is_named(tmp_path, source):
+    file = tmp_path / "broken.py"
+    file.write_text(source, encoding="utf-8")
+    with pytest.raises(InvalidInputError, match=r"broken\.py: it cannot be loaded"):
+        load_plugin(f"{file}:Mine")
+
+
+def test_what_a_plugin_raises_itself_is_not_hidden(tmp_path):
+    file = tmp_path / "angry.py"
+    file.write_text("class Mine:\n    def __init__(self):\n        raise ZeroDivisionError\n", encoding="utf-8")
+    with pytest.raises(ZeroDivisionError):
+        load_plugin(f"{file}:Mine")
+
+
+@pytest.mark.parametrize("address", ["expert", "zoo:lexical", "noop", "random", "replay:anywhere"])
+def test_known_addresses_pass(address):
+    check_policy(address)
+
+
+@pytest.mark.parametrize(("address", "close"), [("exprt", "expert"), ("zoo:lexcal", "zoo:lexical"), ("nop", "noop")])
+def test_unknown_addresses_are_refused_with_the_closest(address, close):
+    with pytest.raises(UnknownNameError, match=f"Did you mean '{close}"):
+        check_policy(address)
+
+
+@pytest.mark.parametrize("address", ["", "openpi", "python", "../expert", "zoo:"])
+def test_addresses_that_mean_nothing_are_refused(address):
+    with pytest.raises(UnknownNameError, match="Unknown policy"):
+        check_policy(address)
+
+
+@pytest.mark.parametrize("address", ["expert", "zoo:halt", "noop", "random"])
+def test_both_sides_of_a_convention_are_compared(address):
+    check_policy(address, action_space="ee_delta")
+    with pytest.raises(InvalidInputError, match="answers in 'ee_delta', the run asks for 'ee_pose'"):
+        check_policy(address, action_space="ee_pose")
+
+
+def test_a_plugin_declares_its_action_space(plugin):
+    check_policy(f"python:{plugin}:InJointSpace", action_space="joint_delta")
+    with pytest.raises(InvalidInputError, match="Give --action-space joint_delta"):
+        check_policy(f"python:{plugin}:InJointSpace", action_space="ee_delta")
+
+
+def test_known_policies_are_listed_once_each_with_a_sentence():
+    entries = known_policies()
+    assert len({e.address for e in entries}) == len(entries)
+    assert all(e.summary.endswith(".") for e in entries)
+    assert {e.address for e in entries if e.privileged} >= {"expert", "zoo:clumsy"}
+    assert not any(e.privileged for e in entries if e.address in ("noop", "random"))

@@ -1,0 +1,129 @@
+"""Reference policies: nothing, anything, and the same again."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies import Noop, Random, Replay
+from betterbench.recording import RunFolder
+
+SEEN = Observation("Do it.", 0, {}, np.zeros(7), np.zeros(7), np.zeros(3), np.zeros(4), 0.08, {}, {})
+
+
+def walk(start: EpisodeStart, steps: int = 200, policy: Random | None = None) -> np.ndarray:
+    policy = policy or Random()
+    policy.reset(start)
+    return np.array([policy.act(dataclasses.replace(SEEN, step=i)) for i in range(steps)])
+
+
+def test_noop_holds_still_with_an_open_hand():
+    policy = Noop()
+    policy.reset(EpisodeStart("Do it.", 0, "ee_delta"))
+    assert policy.act(SEEN).tolist() == [0.0] * 6 + [-1.0]
+    assert not policy.info.needs_images
+
+
+def test_random_repeats_with_seed_and_sentence_and_with_nothing_else():
+    start = EpisodeStart("Do it.", 3, "ee_delta")
+    first = walk(start)
+    assert np.array_equal(first, walk(start))
+    used = Random()
+    walk(EpisodeStart("Other.", 9, "ee_delta"), policy=used)
+    assert np.array_equal(first, walk(start, policy=used)), "a reset forgets the last episode"
+    assert not np.array_equal(first, walk(dataclasses.replace(start, seed=4)))
+    assert not np.array_equal(first, walk(dataclasses.replace(start, instruction="Do that.")))
+
+
+def test_random_stays_within_the_action_space_and_uses_it():
+    actions = walk(EpisodeStart("Do it.", 0, "ee_delta"), 2000)
+    assert np.abs(actions).max() <= 1.0
+    assert set(actions[:, 6]) == {-1.0, 1.0}
+    assert actions[:, :6].std(axis=0).min() > 0.1
+
+
+def test_instances_share_no_random_state():
+    start = EpisodeStart("Do it.", 1, "ee_delta")
+    alone = walk(start, 20)
+    one, two = Random(), Random()
+    one.reset(start)
+    two.reset(dataclasses.replace(start, seed=2))
+    interleaved = []
+    for _ in range(20):
+        interleaved.append(one.act(SEEN))
+        two.act(SEEN)
+    assert np.array_equal(alone, np.array(interleaved))
+
+
+# --------------------------------------------------------------------------------------------------------------- replay
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """Random walks over `morning_coffee/T1` and its training condition."""
+    out = tmp_path_factory.mktemp("recorded") / "run"
+    return evaluate(
+        make_plan(
+            "random",
+            variations=["morning_coffee/T1"],
+            tasks=["morning_coffee"],
+            trials=1,
+            observation="state_only",
+            quality="fast",
+        ),
+        out,
+    )
+
+
+def replay(run: RunFolder, **changes: object) -> Replay:
+    arguments = {"task": "morning_coffee", "condition": "T1", "base": "train1", "seed": 0}
+    return Replay(str(run.path), **{**arguments, **changes})
+
+
+@pytest.mark.physics
+def test_replay_plays_the_record_of_the_same_condition_then_holds_still(recorded):
+    record = recorded.read_record("morning_coffee", "T1", 0)
+    policy = replay(recorded)
+    policy.reset(EpisodeStart("anything", 0, "ee_delta"))
+    played = np.array([policy.act(dataclasses.replace(SEEN, step=i)) for i in range(record.n_steps)])
+    assert np.array_equal(played, record.applied[1:])
+    after = policy.act(dataclasses.replace(SEEN, step=record.n_steps))
+    assert after[:6].tolist() == [0.0] * 6
+    assert after[6] == record.applied[-1, 6]
+
+
+@pytest.mark.physics
+def test_replay_falls_back_on_the_twin(recorded):
+    twin = recorded.read_record("morning_coffee", "train1", 0)
+    policy = replay(recorded, condition="L2")
+    assert np.array_equal(policy.act(SEEN), twin.applied[1])
+    assert policy.info.action_space == "ee_delta"
+
+
+@pytest.mark.physics
+def test_replay_hands_out_copies(recorded):
+    policy = replay(recorded)
+    policy.act(SEEN)[:] = 9.0
+    assert np.abs(policy.act(SEEN)).max() <= 1.0
+
+
+@pytest.mark.physics
+def test_replay_refuses_a_missing_record_and_another_action_space(recorded):
+    with pytest.raises(InvalidInputError, match=r"no record of morning_coffee L2 or train2 with seed 0"):
+        replay(recorded, condition="L2", base="train2")
+    with pytest.raises(InvalidInputError, match="seed 5"):
+        replay(recorded, seed=5)
+    with pytest.raises(InvalidInputError, match="Give --action-space ee_delta"):
+        replay(recorded).reset(EpisodeStart("x", 0, "ee_pose"))
+
+
+def test_replay_needs_a_run(tmp_path):
+    with pytest.raises(InvalidInputError, match="no run was named"):
+        Replay("", task="t", condition="c", base="b", seed=0)
+    with pytest.raises(RecordError, match="holds no run"):
+        Replay(str(tmp_path), task="t", condition="c", base="b", seed=0)
