@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import itertools
 import multiprocessing
+import os
 import statistics
 import tempfile
 import time
@@ -26,7 +27,7 @@ from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
-from betterbench.tasks import GoalTracker, get_task
+from betterbench.tasks import Condition, GoalTracker, get_task
 from pacing import CONTEXT, RawPhysics, RawViews, play, rehearse
 from peer import Peer, PeerUnavailableError
 
@@ -34,10 +35,13 @@ TASKS = ("fast_food", "morning_coffee")
 """Tasks of the camera-less rows: the one with the most movable objects and the one with the finest fixture."""
 
 PICTURE_TASK = "fast_food"
-"""Task of the rows with pictures: fifteen moving bodies and the most triangles."""
+"""Task of the rows with pictures: the one with the most meshes."""
 
 BLOCK = 10
 """Control steps between two turns of the reference, half a second of the episode."""
+
+FEW_SCENES = 3
+"""Compiled scenes among which the reset row moves; an observer keeps a renderer for four."""
 
 RECORDS = 1200
 """Trials of a full run: sixty variations with twenty seeds."""
@@ -156,46 +160,36 @@ class PeerRows:
     def reset(self, *, quick: bool) -> Iterator[Figure]:
         """Measure the way to a new layout of a compiled scene, and compare it with the peer's."""
         task, space, quality = get_task(PICTURE_TASK), action_space("ee_delta"), QUALITIES["standard"]
-        conditions = task.training
-        compiled: dict[str, tuple[int, int]] = {}
-        # Two trials with the same compiled scene and another layout: the first compiles it, the second is measured.
-        pairs = []
-        for seed, which in itertools.product(range(40), range(len(conditions))):
-            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
-            if scene.compiled.content_hash in compiled:
-                pairs.append((seed, which))
-            compiled.setdefault(scene.compiled.content_hash, (seed, which))
-            if len(pairs) == (6 if quick else 20):
-                break
         observer = Observer(observation_spec("default"))
-        for seed, which in pairs:  # a renderer for each model, so that no upload is measured below
-            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
-            observer.observe(scene, scene.reset())
-        own, seen, ratios, seen_ratios = [], [], [], []
-        peer_every = max(1, len(pairs) // (2 if quick else 5))
-        failure = ""
-        for i, (seed, which) in enumerate(pairs):
+        layouts = _layouts_of_few_scenes(6 if quick else 20)
+        theirs, failure = [], ""
+        own: dict[bool, list[float]] = {False: [], True: []}
+        for i, (condition, seed) in enumerate(layouts * 2):
+            pictures = i >= len(layouts)
+            if i == len(layouts):  # a renderer for each of the scenes, so that no upload is measured
+                for known, other in layouts:
+                    scene = Scene(task, known, seed=other, action_space=space, quality=quality)
+                    observer.observe(scene, scene.reset())
             began = time.perf_counter()
-            scene = Scene(task, conditions[which], seed=seed, action_space=space, quality=quality)
+            scene = Scene(task, condition, seed=seed, action_space=space, quality=quality)
             state = scene.reset()
-            own.append(time.perf_counter() - began)
-            observer.observe(scene, state)
-            seen.append(time.perf_counter() - began)
-            if i % peer_every == 0 and not failure:
+            if pictures:
+                observer.observe(scene, state)
+            own[pictures].append(time.perf_counter() - began)
+            if not failure and i % max(1, len(layouts) // 3) == 0:
                 try:
-                    theirs = self._get(everything=False).reset(everything=False)
+                    theirs.append(self._get(everything=False).reset(everything=False))
                 except PeerUnavailableError as error:
-                    failure = str(error)
-                else:
-                    ratios.append(theirs / own[-1])
-                    seen_ratios.append(theirs / seen[-1])
+                    failure = f"peer not available: {error}"
         observer.close()
-        ms = tuple(1e3 * s for s in own)
+        ms = tuple(1e3 * s for s in own[False])
         yield Figure("reset", "new layout of a compiled scene", ms, "ms", "<=", 15.0, "build, reset, check the premise")
-        note = f"peer not available: {failure}" if failure else "robosuite PickPlace, both without pictures of ours"
-        yield Figure("reset", "robosuite's reset / ours", tuple(ratios), "x", ">=", 100.0, note)
-        note = f"ours {_range([1e3 * s for s in seen])} ms with two pictures, as robosuite's reset draws them"
-        yield Figure("reset", "the same, with the first two pictures", tuple(seen_ratios), "x", note=note)
+        note = failure or f"robosuite {_range(theirs)} s, its first two pictures included, ours none"
+        ratios = tuple(t / statistics.median(own[False]) for t in theirs)
+        yield Figure("reset", "robosuite's reset / ours", ratios, "x", ">=", 100.0, note)
+        ratios = tuple(t / statistics.median(own[True]) for t in theirs)
+        note = failure or f"ours {_range([1e3 * s for s in own[True]])} ms"
+        yield Figure("reset", "the same, ours with two pictures of 'standard' as well", ratios, "x", note=note)
 
     def _steps(self, row: str, text: str, *, everything: bool, quick: bool) -> Iterator[Figure]:
         default = observation_spec("default")
@@ -230,6 +224,26 @@ class PeerRows:
             self._peer.make(everything=everything)
             self._made.add(everything)
         return self._peer
+
+
+def _layouts_of_few_scenes(number: int) -> list[tuple[Condition, int]]:
+    """Return conditions and seeds whose layouts differ, on few compiled scenes, all of which are in the cache then.
+
+    Args:
+        number: Layouts to return.
+    """
+    task, space, quality = get_task(PICTURE_TASK), action_space("ee_delta"), QUALITIES["standard"]
+    scenes: set[str] = set()
+    layouts: list[tuple[Condition, int]] = []
+    for seed, condition in itertools.product(itertools.count(), task.training):
+        name = Scene(task, condition, seed=seed, action_space=space, quality=quality).compiled.content_hash
+        if name in scenes:
+            layouts.append((condition, seed))
+        elif len(scenes) < FEW_SCENES:
+            scenes.add(name)
+        if len(layouts) == number:
+            break
+    return layouts
 
 
 def record_row(*, quick: bool) -> Iterator[Figure]:
@@ -290,7 +304,8 @@ def workers_row(*, quick: bool) -> Iterator[Figure]:
             busy[workers] = _busy_seconds(workers, trials=1 if quick else 2)
         ratios.append(busy[1] / busy[2])
         notes.append(f"{busy[1]:.1f} s / {busy[2]:.1f} s")
-    note = f"{'; '.join(notes)} from a worker's first trial to its last, its start left out"
+    load = " ".join(f"{value:.1f}" for value in os.getloadavg()[:2])
+    note = f"{'; '.join(notes)} from a worker's first trial to its last, its start left out; load {load}"
     yield Figure("workers", "one worker / two workers, fast_food, expert", tuple(ratios), "x", ">=", 1.8, note)
 
 
@@ -333,7 +348,14 @@ def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
 def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     """Measure diagnosis and report of a full run, made by giving the records of a small one many seeds."""
     number = 240 if quick else RECORDS
-    plan = make_plan("zoo:lexical", tasks=TASKS, trials=1, observation="state_only", quality="fast")
+    plan = make_plan(
+        "zoo:lexical",
+        tasks=TASKS,
+        variations=("L1", "R1", "T1"),
+        trials=1,
+        observation="state_only",
+        quality="fast",
+    )
     with tempfile.TemporaryDirectory() as scratch:
         small = evaluate(plan, Path(scratch) / "small", workers=2)
         copies = number // len(plan.trials)

@@ -66,7 +66,7 @@ def run(policy, scene=None, **context):
     ).record
 
 
-# ---------------------------------------------------------------------------------------------------------------- purity
+# --------------------------------------------------------------------------------------------------------------- purity
 
 
 @pytest.mark.parametrize("policy", [Noop, Random])
@@ -99,7 +99,7 @@ def test_wall_clock_figures_stay_out_of_the_record():
     assert result.wall["duration_s"] >= result.wall["policy_s"]
 
 
-# -------------------------------------------------------------------------------------------------------------- the loop
+# ------------------------------------------------------------------------------------------------------------- the loop
 
 
 def test_the_record_begins_at_reset_and_ends_at_the_limit():
@@ -210,7 +210,7 @@ def test_what_is_out_of_range_is_clipped_and_counted():
     assert run(Scripted(lambda _: STILL)).outcome.clipped_actions == 0
 
 
-# ------------------------------------------------------------------------------------------------------ hostile policies
+# ----------------------------------------------------------------------------------------------------- hostile policies
 
 
 def nan_at_five(observation):
@@ -225,24 +225,24 @@ def raise_at_five(observation):
 
 HOSTILE = {
     "nan": (nan_at_five, 5, "z = nan"),
-    "inf": (lambda o: np.full(7, np.inf), 0, "x = inf"),
-    "minus inf in a chunk": (lambda o: np.vstack([STILL, STILL, np.full(7, -np.inf)]), 2, "-inf"),
-    "too short": (lambda o: np.zeros(6), 0, r"shape \(6,\)"),
-    "too long": (lambda o: np.zeros(8), 0, r"shape \(8,\)"),
-    "three axes": (lambda o: np.zeros((2, 3, 7)), 0, r"shape \(2, 3, 7\)"),
-    "empty chunk": (lambda o: np.zeros((0, 7)), 0, "at least one action"),
-    "empty list": (lambda o: [], 0, "shape"),
-    "nothing": (lambda o: None, 0, "InvalidActionError"),
-    "text": (lambda o: "left", 0, "InvalidActionError"),
-    "texts": (lambda o: ["0"] * 7, 0, "not a real number"),
-    "complex": (lambda o: np.zeros(7, complex), 0, "not a real number"),
-    "booleans": (lambda o: np.zeros(7, bool), 0, "not a real number"),
-    "objects": (lambda o: np.array([None] * 7), 0, "not a real number"),
-    "ragged": (lambda o: [[0.0], [0.0, 1.0]], 0, "Error"),
-    "a dictionary": (lambda o: {"action": STILL}, 0, "InvalidActionError"),
+    "inf": (lambda _: np.full(7, np.inf), 0, "x = inf"),
+    "minus inf in a chunk": (lambda _: np.vstack([STILL, STILL, np.full(7, -np.inf)]), 2, "-inf"),
+    "too short": (lambda _: np.zeros(6), 0, r"shape \(6,\)"),
+    "too long": (lambda _: np.zeros(8), 0, r"shape \(8,\)"),
+    "three axes": (lambda _: np.zeros((2, 3, 7)), 0, r"shape \(2, 3, 7\)"),
+    "empty chunk": (lambda _: np.zeros((0, 7)), 0, "at least one action"),
+    "empty list": (lambda _: [], 0, "shape"),
+    "nothing": (lambda _: None, 0, "InvalidActionError"),
+    "text": (lambda _: "left", 0, "InvalidActionError"),
+    "texts": (lambda _: ["0"] * 7, 0, "not a real number"),
+    "complex": (lambda _: np.zeros(7, complex), 0, "not a real number"),
+    "booleans": (lambda _: np.zeros(7, bool), 0, "not a real number"),
+    "objects": (lambda _: np.array([None] * 7), 0, "not a real number"),
+    "ragged": (lambda _: [[0.0], [0.0, 1.0]], 0, "Error"),
+    "a dictionary": (lambda _: {"action": STILL}, 0, "InvalidActionError"),
     "an exception": (raise_at_five, 5, "RuntimeError: out of memory"),
-    "an exit": (lambda o: sys.exit("enough"), 0, "SystemExit: enough"),
-    "division": (lambda o: 1 / 0, 0, "ZeroDivisionError"),
+    "an exit": (lambda _: sys.exit("enough"), 0, "SystemExit: enough"),
+    "division": (lambda _: 1 / 0, 0, "ZeroDivisionError"),
 }
 
 
@@ -268,11 +268,11 @@ def test_a_record_of_a_policy_error_is_stored_and_read_back(tmp_path, name):
 def test_a_policy_that_breaks_at_reset_is_a_policy_error_without_a_step():
     class Broken(Scripted):
         def reset(self, start):
-            raise ConnectionError("server is gone")
+            raise ConnectionError(f"server is gone before seed {start.seed}")
 
     record = run(Broken(lambda _: STILL))
     assert record.outcome.termination == "policy_error"
-    assert record.outcome.error == "ConnectionError: server is gone"
+    assert record.outcome.error == "ConnectionError: server is gone before seed 0"
     assert record.n_steps == 0
 
 

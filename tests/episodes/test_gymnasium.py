@@ -9,8 +9,8 @@ from gymnasium.utils.env_checker import check_env
 
 from betterbench.episodes.gymnasium_env import environment_id, register
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
-from betterbench.policies import Noop
 from betterbench.interface import EpisodeStart
+from betterbench.policies import Noop
 from betterbench.tasks import all_tasks
 
 pytestmark = pytest.mark.physics

@@ -1,4 +1,4 @@
-"""Small plans: episodes of `morning_coffee/T1`, the shortest of the suite, and one uninterrupted run to compare with."""
+"""Small plans: episodes of `morning_coffee/T1`, the shortest of the suite, and an uninterrupted run to compare with."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from betterbench.recording import RunFolder
 
 def tiny(policy: str = "random", *, trials: int = 4) -> Plan:
     """Returns the plan of some trials of one condition."""
-    plan = make_plan(policy, tasks=["morning_coffee"], variations=["T1"], trials=trials, observation="state_only",
-                     quality="fast")
+    plan = make_plan(
+        policy, tasks=["morning_coffee"], variations=["T1"], trials=trials, observation="state_only", quality="fast"
+    )
     return dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pytest
 import betterbench
 from betterbench.errors import InvalidInputError, PremiseError, RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation import Progress, evaluate, runner
+from betterbench.evaluation import trial as trial_module
 from betterbench.recording import RunFolder, TrialKey
 
 pytestmark = pytest.mark.physics
@@ -37,12 +39,14 @@ def planned(plan) -> set[TrialKey]:
 
 def is_complete(run: RunFolder, plan) -> bool:
     entries = run.entries()
-    return len(lines(run.path)) == len(plan.trials) == len(entries) and keys(run) == planned(plan) and all(
-        e.status == "done" for e in entries
+    return (
+        len(lines(run.path)) == len(plan.trials) == len(entries)
+        and keys(run) == planned(plan)
+        and all(e.status == "done" for e in entries)
     )
 
 
-# --------------------------------------------------------------------------------------------------------------- running
+# -------------------------------------------------------------------------------------------------------------- running
 
 
 def test_every_planned_trial_is_in_the_journal_once_with_its_record(uninterrupted, tiny_plan):
@@ -121,14 +125,12 @@ def test_an_unknown_policy_or_convention_is_refused_before_anything_is_written(t
     assert not (tmp_path / "run").exists()
 
 
-# -------------------------------------------------------------------------------------------------------------- resuming
+# ------------------------------------------------------------------------------------------------------------- resuming
 
 
 @pytest.fixture
 def half(uninterrupted, tmp_path):
     """A copy of the run whose last two trials are missing from the journal; their records are there or not."""
-    import shutil
-
     path = tmp_path / "half"
     shutil.copytree(uninterrupted.path, path)
     kept = lines(path)[:2]
@@ -214,12 +216,12 @@ def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
 
 
 def test_two_runs_into_one_folder_are_refused(uninterrupted, tiny_plan):
-    with uninterrupted.journal(), pytest.raises(RunConflictError, match="another run .* is writing here"):
+    with uninterrupted.journal(), pytest.raises(RunConflictError, match=r"another run .* is writing here"):
         evaluate(tiny_plan(), uninterrupted.path)
     evaluate(tiny_plan(), uninterrupted.path)
 
 
-# --------------------------------------------------------------------------------------------------- trials that go wrong
+# ------------------------------------------------------------------------------------------------- trials that go wrong
 
 
 PLUGIN = """
@@ -276,6 +278,7 @@ def test_a_crash_of_the_policy_is_a_result_and_the_run_goes_on(plugin, tiny_plan
     assert records[2].outcome.success
 
 
+@pytest.mark.slow
 def test_a_trial_whose_worker_was_killed_is_done_again(plugin, tiny_plan, tmp_path, run_content, caplog):
     plan = tiny_plan(f"{plugin}:Dies", trials=3)
     run = evaluate(plan, tmp_path / "run", workers=2)
@@ -293,14 +296,15 @@ def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plug
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
     assert all("worker processes died 2 times" in e.message for e in run.entries())
-    Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])"), encoding="utf-8")
+    cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")
+    Path(plugin.removeprefix("python:")).write_text(cured, encoding="utf-8")
     again = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in again.entries()] == ["done", "done"]
 
 
-def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(tiny_plan, tmp_path, monkeypatch, uninterrupted, run_content):
-    from betterbench.evaluation import trial as trial_module
-
+def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
+    tiny_plan, tmp_path, monkeypatch, uninterrupted, run_content
+):
     ordinary = trial_module.Scene
 
     def broken(task, condition, **arguments):
@@ -320,32 +324,29 @@ def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(tiny_plan, tmp
     assert run_content(run.path) == run_content(uninterrupted.path)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, tmp_path, monkeypatch, workers):
+def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, tmp_path, monkeypatch):
     plan = tiny_plan()
-    bad = dataclasses.replace(plan.trials[1], condition="T1", variation="T1")
-    assert bad in plan.trials
-    from betterbench.evaluation import trial as trial_module
+    ordinary = trial_module.run_episode
 
-    if workers == 1:
-        ordinary = trial_module.run_episode
+    def checked(scene, mind, **arguments):
+        if scene.seed == 1:
+            raise PremiseError("morning_coffee/T1 seed 1: the scene does not show it")
+        return ordinary(scene, mind, **arguments)
 
-        def checked(scene, mind, **arguments):
-            if scene.seed == 1:
-                raise PremiseError("morning_coffee/T1 seed 1: the scene does not show it")
-            return ordinary(scene, mind, **arguments)
+    monkeypatch.setattr(trial_module, "run_episode", checked)
+    with pytest.raises(PremiseError, match="seed 1"):
+        evaluate(plan, tmp_path / "run")
+    assert {e.seed for e in RunFolder.open(tmp_path / "run").entries()} == {0}
+    monkeypatch.undo()
+    assert is_complete(evaluate(plan, tmp_path / "run"), plan)
 
-        monkeypatch.setattr(trial_module, "run_episode", checked)
-        with pytest.raises(PremiseError, match="seed 1"):
-            evaluate(plan, tmp_path / "run", workers=workers)
-        assert {e.seed for e in RunFolder.open(tmp_path / "run").entries()} == {0}
-        monkeypatch.undo()
-        assert is_complete(evaluate(plan, tmp_path / "run"), plan)
-    else:
-        monkeypatch.setattr(runner, "run_trial", _premise_in_worker)
-        with pytest.raises(PremiseError, match="a stranger stands in the slot"):
-            evaluate(plan, tmp_path / "run", workers=workers)
-        assert RunFolder.open(tmp_path / "run").entries() == ()
+
+@pytest.mark.slow
+def test_a_broken_premise_in_a_worker_stops_the_run_too(tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "run_trial", _premise_in_worker)
+    with pytest.raises(PremiseError, match="a stranger stands in the slot"):
+        evaluate(tiny_plan(), tmp_path / "run", workers=2)
+    assert RunFolder.open(tmp_path / "run").entries() == ()
 
 
 def _premise_in_worker(setting, trial):
@@ -361,7 +362,9 @@ from pathlib import Path
 from betterbench.evaluation import evaluate, make_plan
 
 if __name__ == "__main__":
-    plan = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=4, observation="state_only", quality="fast")
+    plan = make_plan(
+        "random", tasks=["morning_coffee"], variations=["T1"], trials=4, observation="state_only", quality="fast"
+    )
     plan = dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
     evaluate(plan, Path(sys.argv[1]), workers=int(sys.argv[2]))
 """
@@ -375,8 +378,11 @@ def in_another_process(folder: Path, out: Path, *, workers: int):
     source = str(Path(betterbench.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": source}
     process = subprocess.Popen(
-        [sys.executable, str(script), str(out), str(workers)], env=environment, start_new_session=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        [sys.executable, str(script), str(out), str(workers)],
+        env=environment,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     try:
         yield process

@@ -218,7 +218,7 @@ def test_expert_gives_up_quietly_where_nothing_can_be_grasped(scene):
     assert max(abs(v) for v in state.joint_velocities) < 0.05
 
 
-# ------------------------------------------------------------------------------------------------------------- the parts
+# ------------------------------------------------------------------------------------------------------------ the parts
 
 
 def test_planner_says_why_there_is_no_grasp(scene):

@@ -1,4 +1,4 @@
-"""The first law of the benchmark: a trial and its twin differ in what was intervened on and in nothing else, bit for bit."""
+"""The first law: a trial and its twin differ in what was intervened on and in nothing else, bit for bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The goal over time: order, exclusiveness, dwell, and what is forbidden where nothing, or nothing more, is to be done."""
+"""The goal over time: order, exclusiveness, dwell, and what is forbidden where nothing is to be done."""
 
 from __future__ import annotations
 

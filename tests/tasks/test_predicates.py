@@ -133,7 +133,7 @@ def coffee(at_reset):
     return at_reset("morning_coffee", "train1")
 
 
-def on_tray(state, dx=0.0, dy=0.0, dz=0.0, turn=0.0, tilt=0.0, name="red_mug"):
+def on_tray(state, *, dx=0.0, dy=0.0, dz=0.0, turn=0.0, tilt=0.0, name="red_mug"):
     """Pose of the mug whose foot is off the ring's centre by (dx, dy, dz) [m] in the machine's frame."""
     machine = state.pose("coffee_machine")
     ring = state.info.object("coffee_machine").region("ring").position

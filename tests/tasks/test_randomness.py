@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from betterbench.tasks import all_tasks, get_task, stream
 from betterbench.scenes.builder import LOOK_SETS, look_of, slot_pose
-from betterbench.tasks import ObjectSpec
+from betterbench.tasks import ObjectSpec, all_tasks, get_task, stream
 
 names = st.text(st.characters(codec="ascii", exclude_characters="|"), min_size=1, max_size=12)
 
@@ -70,6 +69,6 @@ def test_like_things_look_alike_and_names_have_no_say():
 
 
 def test_looks_vary_over_seeds_within_the_promised_number_of_sets():
-    specs = [o for o in get_task("fast_food").train("train1").objects]
+    specs = get_task("fast_food").train("train1").objects
     sets = {tuple(look_of("fast_food", seed, o) for o in specs) for seed in range(200)}
     assert 1 < len(sets) <= LOOK_SETS

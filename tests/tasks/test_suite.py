@@ -1,4 +1,4 @@
-"""What every task of the registry has to keep: the support law, the names and axes, and references that mean something."""
+"""What every task of the registry has to keep: the support law, names and axes, and references that mean something."""
 
 from __future__ import annotations
 

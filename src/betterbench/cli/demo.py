@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from betterbench.cli.console import OUT, say
-from betterbench.cli.evaluate import run_with_bar
+from betterbench.cli.evaluate import default_folder, run_with_bar
 from betterbench.cli.report import build_report
 from betterbench.evaluation import make_plan
 
@@ -26,7 +26,7 @@ def demo(*, out: Path = Path("runs/demo"), trials: int = 5, workers: int | None 
     runs = []
     for policy in POLICIES:
         plan = make_plan(policy, trials=trials)
-        runs.append(run_with_bar(plan, out / policy.replace(":", "-"), workers=workers))
+        runs.append(run_with_bar(plan, out / default_folder(policy), workers=workers))
         say(f"{policy}: {len(plan.trials)} trials done")
     page = build_report(runs, out / "report", latex=True, films=films)
     OUT.print(f"report: {page}", markup=False, soft_wrap=True)

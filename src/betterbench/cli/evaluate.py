@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
@@ -10,12 +11,14 @@ from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
 from betterbench.recording import RunFolder
 from betterbench.statistics import Rate, percent, smallest_paired_difference
+from betterbench.tasks import suite_tasks
 
 
 def evaluate(
     *,
     policy: str,
-    out: Path,
+    out: Path | None = None,
+    suite: str = "better60",
     tasks: tuple[str, ...] = (),
     variations: tuple[str, ...] = (),
     trials: int = 20,
@@ -35,8 +38,9 @@ def evaluate(
 
     Args:
         policy: Address of the policy (see better list policies).
-        out: Folder of the run.
-        tasks: Tasks to run; all if none is named.
+        out: Folder of the run; runs/POLICY if not given.
+        suite: Suite to take the tasks from.
+        tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
         trials: Trials per variation.
         seed: First seed.
@@ -48,7 +52,7 @@ def evaluate(
     """
     plan = make_plan(
         policy,
-        tasks=tasks,
+        tasks=tasks or suite_tasks(suite),
         variations=variations,
         trials=trials,
         seed=seed,
@@ -62,7 +66,7 @@ def evaluate(
             f"{len(plan.trials)} trials. With {trials} pairs, a variation has to differ from its twin by "
             f"{100 * smallest:.0f} points to be found with 80 % power."
         )
-    run = run_with_bar(plan, out, workers=workers)
+    run = run_with_bar(plan, out or Path("runs") / default_folder(policy), workers=workers)
     summary = _summary(run)
     if json:
         print_json(summary)
@@ -71,6 +75,11 @@ def evaluate(
             k, n = summary[name]["k"], summary[name]["n"]
             OUT.print(f"{name:<11} {_shown(k, n)}", markup=False)
         OUT.print(f"run         {run.path}\nnext        better report {run.path}", markup=False)
+
+
+def default_folder(policy: str) -> str:
+    """Return the name of the folder that the runs of a policy go to unless another one is named."""
+    return re.sub(r"[^A-Za-z0-9.]+", "-", policy).strip("-.") or "policy"
 
 
 def run_with_bar(plan: Plan, out: Path, *, workers: int | None = None) -> RunFolder:

@@ -57,7 +57,8 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     test, changes = vary(task, variation)
     left = show_condition(task, base, seed=seed, size=size, outlined=sorted(changes.objects))
     right = show_condition(task, test, seed=seed, size=size, outlined=sorted(changes.objects))
-    head = f"{task.title} · {variation.name} · {variation.title}"
+    # The built-in font has no arrows.
+    head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
     return _side_by_side(
         head,
         (f"training ({base.name})", base.instruction.text, left),

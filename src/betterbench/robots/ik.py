@@ -105,7 +105,7 @@ class ArmIK:
         self.spec = spec
         model, site = _arm_model(spec)
         self._configuration = mink.Configuration(model)
-        self._data = self._configuration.data
+        self._model, self._data = model, self._configuration.data
         self._site = site
         self._task = mink.FrameTask(
             spec.tcp_site, "site", position_cost=POSITION_COST, orientation_cost=ORIENTATION_COST
@@ -130,7 +130,7 @@ class ArmIK:
 
     def forward(self, q: np.ndarray) -> Pose:
         """Return ``T_base_tcp`` at joint angles ``q``, shape (n,) [rad]."""
-        self._configuration.update(q)
+        self._place(q)
         return self._tcp()
 
     def solve(
@@ -162,7 +162,7 @@ class ArmIK:
         hessian, jacobian, error = self._linearise(q, STEP_DAMPING)
         moved = self._step(q, low, high, (hessian, jacobian, error))
         if max(map(abs, (moved - q).tolist())) > SECOND_ITERATION_RAD:
-            self._configuration.update(moved)
+            self._place(moved)
             error = self._weights * self._task.compute_error(self._configuration)
             moved = self._step(moved, low, high, (hessian, jacobian, error))
         return moved
@@ -260,8 +260,12 @@ class ArmIK:
 
     def _aim(self, target: Pose) -> None:
         """Set the target of the frame task."""
-        self._target[:4] = target.quaternion
-        self._target[4:] = target.position
+        self._target[:] = (*target.quaternion, *target.position)
+
+    def _place(self, q: np.ndarray) -> None:
+        """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self._model, self._data)
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""

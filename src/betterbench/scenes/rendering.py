@@ -246,8 +246,7 @@ class Renderer:
         )
         view = mujoco.MjrRect(0, 0, columns, rows)
         colours, distances = self._buffers(columns, rows)
-        plain_colour_pass = self._colour_fbo[1] == 0 and not self._has_transparency()
-        geometry_pass = masks or (depth and not (rgb and plain_colour_pass))
+        geometry_pass = masks or (depth and not (rgb and self._colour_fbo[1] == 0 and not self._has_transparency()))
 
         rgb_out: np.ndarray | None = None
         masks_out: np.ndarray | None = None

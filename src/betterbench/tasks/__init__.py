@@ -7,7 +7,7 @@ from betterbench.tasks.goal import GoalTracker, Truth
 from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.regime import Regime, regime_of
-from betterbench.tasks.registry import all_tasks, get_task, task_names
+from betterbench.tasks.registry import all_tasks, get_task, suite_tasks, task_names
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.task import Task
 from betterbench.tasks.template import ObjectGroup, Template
@@ -44,5 +44,6 @@ __all__ = [
     "regime_of",
     "stream",
     "suite",
+    "suite_tasks",
     "task_names",
 ]

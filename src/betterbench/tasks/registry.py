@@ -37,3 +37,19 @@ def task_names() -> tuple[str, ...]:
 def all_tasks() -> tuple[Task, ...]:
     """Return all tasks, sorted by id."""
     return tuple(get_task(name) for name in task_names())
+
+
+SUITES: dict[str, Callable[[], tuple[str, ...]]] = {"better60": task_names}
+"""Suites by name: which tasks belong to them."""
+
+
+def suite_tasks(name: str) -> tuple[str, ...]:
+    """Return the ids of a suite's tasks.
+
+    Raises:
+        UnknownNameError: If there is no such suite.
+    """
+    try:
+        return SUITES[name]()
+    except KeyError:
+        raise UnknownNameError("suite", name, SUITES) from None
