@@ -27,13 +27,13 @@ LOOKS = {  # size, colour, shape
     "round_block": ((0.066, 0.066, 0.052), "brown", "round"),
     "fries_box": ((0.04, 0.06, 0.10), "red", "box"),
     "drink_cup": ((0.07, 0.07, 0.12), "white", "cylinder"),
-    "paper_bag": ((0.20, 0.14, 0.16), "brown", "box"),
+    "takeaway_box": ((0.20, 0.14, 0.16), "brown", "box"),
     "mug": ((0.07, 0.07, 0.09), "", "cylinder"),
     "can": ((0.066, 0.066, 0.12), "red", "cylinder"),
     "coffee_machine": ((0.25, 0.20, 0.33), "black", "box"),
 }
 REGIONS = {
-    "paper_bag": (Region("inside", (0.0, 0.0, 0.075), (0.09, 0.06, 0.07)),),
+    "takeaway_box": (Region("inside", (0.0, 0.0, 0.075), (0.09, 0.06, 0.07)),),
     "coffee_machine": (
         Region("ring", (0.12, 0.0, RING), (0.04, 0.04, 0.001)),
         Region("spout", (0.12, 0.0, 0.2), (0.01, 0.01, 0.02)),

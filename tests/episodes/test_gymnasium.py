@@ -67,7 +67,7 @@ def test_every_task_passes_the_checker_with_pictures(make, task_id):
 def test_the_sentence_and_the_truth_are_in_info_and_not_in_the_observation(make):
     env = make("fast_food", variation="T1")
     seen, info = env.reset(seed=4)
-    assert info["instruction"] == "Put a burger into the paper bag, then the fries."
+    assert info["instruction"] == "Put a burger into the takeaway box, then the fries."
     assert info["condition"] == "fast_food/T1"
     assert info["seed"] == 4
     assert info["subgoals"] == {"pack_burger": False, "pack_fries": False}

@@ -245,11 +245,11 @@ def test_planner_leaves_the_scene_alone(scene):
 def test_unknown_relation_has_no_skill(scene):
     s = scene("fast_food", "train1")
     with pytest.raises(PlanningError, match="'under'"):
-        place_goals(s.reset(), "fries", "bag", "under")
+        place_goals(s.reset(), "fries", "box", "under")
 
 
 @pytest.mark.parametrize(
-    ("task_id", "name", "target"), [("fast_food", "fries", "bag"), ("morning_coffee", "red_mug", "coffee_machine")]
+    ("task_id", "name", "target"), [("fast_food", "fries", "box"), ("morning_coffee", "red_mug", "coffee_machine")]
 )
 def test_place_goals_satisfy_the_relation_they_are_for(scene, task_id, name, target):
     import dataclasses

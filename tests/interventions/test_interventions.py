@@ -121,8 +121,8 @@ def test_move_needs_a_free_slot_and_frees_the_old_one(food):
 
 
 def test_preplace_takes_the_object_off_its_slot(food):
-    placed, _ = apply(food, [do("preplace", object="fries", target="bag")])
-    assert placed.preplaced == {"fries": "bag"}
+    placed, _ = apply(food, [do("preplace", object="fries", target="box")])
+    assert placed.preplaced == {"fries": "box"}
     assert "fries" not in placed.layout
     assert apply(placed, [do("remove", object="fries")])[0].preplaced == {}
 
@@ -159,7 +159,7 @@ BAD = {
     "move unknown": (do("move", object="salad", slot="first"), UnknownNameError, "salad"),
     "remove unknown": (do("remove", object="salad"), UnknownNameError, "salad"),
     "replace unknown": (do("replace", object="frise", by=CUBE), UnknownNameError, "Did you mean 'fries'"),
-    "preplace at nothing": (do("preplace", object="fries", target="box"), UnknownNameError, "box"),
+    "preplace at nothing": (do("preplace", object="fries", target="basket"), UnknownNameError, "basket"),
     "chain that is not longer": (do("chain", instruction=TWO), InvalidInputError, "not longer"),
     "repeat without repetition": (do("repeat", instruction=TWO), InvalidInputError, "no subgoal is repeated"),
 }
@@ -180,18 +180,18 @@ def test_a_name_in_use_is_refused(food):
 
 
 def test_what_is_preplaced_starts_in_no_slot(food):
-    placed, _ = apply(food, [do("preplace", object="fries", target="bag")])
+    placed, _ = apply(food, [do("preplace", object="fries", target="box")])
     for intervention in (
         do("move", object="fries", slot="third"),
         do("swap", a="fries", b="drink"),
-        do("preplace", object="fries", target="bag"),
+        do("preplace", object="fries", target="box"),
         do("replace", object="fries", by=CUBE),
     ):
         with pytest.raises(InvalidInputError, match="starts in no slot"):
             apply(placed, [intervention])
 
 
-@pytest.mark.parametrize("arguments", [{}, {"a": "fries"}, {"a": "fries", "b": "drink", "c": "bag"}])
+@pytest.mark.parametrize("arguments", [{}, {"a": "fries"}, {"a": "fries", "b": "drink", "c": "box"}])
 def test_missing_or_unknown_arguments_are_named(food, arguments):
     with pytest.raises(InvalidInputError, match="swap"):
         apply(food, [do("swap", **arguments)])

@@ -59,7 +59,7 @@ def metadata(objects: int = 3) -> RecordMetadata:
         engine={"mujoco": "3.17.0", "model": "0f" * 16},
         scene_hash="0f" * 16,
         scene=scene(objects),
-        predicate_names=("inside(fries, bag)", "inside(drink, bag)"),
+        predicate_names=("inside(fries, box)", "inside(drink, box)"),
         subgoal_names=("pack_fries", "pack_drink"),
     )
 

@@ -61,7 +61,7 @@ def trial(
     )
     base = TrialDiagnosis(
         task, variation, condition, axis if variation else None, seed, policy,
-        "Put a burger into the paper bag, then the fries.", right, "succeed", label,
+        "Put a burger into the takeaway box, then the fries.", right, "succeed", label,
         "burger_1" if right else "fries", "first" if right else "third", "burger",
         right or label.kind.value == "execution", 1.0 if right else 0.25, attempts,
         Evidence(label.value, f"The record shows {label.value.replace('_', ' ')}.", 2.1, 2.9, ("fries",)),

@@ -38,8 +38,8 @@ def packed(posed):
     """A state in which the named things are in the bag."""
 
     def make(state, *names, **fields):
-        bag = state.pose("bag")
-        floor = state.info.object("bag").region("inside")
+        bag = state.pose("box")
+        floor = state.info.object("box").region("inside")
         z = floor.position[2] - floor.half_size[2]
         return posed(state, poses={n: Pose(bag.apply((*SPOTS[n], z)), bag.quaternion) for n in names}, **fields)
 
@@ -82,7 +82,7 @@ def test_relations_are_named_after_what_they_judge(at_reset, packed):
     state, tracker, course = start(at_reset, "train1")
     truth = course.see(packed(state, "drink"))
     assert [n for n, holds in zip(tracker.relation_names, truth.relations, strict=True) if holds] == [
-        "inside(drink, bag)"
+        "inside(drink, box)"
     ]
 
 
@@ -274,8 +274,8 @@ def refusal(at_reset):
     """A burger is asked for and a block of its look stands there instead: refuse, but the fries may be packed."""
     state = at_reset("fast_food", "O1")
     goals = (
-        Subgoal("pack_apple", "inside", Reference(kind="apple"), "bag", "apple"),
-        Subgoal("pack_fries", "inside", Reference(kind="fries"), "bag", "fries"),
+        Subgoal("pack_apple", "inside", Reference(kind="apple"), "box", "apple"),
+        Subgoal("pack_fries", "inside", Reference(kind="fries"), "box", "fries"),
     )
     condition = condition_of("fast_food", "O1").with_(
         expected=Expected.REFUSE, premise_broken=True, instruction=Instruction("Pack the apple, then the fries.", goals)
@@ -307,7 +307,7 @@ def test_touching_what_is_not_asked_for_is_no_refusal(refusal, posed, thing):
 
 def test_touching_the_bag_is_no_attempt_at_the_block(refusal, posed):
     state, course, _ = refusal
-    assert not course.see(posed(state, contacts=(("hand", "bag"),))).forbidden
+    assert not course.see(posed(state, contacts=(("hand", "box"),))).forbidden
 
 
 def test_on_ring_goal_over_time(at_reset, posed):

@@ -16,11 +16,11 @@ TENTH_MM = 1e-4
 
 def in_bag(state, x, y, z, turn=(1.0, 0.0, 0.0, 0.0)):
     """Pose of the fries whose box has its centre at (x, y, z), as fractions of the bag's inner half sizes."""
-    region = state.info.object("bag").region("inside")
+    region = state.info.object("box").region("inside")
     height = state.info.object("fries").size_m[2]
     hx, hy, hz = region.half_size
-    centre = (state.pose("bag") @ region.pose).apply((x * hx, y * hy, z * hz))
-    q = normalise(multiply(state.pose("bag").quaternion, turn))
+    centre = (state.pose("box") @ region.pose).apply((x * hx, y * hy, z * hz))
+    q = normalise(multiply(state.pose("box").quaternion, turn))
     dx, dy, dz = rotate(q, (0.0, 0.0, 0.5 * height))
     return Pose((centre[0] - dx, centre[1] - dy, centre[2] - dz), q)
 
@@ -33,11 +33,11 @@ def food(at_reset):
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_inside_ends_at_every_wall_floor_and_rim(food, posed, axis, sign):
-    half = food.info.object("bag").region("inside").half_size[axis]
+    half = food.info.object("box").region("inside").half_size[axis]
     for metres, expected in ((half - TENTH_MM, True), (half + TENTH_MM, False)):
         at = [0.0, 0.0, 0.0]
         at[axis] = sign * metres / half
-        assert inside(posed(food, poses={"fries": in_bag(food, *at)}), "fries", "bag") is expected
+        assert inside(posed(food, poses={"fries": in_bag(food, *at)}), "fries", "box") is expected
 
 
 def test_inside_middle_corners_and_outside(food, posed):
@@ -48,48 +48,48 @@ def test_inside_middle_corners_and_outside(food, posed):
         (0.0, 0.0, 3.0, False),
         (1.02, 1.02, 0.0, False),
     ):
-        assert inside(posed(food, poses={"fries": in_bag(food, x, y, z)}), "fries", "bag") is expected
+        assert inside(posed(food, poses={"fries": in_bag(food, x, y, z)}), "fries", "box") is expected
 
 
 def test_inside_judges_the_centre_of_a_leaning_object_and_not_its_origin(food, posed):
     lying = from_axis_angle((0.0, math.pi / 2, 0.0))
     centred = posed(food, poses={"fries": in_bag(food, 0.0, 0.0, 0.0, lying)})
-    assert inside(centred, "fries", "bag")
+    assert inside(centred, "fries", "box")
     out = posed(food, poses={"fries": in_bag(food, 1.05, 0.0, 0.0, lying)})
-    origin_in_bag = food.pose("bag").inverse().apply(out.pose("fries").position)
-    half = food.info.object("bag").region("inside").half_size
+    origin_in_bag = food.pose("box").inverse().apply(out.pose("fries").position)
+    half = food.info.object("box").region("inside").half_size
     assert abs(origin_in_bag[0]) < half[0], "the origin of the leaning object is still within the walls"
-    assert not inside(out, "fries", "bag")
+    assert not inside(out, "fries", "box")
 
 
 def test_inside_turns_with_the_bag(food, posed):
-    half = food.info.object("bag").region("inside").half_size
-    bag = Pose(food.pose("bag").position, from_yaw(math.pi / 2))
-    turned = posed(food, poses={"bag": bag})
+    half = food.info.object("box").region("inside").half_size
+    bag = Pose(food.pose("box").position, from_yaw(math.pi / 2))
+    turned = posed(food, poses={"box": bag})
     beyond = 0.5 * (half[0] + half[1])
     world_x, world_y = (
         posed(turned, poses={"fries": Pose((bag.position[0] + dx, bag.position[1] + dy, 0.02))})
         for dx, dy in ((beyond, 0.0), (0.0, beyond))
     )
-    assert inside(world_x, "fries", "bag")
-    assert not inside(world_y, "fries", "bag")
+    assert inside(world_x, "fries", "box")
+    assert not inside(world_y, "fries", "box")
 
 
 def test_what_touches_the_table_is_not_inside_whatever_its_pose(food, posed):
     pose = in_bag(food, 0.0, 0.0, 0.0)
-    assert inside(posed(food, poses={"fries": pose}, contacts=(("fries", "bag"),)), "fries", "bag")
-    assert not inside(posed(food, poses={"fries": pose}, contacts=(("fries", "table"),)), "fries", "bag")
-    assert not inside(posed(food, poses={"fries": pose}, contacts=(("table", "fries"),)), "fries", "bag")
+    assert inside(posed(food, poses={"fries": pose}, contacts=(("fries", "box"),)), "fries", "box")
+    assert not inside(posed(food, poses={"fries": pose}, contacts=(("fries", "table"),)), "fries", "box")
+    assert not inside(posed(food, poses={"fries": pose}, contacts=(("table", "fries"),)), "fries", "box")
 
 
 def test_a_held_or_moving_object_is_inside_but_neither_released_nor_at_rest(food, posed):
     pose = {"fries": in_bag(food, 0.0, 0.0, 0.0)}
     held = posed(food, poses=pose, contacts=(("left_finger", "fries"), ("right_finger", "fries")), held="fries")
-    assert inside(held, "fries", "bag")
+    assert inside(held, "fries", "box")
     assert not released(held, "fries")
     assert released(held, "drink")
     moving = posed(food, poses=pose, speeds={"fries": 0.5})
-    assert inside(moving, "fries", "bag")
+    assert inside(moving, "fries", "box")
     assert not at_rest(moving, "fries")
 
 

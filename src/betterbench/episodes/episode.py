@@ -57,8 +57,8 @@ class _Answers:
             answer = self._ask(state)
             actions = np.asarray(answer)
             dim = self.scene.action_space.dim
-            if actions.ndim == 1 and actions.shape == (dim,):
-                actions = actions[None, :]
+            if actions.shape == (dim,):
+                return actions
             if actions.ndim != 2 or actions.shape[1] != dim or len(actions) == 0:
                 msg = (
                     f"the policy answered an array of shape {actions.shape}. {self.scene.action_space.name} wants "

@@ -241,7 +241,7 @@ def set_physics(spec: mujoco.MjSpec) -> None:
     # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
     spec.default.geom.condim = 4
     # An object dropped 5 cm arrives at 1 m/s. MuJoCo's default time constant of 20 ms lets it sink 7 mm, through the floor of
-    # a bag; 5 ms keeps it below 2 mm and is still 2.5 time steps.
+    # a box; 5 ms keeps it below 2 mm and is still 2.5 time steps.
     spec.default.geom.solref = [CONTACT_TIME_CONSTANT_S, 1.0]
 
 

@@ -71,7 +71,7 @@ class GoalTracker:
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """Names of the relation columns, "inside(burger_1, bag)"."""
+        """Names of the relation columns, "inside(burger_1, box)"."""
         return tuple(f"{self._template.relation}({name}, {self._target})" for name in self._movable)
 
     @property

@@ -11,7 +11,7 @@ from betterbench.assets.procedural import (  # noqa: F401  (imported for what th
     drink_cup,
     fries,
     mug,
-    paper_bag,
+    takeaway_box,
     table_extras,
 )
 from betterbench.assets.procedural.registry import build, categories, colours, generator, looks

@@ -1,6 +1,6 @@
 """Triangle meshes from rings: the one construction from which every procedural shape is made.
 
-A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a paper bag are all lofts.
+A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all lofts.
 Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages normals
 over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object frame.
 """

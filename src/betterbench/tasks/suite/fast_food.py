@@ -1,4 +1,4 @@
-"""Packing a fast food order: burger, fries and drink go into the paper bag in the order in which they are named."""
+"""Packing a fast food order: burger, fries and drink go into the takeaway box in the order in which they are named."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BURGER_1 = ObjectSpec("burger_1", "burger", "burger")
 BURGER_2 = ObjectSpec("burger_2", "burger", "burger")
 FRIES = ObjectSpec("fries", "fries", "fries_box")
 DRINK = ObjectSpec("drink", "drink", "drink_cup")
-BAG = ObjectSpec("bag", "bag", "paper_bag", role="container")
+BOX = ObjectSpec("box", "box", "takeaway_box", role="container")
 BLOCK = ObjectSpec("round_block", "round block", "round_block", role="distractor")
 
 LAYOUT = {
@@ -22,14 +22,14 @@ LAYOUT = {
     BURGER_2.name: "second",
     FRIES.name: "third",
     DRINK.name: "fourth",
-    BAG.name: "stand",
+    BOX.name: "stand",
 }
 
 
 def pack(kind: str, *, count: int = 1) -> Subgoal:
     """Return the subgoal to pack the ``count``-th object of a kind."""
     name = f"pack_{kind}" if count == 1 else f"pack_{kind}_{count}"
-    return Subgoal(name, "inside", Reference(kind=kind), BAG.name, kind, count)
+    return Subgoal(name, "inside", Reference(kind=kind), BOX.name, kind, count)
 
 
 A, A_AGAIN, B, C = pack("burger"), pack("burger", count=2), pack("fries"), pack("drink")
@@ -40,25 +40,25 @@ def order(text: str, *subgoals: Subgoal) -> Instruction:
     return Instruction(text, subgoals, ordered=True)
 
 
-BURGER_THEN_FRIES = order("Put a burger into the paper bag, then the fries.", A, B)
-BURGER_THEN_DRINK = order("Put a burger into the paper bag, then the drink.", A, C)
-FRIES_THEN_DRINK = order("Put the fries into the paper bag, then the drink.", B, C)
-DRINK_THEN_FRIES = order("Put the drink into the paper bag, then the fries.", C, B)
-EVERYTHING = order("Put both burgers into the paper bag, then the fries, then the drink.", A, A_AGAIN, B, C)
+BURGER_THEN_FRIES = order("Put a burger into the takeaway box, then the fries.", A, B)
+BURGER_THEN_DRINK = order("Put a burger into the takeaway box, then the drink.", A, C)
+FRIES_THEN_DRINK = order("Put the fries into the takeaway box, then the drink.", B, C)
+DRINK_THEN_FRIES = order("Put the drink into the takeaway box, then the fries.", C, B)
+EVERYTHING = order("Put both burgers into the takeaway box, then the fries, then the drink.", A, A_AGAIN, B, C)
 
 
 def _train(name: str, instruction: Instruction) -> Condition:
-    return Condition("fast_food", name, (BURGER_1, BURGER_2, FRIES, DRINK, BAG), LAYOUT, instruction)
+    return Condition("fast_food", name, (BURGER_1, BURGER_2, FRIES, DRINK, BOX), LAYOUT, instruction)
 
 
 @task
 def fast_food() -> Task:
-    """Pack the ordered food into the paper bag, in the order in which it is named.
+    """Pack the ordered food into the takeaway box, in the order in which it is named.
 
     Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
     is packed, and always a burger comes first.
-    Success: what was named is in the bag, nothing else is, packed in the named order, at rest and released for 0.5 s.
-    Premise: what is named stands in its slot and the bag is empty.
+    Success: what was named is in the box, nothing else is, packed in the named order, at rest and released for 0.5 s.
+    Premise: what is named stands in its slot and the box is empty.
     """
     shift, recompose, perturb, extrapolate = Axis
     inertia = ("behavioral_inertia", "order_violation", "early_halt")
@@ -67,7 +67,7 @@ def fast_food() -> Task:
         version=1,
         title="Packing a Fast Food Order",
         template=LOOSE_PACKING,
-        description="Put the named food into the paper bag in the named order.",
+        description="Put the named food into the takeaway box in the named order.",
         slots=(
             Slot("first", 0.42, -0.30),
             Slot("second", 0.60, -0.30),

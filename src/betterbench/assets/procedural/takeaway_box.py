@@ -1,4 +1,4 @@
-"""Open takeaway bags of kraft paper."""
+"""Open takeaway boxes of kraft board."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _OUTSIDE = 0.58
 _KRAFT: Colour = (0.72, 0.53, 0.33)
 
 
-@generator("paper_bag", colours=("brown", "white"))
-def paper_bag(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a low, wide, open kraft bag with a printed sign on its long side, which looks along +x.
+@generator("takeaway_box", colours=("brown", "white"))
+def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a low, wide, open kraft box with a printed sign on its long side, which looks along +x.
 
-    The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty paper bag of 40 g would
+    The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty box of 40 g would
     slide at a touch, so it stands for one with a stiff insert and something already in it.
 
     Args:
@@ -39,7 +39,7 @@ def paper_bag(rng: np.random.Generator, colour: str) -> Draft:
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
 
-    mesh, front = _bag(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
+    mesh, front = _box(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
     picture = _print(
         rng, kraft, ink, sign=sign, height=height, half_perimeter=2.0 * (half_x + half_y + 2 * _WALL), front=front
     )
@@ -54,10 +54,10 @@ def paper_bag(rng: np.random.Generator, colour: str) -> Draft:
     inside = 0.5 * (height - _FLOOR)
     return Draft(
         shape="box",
-        description=f"An open {colour} takeaway bag of kraft paper with a printed {sign}.",
-        tags=("bag", "paper bag", "takeaway bag", "container", colour),
+        description=f"An open {colour} takeaway box of kraft board with a printed {sign}.",
+        tags=("box", "takeaway box", "food tray", "container", colour),
         body=mass_properties(collision, 0.45, densities=(3.0, 0.25, 0.25, 0.25, 0.25)),
-        visual=(part("bag", mesh, kraft, picture=picture, specular=0.05),),
+        visual=(part("box", mesh, kraft, picture=picture, specular=0.05),),
         collision=collision,
         grasps=(),
         regions=(
@@ -68,7 +68,7 @@ def paper_bag(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _bag(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
+def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, *, tooth: float) -> tuple[Mesh, float]:
     """Return the mesh, and the share of the picture's width at which the front ends."""
     long, short = 16, 10  # segments along y and along x; even, so that each side has a middle
     corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -133,7 +133,7 @@ def _print(
     half_perimeter: float,
     front: float,
 ) -> np.ndarray:
-    """Draw half of the bag, from the middle of the front to the middle of the back."""
+    """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # metres per full height of the picture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y
@@ -145,7 +145,7 @@ def _print(
         _sign(canvas, sign, (u, middle), ink, kraft)
     canvas.paint(outside & (np.abs(y - 0.09 * height) < 0.0022), ink, strength=0.8)
     edge = front * half_perimeter
-    # Folds: the corners, the middle of the narrow side, one across where the bag was folded flat.
+    # Folds: the corners, the middle of the narrow side, one across where the board was folded flat.
     for at in (edge, half_perimeter - edge):
         canvas.paint(outside & (np.abs(x - at) < 0.0022), shaded(kraft, 0.80), strength=0.7)
     canvas.paint(outside & (np.abs(x - 0.5 * half_perimeter) < 0.0020), shaded(kraft, 0.72), strength=0.8)
