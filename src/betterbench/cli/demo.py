@@ -12,7 +12,7 @@ from betterbench.evaluation import make_plan
 POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
 
 
-def demo(*, out: Path = Path("runs/demo"), trials: int = 5, workers: int | None = None, films: int = 32) -> None:
+def demo(*, out: Path = Path("runs/demo"), trials: int = 4, workers: int | None = None, films: int = 24) -> None:
     """Evaluate the expert and three policies with a known fault, and report on them side by side.
 
     Example: better demo --out runs/demo

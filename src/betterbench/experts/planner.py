@@ -132,18 +132,30 @@ class Planner:
         T_object_tcp = state.pose(name).inverse() @ state.ee_pose
         T_tcp_object = T_object_tcp.inverse()
         reasons: list[str] = []
+        guess = np.asarray(state.joint_positions)
         for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
             release = goal.pose @ T_object_tcp
             above = release.translated(*goal.approach)
-            joints = self._reach(state.joint_positions, above, margin=margin)
+            down = self._reach(guess, release, margin=margin)
+            if down is None:
+                reasons.append("out of reach")
+                continue
+            guess = down
+            hits = self._clearance.touches(
+                down, finger_width_m=state.finger_width_m, held=name, held_pose=goal.pose
+            ) or self._clearance.touches(
+                down, finger_width_m=self._opening, held=name, held_pose=goal.pose, ignore=frozenset({name})
+            )
+            if hits:
+                reasons.append(", ".join(hits))
+                continue
+            joints = self._reach(down, above, margin=margin)
             if joints is None:
                 reasons.append("out of reach")
                 continue
             blocked, _ = self._way_is_free(
                 joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
             )
-            if blocked is None:
-                blocked = self._opened_blocked(joints, release, name, goal.pose)
             if blocked is not None:
                 reasons.append(blocked)
                 continue
@@ -166,16 +178,6 @@ class Planner:
         self._clearance.load(state)
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
-
-    def _opened_blocked(self, joints: np.ndarray, release: Pose, name: str, goal: Pose) -> str | None:
-        """Tell what the opening fingers would touch once the object stands where it shall stand."""
-        reached = self._reach(joints, release)
-        if reached is None:
-            return "out of reach"
-        hits = self._clearance.touches(
-            reached, finger_width_m=self._opening, held=name, held_pose=goal, ignore=frozenset({name})
-        )
-        return ", ".join(hits) or None
 
     def _grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
         """Yield grasp poses in the world, the preferred and least turned ones first."""

@@ -92,7 +92,7 @@ def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ..
     ]
     now = yaw_of(state.pose(name).quaternion)
     goals: list[tuple[float, Pose]] = []
-    for turn in (0.0, math.pi / 2, -math.pi / 2, math.pi / 4, -math.pi / 4, 3 * math.pi / 4, -3 * math.pi / 4):
+    for turn in (0.0, math.pi / 2, -math.pi / 2):
         x_opening, y_opening, _ = rotate(from_yaw(turn), opening)
         room_x, room_y = across if abs(x_opening) > abs(y_opening) else along
         for preference, (fx, fy) in enumerate(SPOTS):
