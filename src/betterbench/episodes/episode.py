@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.observer import Observer
-from betterbench.errors import InvalidActionError, InvalidInputError, PremiseError
-from betterbench.interface import EpisodeStart, Policy
+from betterbench.errors import InvalidActionError, PolicyError
+from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.recording import Record, RecordBuilder, Termination
 from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy, WorldState
@@ -52,10 +53,10 @@ class _Answers:
 
         Raises:
             InvalidActionError: If the answer is no array of actions.
+            PolicyError: If the policy breaks.
         """
         if not self.chunk:
-            answer = self._ask(state)
-            actions = np.asarray(answer)
+            actions = self._ask(state)
             dim = self.scene.action_space.dim
             if actions.shape == (dim,):
                 return actions
@@ -68,17 +69,41 @@ class _Answers:
             self.chunk = list(actions)
         return self.chunk.pop(0)
 
-    def _ask(self, state: WorldState) -> object:
+    def reset(self) -> None:
+        """Tell a policy that an episode begins.
+
+        Raises:
+            PolicyError: If it breaks.
+        """
+        if self.observer is not None:
+            start = EpisodeStart(self.scene.condition.instruction.text, self.scene.seed, self.scene.action_space.name)
+            with _boundary():
+                self.mind.reset(start)  # type: ignore[union-attr]
+
+    def _ask(self, state: WorldState) -> np.ndarray:
         began = time.perf_counter()
-        if self.observer is None:
-            answer: object = self.mind.act_on_state(state)  # type: ignore[union-attr]
-        else:
+        observation: Observation | None = None
+        if self.observer is not None:
             observation = self.observer.observe(self.scene, state)
             self.observe_s += time.perf_counter() - began
             began = time.perf_counter()
-            answer = self.mind.act(observation)  # type: ignore[union-attr]
+        with _boundary():
+            if observation is None:
+                answer = self.mind.act_on_state(state)  # type: ignore[union-attr]
+            else:
+                answer = self.mind.act(observation)  # type: ignore[union-attr]
+            actions = np.asarray(answer)
         self.latencies.append(time.perf_counter() - began)
-        return answer
+        return actions
+
+
+@contextmanager
+def _boundary() -> Iterator[None]:
+    """Turn whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on."""
+    try:
+        yield
+    except (Exception, SystemExit) as problem:
+        raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
 
 
 def run_episode(
@@ -118,10 +143,7 @@ def run_episode(
     error: str | None = None
     clipped = 0
     try:
-        if observer is not None:
-            mind.reset(  # type: ignore[union-attr]
-                EpisodeStart(scene.condition.instruction.text, scene.seed, scene.action_space.name)
-            )
+        answers.reset()
         while state.step < limit and not truth.success:
             action = np.asarray(answers.next(state))
             applied = scene.step(action)
@@ -133,10 +155,11 @@ def run_episode(
                 on_step(state.step)
         if truth.success:
             termination = "success"
-    except (KeyboardInterrupt, PremiseError, InvalidInputError):
-        raise
-    except (Exception, SystemExit) as problem:  # noqa: BLE001 - the episode boundary: whatever a policy does, the run goes on
+    except PolicyError as problem:
+        termination, error = "policy_error", str(problem)
+    except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
+    if error is not None:
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     record = builder.finish(
         termination=termination,

@@ -33,14 +33,12 @@ class ObservationSpec:
     Attributes:
         name: Name of the preset.
         cameras: Cameras, in order.
-        rate_hz: Rate at which observations are given [Hz].
         depth: True to add depth pictures [m].
         masks: True to add instance masks. Both are privileged and are refused for real policies unless asked for.
     """
 
     name: str
     cameras: tuple[CameraSpec, ...]
-    rate_hz: float = 20.0
     depth: bool = False
     masks: bool = False
 
@@ -59,7 +57,6 @@ _PRESETS = {
             CameraSpec("left_shoulder", 448, 448),
             CameraSpec("right_shoulder", 448, 448),
         ),
-        rate_hz=15.0,
     ),
 }
 
@@ -68,8 +65,8 @@ def observation_spec(name: str) -> ObservationSpec:
     """Return an observation preset by name.
 
     Args:
-        name: "default" (front and wrist, 256 x 256, 20 Hz), "official" (the three fixed 448 x 448 views at 15 Hz of the
-            paper's own release) or "state_only" (proprioception and the instruction alone).
+        name: "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's own
+            release) or "state_only" (proprioception and the instruction alone).
 
     Raises:
         UnknownNameError: If there is no such preset.
