@@ -142,7 +142,11 @@ class Versions:
     @property
     def found(self) -> dict[str, str]:
         """All versions by name; several values of one name are joined by " | ". The policy is checked, but is none."""
-        return {name: " | ".join(values) for name, values in sorted(self._seen.items()) if name != "policy" or len(values) > 1}
+        return {
+            name: " | ".join(values)
+            for name, values in sorted(self._seen.items())
+            if name != "policy" or len(values) > 1
+        }
 
     def add(self, metadata: RecordMetadata) -> None:
         """Take in the versions of one record.

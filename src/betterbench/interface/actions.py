@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -56,7 +56,6 @@ class ActionSpace:
     high: tuple[float, ...]
     scale: tuple[float, ...]
     convention: str
-    _bounds: tuple[np.ndarray, np.ndarray] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that all parts speak about the same number of components.
@@ -78,10 +77,6 @@ class ActionSpace:
             raise InvalidInputError(
                 where, "a lower bound is not below its upper bound", "Give finite bounds, low < high"
             )
-        bounds = (np.array(self.low), np.array(self.high))
-        for bound in bounds:
-            bound.setflags(write=False)
-        object.__setattr__(self, "_bounds", bounds)
 
     @property
     def dim(self) -> int:
@@ -122,16 +117,23 @@ class ActionSpace:
                 f"{self.name} action: its shape is {given.shape}, not ({self.dim},). "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        values = given.astype(np.float64)
-        if not np.isfinite(values).all():
-            bad = ", ".join(
-                f"{c} = {v}" for c, v in zip(self.components, values.tolist(), strict=True) if not math.isfinite(v)
-            )
-            raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
-        low, high = self._bounds
-        np.maximum(values, low, out=values)
-        np.minimum(values, high, out=values)
-        return values
+        # Plain floats: between two physics steps the caches are cold, and each array operation costs 3 us instead of 1.
+        values: list[float] = given.tolist()
+        for i, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
+            if not low <= value <= high:
+                if not math.isfinite(value):
+                    self._refuse(values)
+                values[i] = low if value < low else high
+        return np.array(values, dtype=np.float64)
+
+    def _refuse(self, values: list[float]) -> NoReturn:
+        """Name the components that are not finite.
+
+        Raises:
+            InvalidActionError: Always.
+        """
+        bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
+        raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, which also travels in policy handshakes."""

@@ -1,9 +1,11 @@
 """Inverse kinematics: one control step towards a pose, and the joint angles that reach a pose.
 
-Frame errors, their Jacobians and the forward kinematics are mink's (:class:`mink.FrameTask`,
-:class:`mink.Configuration`) on a model of the arm alone. The quadratic program is assembled here and handed to DAQP
-with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes about three
-times as long.
+Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
+(:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
+(:meth:`ArmIK.solve`) runs 20 times per simulated second between cold caches; it takes the same Jacobian from MuJoCo
+directly, in the base frame, and a test holds the two against each other. The quadratic program is assembled here and
+handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes
+about three times as long.
 
 Each iteration minimises over the joint step ``d``
 
@@ -121,8 +123,7 @@ class ArmIK:
         self._limits = np.stack([self.low, self.high])
         self._speed = np.array(spec.joint_velocity) * spec.control_period_s
         n = len(spec.arm_joints)
-        # mink's weighted error is minus cost times error.
-        self._weights = -np.array(self._task.cost)
+        self._error, self._jacobian, self._turn = np.zeros(6), np.zeros((6, n)), np.zeros(4)
         self._none = np.zeros((0, n))
         self._sense = np.zeros(n, dtype=np.int32)
         self._quaternion = np.zeros(4)
@@ -158,13 +159,15 @@ class ArmIK:
             low = np.minimum(np.maximum(low, lowest), high)
         if highest is not None:
             high = np.maximum(np.minimum(high, highest), low)
-        self._aim(target)
-        hessian, jacobian, error = self._linearise(q, STEP_DAMPING)
+        self._place(q)
+        error = self._world_error(target)
+        jacobian = self._world_jacobian()
+        hessian = jacobian.T.dot(jacobian)
+        hessian.ravel()[self._diagonal] += _POSTURE_WEIGHT + STEP_DAMPING
         moved = self._step(q, low, high, (hessian, jacobian, error))
         if max(map(abs, (moved - q).tolist())) > SECOND_ITERATION_RAD:
             self._place(moved)
-            error = self._weights * self._task.compute_error(self._configuration)
-            moved = self._step(moved, low, high, (hessian, jacobian, error))
+            moved = self._step(moved, low, high, (hessian, jacobian, self._world_error(target)))
         return moved
 
     def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -266,6 +269,23 @@ class ArmIK:
         """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
         self._data.qpos[:] = q
         mujoco.mj_kinematics(self._model, self._data)
+
+    def _world_error(self, target: Pose) -> np.ndarray:
+        """Return the weighted pose error (6,) in the base frame: position [m], then rotation vector [rad]."""
+        error = self._error
+        error[:3] = target.position - self._data.site_xpos[self._site]
+        mujoco.mju_mat2Quat(self._quaternion, self._data.site_xmat[self._site])
+        mujoco.mju_negQuat(self._quaternion, self._quaternion)
+        mujoco.mju_mulQuat(self._turn, target.quaternion, self._quaternion)
+        mujoco.mju_quat2Vel(error[3:], self._turn, 1.0 / ORIENTATION_COST)
+        return error
+
+    def _world_jacobian(self) -> np.ndarray:
+        """Return the weighted Jacobian (6, n) of the tool in the base frame at the joint angles set last."""
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._site)
+        self._jacobian[3:] *= ORIENTATION_COST
+        return self._jacobian
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
