@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from betterbench.episodes.gymnasium_env import environment_id, register
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 from betterbench.interface import EpisodeStart
 from betterbench.policies import Noop
-from betterbench.tasks import all_tasks
+from betterbench.tasks import all_tasks, environment_id
 
 pytestmark = pytest.mark.physics
 
 TASKS = [t.id for t in all_tasks()]
 STILL = np.array([0.0] * 6 + [-1.0], dtype=np.float32)
-
-
-@pytest.fixture(autouse=True)
-def registered():
-    register()
 
 
 @pytest.fixture
@@ -43,8 +40,10 @@ def test_ids_are_the_tasks_in_camel_case():
     assert all(environment_id(t) in gymnasium.registry for t in TASKS)
 
 
-def test_registering_twice_does_no_harm():
-    register()
+def test_importing_the_package_is_all_it_takes():
+    code = "import betterbench, gymnasium; print(gymnasium.spec('BeTTER/FastFood-v0').entry_point)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "betterbench.episodes.gymnasium_env:TaskEnv"
 
 
 @pytest.mark.parametrize("task_id", TASKS)

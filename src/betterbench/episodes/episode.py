@@ -88,10 +88,11 @@ class _Answers:
             self.observe_s += time.perf_counter() - began
             began = time.perf_counter()
         with _boundary():
-            if observation is None:
-                answer = self.mind.act_on_state(state)  # type: ignore[union-attr]
-            else:
-                answer = self.mind.act(observation)  # type: ignore[union-attr]
+            answer = (
+                self.mind.act_on_state(state)  # type: ignore[union-attr]
+                if observation is None
+                else self.mind.act(observation)  # type: ignore[union-attr]
+            )
             actions = np.asarray(answer)
         self.latencies.append(time.perf_counter() - began)
         return actions

@@ -16,9 +16,8 @@ from betterbench.interventions import vary
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, GoalTracker, Truth, get_task, task_names
+from betterbench.tasks import Condition, GoalTracker, Truth, get_task
 
-NAMESPACE = "BeTTER"
 _BOUNDS = {
     "joint_positions": (7, 4.0),
     "joint_velocities": (7, 50.0),
@@ -30,18 +29,13 @@ _BOUNDS = {
 3.8 rad and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the hand opens by 0.08 m."""
 
 
-def environment_id(task: str) -> str:
-    """Return the Gymnasium id of a task ("fast_food" to "BeTTER/FastFood-v0")."""
-    return f"{NAMESPACE}/{''.join(part.capitalize() for part in task.split('_'))}-v0"
-
-
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """One task under one condition; every reset is one seed of it.
 
     Observation: a dictionary with one (height, width, 3) uint8 picture per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The sentence is in ``info["instruction"]``. Reward: 1 at the step of success, else 0. Nothing privileged is observed;
-    ``info`` holds the truth for training and evaluation code that wants it.
+    The sentence is in ``info["instruction"]``. Reward: 1 at the step of success, else 0. Nothing privileged is
+    observed; ``info`` holds the truth for training and evaluation code that wants it.
 
     Args:
         task: Task id.
@@ -182,16 +176,3 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             "success": truth.success,
             "subgoals": dict(zip(names, truth.subgoals, strict=True)),
         }
-
-
-def register() -> None:
-    """Register every task with Gymnasium; the entry point of the package does so when Gymnasium is imported."""
-    for task in task_names():
-        name = environment_id(task)
-        if name not in gymnasium.registry:
-            gymnasium.register(
-                name,
-                entry_point="betterbench.episodes.gymnasium_env:TaskEnv",
-                kwargs={"task": task},
-                disable_env_checker=False,
-            )

@@ -4,8 +4,8 @@ Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinemat
 (:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
 (:meth:`ArmIK.solve`) runs 20 times per simulated second between cold caches; it takes the same Jacobian from MuJoCo
 directly, in the base frame, and a test holds the two against each other. The quadratic program is assembled here and
-handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which takes
-about three times as long.
+handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which
+takes about three times as long.
 
 Each iteration minimises over the joint step ``d``
 

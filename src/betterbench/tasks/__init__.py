@@ -7,7 +7,7 @@ from betterbench.tasks.goal import GoalTracker, Truth
 from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.regime import Regime, regime_of
-from betterbench.tasks.registry import all_tasks, get_task, suite_tasks, task_names
+from betterbench.tasks.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.task import Task
 from betterbench.tasks.template import ObjectGroup, Template
@@ -40,6 +40,7 @@ __all__ = [
     "all_tasks",
     "broken_premises",
     "do",
+    "environment_id",
     "get_task",
     "regime_of",
     "stream",

@@ -53,3 +53,8 @@ def suite_tasks(name: str) -> tuple[str, ...]:
         return SUITES[name]()
     except KeyError:
         raise UnknownNameError("suite", name, SUITES) from None
+
+
+def environment_id(task: str) -> str:
+    """Return the Gymnasium id of a task ("fast_food" to "BeTTER/FastFood-v0")."""
+    return f"BeTTER/{''.join(part.capitalize() for part in task.split('_'))}-v0"

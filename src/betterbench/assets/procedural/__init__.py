@@ -11,8 +11,8 @@ from betterbench.assets.procedural import (  # noqa: F401  (imported for what th
     drink_cup,
     fries,
     mug,
-    takeaway_box,
     table_extras,
+    takeaway_box,
 )
 from betterbench.assets.procedural.registry import build, categories, colours, generator, looks
 
