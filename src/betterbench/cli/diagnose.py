@@ -43,7 +43,8 @@ def print_diagnosis(result: RunDiagnosis) -> None:
         rows.append([name, f"{right}/{len(labels)}", f"{percent(right, len(labels))} %", rest])
     print_table(["condition", "k/n", "success", "outcomes"], rows, title=result.policy)
     OUT.print()
-    shown = [m for m in result.metrics if m.scope == "overall" or "/" not in m.scope]
+    shown = [m for m in result.metrics if m.scope in ("overall", "training") or m.name in ("illusion_gap", "delta_sr")]
+    shown = [m for m in shown if m.n and "/" not in m.scope]
     print_table(["metric", "over", "value", "95 % interval", "k/n"], [_metric_row(m) for m in shown])
     for finding in result.findings:
         OUT.print(f"• {finding}", markup=False)
@@ -56,4 +57,10 @@ def _metric_row(metric: Metric) -> list[str]:
         return "–" if value is None else f"{100 * value:.1f}"
 
     count = f"{metric.k}/{metric.n}" if metric.k is not None else f"n = {metric.n}"
-    return [metric.name, metric.scope, points(metric.value), f"{points(metric.low)} to {points(metric.high)}", count]
+    return [
+        metric.name.replace("_", " "),
+        metric.scope.replace("axis:", "").replace("_", " "),
+        points(metric.value),
+        f"{points(metric.low)} to {points(metric.high)}",
+        count,
+    ]

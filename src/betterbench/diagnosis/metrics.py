@@ -13,6 +13,7 @@ from betterbench.statistics import (
     delta_success_rate,
     holm,
     mcnemar_p,
+    newcombe_paired_difference,
     paired_bootstrap,
 )
 from betterbench.tasks import Axis, stream
@@ -122,7 +123,7 @@ def _illusion_gaps(trials: Trials) -> list[Metric]:
         found = [_gap(scope, members) for scope, members in sorted(family.items())]
         corrected = holm([m.p_value for m in found if m.p_value is not None])
         note = f", Holm over {len(found)}" if len(found) > 1 else ""
-        method = f"paired bootstrap; exact McNemar{note}"
+        method = f"paired bootstrap or Newcombe, the wider; exact McNemar{note}"
         metrics += [replace(m, p_value=p, method=method) for m, p in zip(found, corrected, strict=True)]
     return metrics
 
@@ -136,7 +137,14 @@ def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> 
         clusters=[twin.key for twin, _ in pairs],
     )
     table = PairedTable.from_outcomes((twin.success, trial.success) for twin, trial in pairs)
-    return replace(_of_difference("illusion_gap", scope, len(pairs), difference), p_value=mcnemar_p(table))
+    # The bootstrap knows that variations share twins, but has no width where all pairs agree; Newcombe's interval has.
+    for_pairs = newcombe_paired_difference(table)
+    return replace(
+        _of_difference("illusion_gap", scope, len(pairs), difference),
+        low=min(difference.low, for_pairs.low),
+        high=max(difference.high, for_pairs.high),
+        p_value=mcnemar_p(table),
+    )
 
 
 def _of_difference(name: str, scope: str, n: int, found: Difference) -> Metric:
