@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from typing import Protocol, TypeVar
 
 
 class BetterError(Exception):
@@ -35,6 +36,35 @@ class UnknownNameError(BetterError):
     def __reduce__(self) -> tuple[type[UnknownNameError], tuple[str, str, tuple[str, ...]]]:
         """Let the error travel from a worker process to the one that started it."""
         return type(self), (self.kind, self.name, self.known)
+
+
+class Named(Protocol):
+    """Something with a name."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+
+NamedThing = TypeVar("NamedThing", bound=Named)
+
+
+def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing:
+    """Return the thing of that name.
+
+    Args:
+        kind: What sort of thing is looked up, in the singular.
+        name: Name to look for.
+        things: Where to look.
+
+    Raises:
+        UnknownNameError: If none has the name.
+    """
+    known = tuple(things)
+    for thing in known:
+        if thing.name == name:
+            return thing
+    raise UnknownNameError(kind, name, (t.name for t in known))
 
 
 class InvalidInputError(BetterError):

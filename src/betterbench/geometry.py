@@ -123,12 +123,6 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
-def wrap_angle(angle: float) -> float:
-    """Return the same angle [rad] in (-pi, pi]."""
-    wrapped = math.remainder(angle, 2.0 * math.pi)
-    return math.pi if wrapped == -math.pi else wrapped
-
-
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
     step = to_axis_angle(multiply(conjugate(a), b))

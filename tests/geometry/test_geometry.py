@@ -23,7 +23,6 @@ from betterbench.geometry import (
     slerp,
     tilt_of,
     to_axis_angle,
-    wrap_angle,
     yaw_of,
 )
 
@@ -157,19 +156,6 @@ def test_slerp_turns_evenly_along_the_shorter_way(a, b, f):
     middle = slerp(a, b, f)
     assert math.isclose(angle_between(a, middle), f * whole, abs_tol=1e-6)
     assert math.isclose(angle_between(middle, b), (1.0 - f) * whole, abs_tol=1e-6)
-
-
-@given(st.floats(-50.0, 50.0))
-def test_wrapped_angle_is_the_same_direction_in_half_open_range(angle):
-    wrapped = wrap_angle(angle)
-    assert -math.pi < wrapped <= math.pi
-    assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-12)
-    assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-12)
-
-
-def test_half_a_turn_wraps_to_plus_pi():
-    assert wrap_angle(math.pi) == math.pi
-    assert wrap_angle(-math.pi) == math.pi
 
 
 @given(poses)

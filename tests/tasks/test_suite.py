@@ -225,7 +225,6 @@ def test_resolve_by_kind_is_sorted_and_by_slot_follows_the_layout():
     assert condition.resolve(Reference(kind="nothing")) == ()
     assert condition.occupant("third") == "fries"
     assert condition.occupant("nowhere") is None
-    assert condition.meant_kinds() == {"burger", "fries"}
     assert condition.object("box") == ObjectSpec("box", "box", "takeaway_box", role="container")
     with pytest.raises(UnknownNameError, match="burger_1"):
         condition.object("burger1")

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 from betterbench.state import Region
 
@@ -156,10 +156,7 @@ class Asset:
         Raises:
             UnknownNameError: If the asset has no such grasp.
         """
-        for grasp in self.grasps:
-            if grasp.name == name:
-                return grasp
-        raise UnknownNameError(f"grasp of {self.category}", name, (g.name for g in self.grasps))
+        return find_named(f"grasp of {self.category}", name, self.grasps)
 
     def region(self, name: str) -> Region:
         """Return a region by name.
@@ -167,10 +164,7 @@ class Asset:
         Raises:
             UnknownNameError: If the asset has no such region.
         """
-        for region in self.regions:
-            if region.name == name:
-                return region
-        raise UnknownNameError(f"region of {self.category}", name, (r.name for r in self.regions))
+        return find_named(f"region of {self.category}", name, self.regions)
 
     def content_hash(self) -> str:
         """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""

@@ -45,12 +45,6 @@ class Progress:
     started_with: int
     last: JournalEntry | None
 
-    @property
-    def remaining_s(self) -> float | None:
-        """Estimated time left [s], or None before the first trial has ended."""
-        fresh = self.done - self.started_with
-        return None if fresh == 0 else (self.planned - self.done) * self.elapsed_s / fresh
-
 
 def evaluate(
     plan: Plan, out: Path, *, workers: int = 1, on_progress: Callable[[Progress], None] | None = None

@@ -315,8 +315,3 @@ def _approach(T_world_tcp: Pose) -> float:
     """Return the vertical component of the approach direction: -1 points straight down."""
     _, x, y, _ = T_world_tcp.quaternion
     return 1.0 - 2.0 * (x * x + y * y)
-
-
-def heading(pose: Pose) -> float:
-    """Return the heading [rad] of an object."""
-    return yaw_of(pose.quaternion)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from betterbench.errors import RecordError, UnknownNameError
+from betterbench.errors import RecordError, UnknownNameError, find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 
@@ -70,10 +70,7 @@ class ObjectInfo:
         Raises:
             UnknownNameError: If the asset has no such region.
         """
-        for region in self.regions:
-            if region.name == name:
-                return region
-        raise UnknownNameError(f"region of {self.name}", name, (r.name for r in self.regions))
+        return find_named(f"region of {self.name}", name, self.regions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +138,7 @@ class SceneInfo:
 
     def slot(self, name: str) -> SlotInfo:
         """Return a slot by name."""
-        for slot in self.slots:
-            if slot.name == name:
-                return slot
-        raise UnknownNameError("slot", name, (s.name for s in self.slots))
+        return find_named("slot", name, self.slots)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""

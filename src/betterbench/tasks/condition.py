@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import find_named
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.subgoal import Instruction, Reference
 
@@ -92,10 +92,7 @@ class Condition:
         Raises:
             UnknownNameError: If the condition has no such object.
         """
-        for spec in self.objects:
-            if spec.name == name:
-                return spec
-        raise UnknownNameError(f"object of {self.id}", name, (o.name for o in self.objects))
+        return find_named(f"object of {self.id}", name, self.objects)
 
     def occupant(self, slot: str) -> str | None:
         """Return the name of the object that starts in a slot, or None."""
@@ -110,12 +107,6 @@ class Condition:
             occupant = self.occupant(reference.slot)
             return () if occupant is None else (occupant,)
         return tuple(sorted(o.name for o in self.objects if o.kind == reference.kind))
-
-    def meant_kinds(self) -> frozenset[str]:
-        """Return the kinds of object that the instruction means."""
-        return frozenset(
-            self.object(name).kind for goal in self.instruction.subgoals for name in self.resolve(goal.reference)
-        )
 
     def with_(self, **changes: Any) -> Condition:  # noqa: ANN401 - the fields' own types, checked by the constructor
         """Return a copy with some fields changed."""

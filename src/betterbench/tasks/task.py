@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import find_named
 from betterbench.tasks.condition import Condition, Slot
 from betterbench.tasks.template import Template
 from betterbench.tasks.variation import Variation
@@ -40,10 +40,7 @@ class Task:
         Raises:
             UnknownNameError: If the task has no such slot.
         """
-        for slot in self.slots:
-            if slot.name == name:
-                return slot
-        raise UnknownNameError(f"slot of {self.id}", name, (s.name for s in self.slots))
+        return find_named(f"slot of {self.id}", name, self.slots)
 
     def train(self, name: str) -> Condition:
         """Return a training condition by name.
@@ -51,10 +48,7 @@ class Task:
         Raises:
             UnknownNameError: If the regime has no such condition.
         """
-        for condition in self.training:
-            if condition.name == name:
-                return condition
-        raise UnknownNameError(f"training condition of {self.id}", name, (c.name for c in self.training))
+        return find_named(f"training condition of {self.id}", name, self.training)
 
     def variation(self, name: str) -> Variation:
         """Return a variation by name.
@@ -62,10 +56,7 @@ class Task:
         Raises:
             UnknownNameError: If the task has no such variation.
         """
-        for variation in self.variations:
-            if variation.name == name:
-                return variation
-        raise UnknownNameError(f"variation of {self.id}", name, (v.name for v in self.variations))
+        return find_named(f"variation of {self.id}", name, self.variations)
 
     def step_limit(self, condition: Condition) -> int:
         """Return the number of control steps after which an episode of the condition ends."""

@@ -37,9 +37,3 @@ class BrokenRule(ExpertMind):
         name = self.standing_in(state, slot)
         goal = self.goals[0]
         return GraspAt(slot) if name is None else Bring(name, goal.target, goal.relation)
-
-    def reached(self, state: WorldState, index: int) -> bool:
-        """Tell whether a subgoal is reached."""
-        goal = self.goals[index]
-        names = self.condition.resolve(goal.reference)
-        return sum(at_target(state, n, goal.target, goal.relation) for n in names) >= goal.count
