@@ -73,7 +73,7 @@ def fast_food() -> Task:
             Slot("second", 0.60, -0.30),
             Slot("third", 0.42, -0.11),
             Slot("fourth", 0.60, -0.11),
-            Slot("stand", 0.50, 0.24, jitter_m=0.005, yaw_jitter=0.03),
+            Slot("stand", 0.50, 0.21, jitter_m=0.005, yaw_jitter=0.03),
         ),
         training=(_train("train1", BURGER_THEN_FRIES), _train("train2", BURGER_THEN_DRINK)),
         variations=(

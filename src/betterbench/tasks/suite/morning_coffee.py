@@ -61,9 +61,9 @@ def morning_coffee() -> Task:
         template=CONSTRAINED_POSITIONING,
         description="Put the instructed mug on the marked ring of the coffee machine.",
         slots=(
-            Slot(NEAR, 0.60, -0.14, yaw=-1.5708),
-            Slot(FAR, 0.40, -0.14, yaw=-1.5708),
-            Slot(STAND, 0.50, 0.30, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0),
+            Slot(NEAR, 0.60, -0.12, yaw=-1.5708),
+            Slot(FAR, 0.40, -0.12, yaw=-1.5708),
+            Slot(STAND, 0.50, 0.25, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0),
         ),
         training=(
             _train("train1", LAYOUT_1, RED),
