@@ -70,7 +70,7 @@ class Images:
         depth: (height, width) float32 distances along the optical axis, not along the ray [m], infinite where nothing
             was hit. A point at depth ``d`` in pixel (u, v) is ``CameraMatrices.unproject`` of it.
         masks: (height, width) int32 numbers of bodies; ``Renderer.body_names`` tells their names. 0 is the world itself
-            (floor, wall), -1 is the sky.
+            (the floor), -1 is the sky.
     """
 
     rgb: np.ndarray | None
@@ -429,8 +429,7 @@ def gl_backend() -> str | None:
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return what decides about pixels besides the scene, for the record: pictures of two machines are equal if this
-    is.
+    """Return what decides about pixels besides the scene: pictures of two machines are equal if this is.
 
     Returns:
         ``backend``, ``vendor``, ``renderer`` and ``version`` of OpenGL, and ``mujoco``'s version.
