@@ -1,7 +1,7 @@
 """Render the procedural asset library into one contact sheet.
 
-Each row is a category: several looks at 256 pixels from the angle of the front camera, one look in each further colour as
-long as there is room, and a close-up. Run from the repository root::
+Each row is a category: several looks at 256 pixels from the angle of the front camera, one look in each further
+colour as long as there is room, and a close-up. Run from the repository root::
 
     MUJOCO_GL=egl python tools/library_sheet.py docs/assets/library.png
 """

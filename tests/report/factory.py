@@ -20,9 +20,7 @@ VERSIONS = {"package": "0.1.0", "record schema": "1", "mujoco": "3.17.0", "fast_
 
 _FAULTS: dict[str, dict[str, tuple[Label, float]]] = {
     "expert": {},
-    "zoo:lexical": {
-        f"morning_coffee/L{i}": (Label.LEXICAL_KINEMATIC_SHORTCUT, 1.0) for i in range(1, 5)
-    }
+    "zoo:lexical": {f"morning_coffee/L{i}": (Label.LEXICAL_KINEMATIC_SHORTCUT, 1.0) for i in range(1, 5)}
     | {
         "morning_coffee/O1": (Label.SEMANTIC_FEATURE_COLLAPSE, 1.0),
         "fast_food/L1": (Label.LEXICAL_KINEMATIC_SHORTCUT, 0.95),
@@ -39,7 +37,7 @@ _FAULTS: dict[str, dict[str, tuple[Label, float]]] = {
         "fast_food/O1": (Label.CAUSAL_CONFUSION, 0.7),
         "morning_coffee/T1": (Label.PHASE_CONFLICT, 0.3),
     },
-}  # fmt: skip
+}
 _CLUMSY = {"expert": 0.0, "zoo:lexical": 0.03, "zoo:inertia": 0.04, "zoo:progress-cue": 0.05}
 
 
@@ -60,13 +58,27 @@ def trial(
         Attempt(2.1, 2.7, "burger_1" if right else "fries", "first", "target" if right else "distractor", True),
     )
     base = TrialDiagnosis(
-        task, variation, condition, axis if variation else None, seed, policy,
-        "Put a burger into the takeaway box, then the fries.", right, "succeed", label,
-        "burger_1" if right else "fries", "first" if right else "third", "burger",
-        right or label.kind.value == "execution", 1.0 if right else 0.25, attempts,
+        task,
+        variation,
+        condition,
+        axis if variation else None,
+        seed,
+        policy,
+        "Put a burger into the takeaway box, then the fries.",
+        right,
+        "succeed",
+        label,
+        "burger_1" if right else "fries",
+        "first" if right else "third",
+        "burger",
+        right or label.kind.value == "execution",
+        1.0 if right else 0.25,
+        attempts,
         Evidence(label.value, f"The record shows {label.value.replace('_', ' ')}.", 2.1, 2.9, ("fries",)),
-        240, 12.0, f"records/{task}/{variation or condition}/{seed}.parquet",
-    )  # fmt: skip
+        240,
+        12.0,
+        f"records/{task}/{variation or condition}/{seed}.parquet",
+    )
     return replace(base, **changes)  # type: ignore[arg-type]
 
 
@@ -86,18 +98,15 @@ def run_of(policy: str, *, seeds: int = 20, tasks: Sequence[str] = ("fast_food",
     for name in tasks:
         task = get_task(name)
         for condition in task.training:
-            trials += [_played(policy, task, condition, None, seed, generator) for seed in range(seeds)]
+            trials += [_played(policy, task, condition, None, seed, generator=generator) for seed in range(seeds)]
         for variation in task.variations:
             base = next(c for c in task.training if c.name == variation.base)
-            trials += [_played(policy, task, base, variation.name, seed, generator) for seed in range(seeds)]
+            trials += [_played(policy, task, base, variation.name, seed, generator=generator) for seed in range(seeds)]
     notes = ("The smallest difference that 240 pairs detect at 80 % power is 3.3 percentage points.",)
     findings = {
         "zoo:lexical": (
-            "Goes where the word led in training, to another object: 80/80 trials of morning_coffee L1, L2, L3, L4; "
-            "followed in 80/80 trials where that is wrong, against 0/80 errors where it is right (Fisher's exact "
-            "p = 2e-47).",
-            "Goes for an object that no instruction means that shares the target's colour, slot: 20/20 trials of "
-            "morning_coffee O1.",
+            "Goes where the word led in training, to another object: 80/80 trials of morning_coffee L1, L2, L3, L4.",
+            "Goes for an object that no instruction means: 20/20 trials of morning_coffee O1.",
         ),
         "zoo:inertia": ("Plays a step of training that was not asked for: 39/40 trials of fast_food R1, R2.",),
         "zoo:progress-cue": ("Skips a required step or repeats a finished one: 32/40 trials of fast_food O1, T1.",),
@@ -106,7 +115,7 @@ def run_of(policy: str, *, seeds: int = 20, tasks: Sequence[str] = ("fast_food",
 
 
 def _played(
-    policy: str, task: Task, base: Condition, variation: str | None, seed: int, generator: np.random.Generator
+    policy: str, task: Task, base: Condition, variation: str | None, seed: int, *, generator: np.random.Generator
 ) -> TrialDiagnosis:
     known = next((v for v in task.variations if v.name == variation), None)
     instruction = base.instruction
@@ -122,22 +131,46 @@ def _played(
         label = Label.EXECUTION_FAILURE if generator.random() < 0.7 else Label.TIMEOUT
     start = float(np.round(generator.uniform(1.8, 3.2), 2))
     asked = instruction.subgoals[0].word
-    attempts = () if label in (Label.CORRECT_FREEZE, Label.PHASE_CONFLICT) else (
-        Attempt(start, start + 0.55, asked if label.kind.value in ("none", "execution") else "burger", "first",
-                "target" if label.kind.value in ("none", "execution") else "distractor", label is not Label.EXECUTION_FAILURE),
-        Attempt(start + 4.1, start + 4.7, "fries", "third", "target", True),
-    )  # fmt: skip
+    attempts = (
+        ()
+        if label in (Label.CORRECT_FREEZE, Label.PHASE_CONFLICT)
+        else (
+            Attempt(
+                start,
+                start + 0.55,
+                asked if label.kind.value in ("none", "execution") else "burger",
+                "first",
+                "target" if label.kind.value in ("none", "execution") else "distractor",
+                label is not Label.EXECUTION_FAILURE,
+            ),
+            Attempt(start + 4.1, start + 4.7, "fries", "third", "target", True),
+        )
+    )
     duration = float(np.round(generator.uniform(10, 19), 2))
     return trial(
-        task.id, variation, base.name, seed, label=label, policy=policy,
-        axis=known.axis.value if known is not None else None, instruction=instruction.text,
-        expected=known.expected.value if known is not None else "succeed", attempts=attempts, duration_s=duration,
-        steps=int(duration * 20), intended=None if still else asked,
+        task.id,
+        variation,
+        base.name,
+        seed,
+        label=label,
+        policy=policy,
+        axis=known.axis.value if known is not None else None,
+        instruction=instruction.text,
+        expected=known.expected.value if known is not None else "succeed",
+        attempts=attempts,
+        duration_s=duration,
+        steps=int(duration * 20),
+        intended=None if still else asked,
         first_attempt=attempts[0].object if attempts else None,
-        evidence=Evidence(label.value, f"The first grasp, {start:.1f} s in, is at the {attempts[0].object if attempts else 'nothing'}; "
-                          f"the instruction asks for the {asked}.", start, start + 0.6, shared=("colour", "slot") if label is
-                          Label.SEMANTIC_FEATURE_COLLAPSE else ()),
-    )  # fmt: skip
+        evidence=Evidence(
+            label.value,
+            f"The first grasp, {start:.1f} s in, is at the {attempts[0].object if attempts else 'nothing'}; "
+            f"the instruction asks for the {asked}.",
+            start,
+            start + 0.6,
+            shared=("colour", "slot") if label is Label.SEMANTIC_FEATURE_COLLAPSE else (),
+        ),
+    )
 
 
 def draw_frame(generator: np.random.Generator, *, size: int = 192) -> bytes:

@@ -22,7 +22,6 @@ from betterbench.geometry import (
     multiply,
     normalise,
     slerp,
-    yaw_of,
 )
 from betterbench.robots import ArmIK
 from betterbench.scenes import Clearance, Scene

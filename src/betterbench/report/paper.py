@@ -124,8 +124,8 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
     return PaperTable(
         "composition",
         "Packing a fast food order: can seen steps be recombined?",
-        "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training a burger always came "
-        "first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
+        "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training a burger always "
+        "came first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
         (Group("Seen compositions", 2), Group("Novel composition", 1), Group("Difference", 1)),
         (Column("train1", "A→B"), Column("train2", "A→C"), Column("R1", "B→C"), Column("delta_sr", "ΔSR")),
         tuple(rows),

@@ -1,4 +1,4 @@
-"""Numbers as sentences and cells: a percentage never stands without its count, nor a difference without its interval."""
+"""Numbers as sentences and cells: no percentage without its count, and no difference without its interval."""
 
 from __future__ import annotations
 

@@ -253,12 +253,13 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual = spec.visual
     visual.map.znear = 0.01
     visual.map.zfar = 20.0
-    # The key light's shadow map spans +-1.1 m about the point it is aimed at: the table and the arm above it. At 0.8 m the
-    # corner of the table lies at the edge of the map and is speckled with false shadow.
+    # The key light's shadow map spans +-1.1 m about the point it is aimed at: the table and the arm above it. At
+    # 0.8 m the corner of the table lies at the edge of the map and is speckled with false shadow.
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of a picture).
+    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of a
+    # picture).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
@@ -455,7 +456,8 @@ def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -
 
 def _to_pixels(colour: np.ndarray, brightness: np.ndarray) -> np.ndarray:
     """Return (n, n, 3) uint8 pixels of a colour (3,) in [0, 1] times a brightness (n, n) about 1."""
-    return np.clip(np.rint(255.0 * colour * brightness[:, :, None]), 0, 255).astype(np.uint8)
+    pixels: np.ndarray = np.clip(np.rint(255.0 * colour * brightness[:, :, None]), 0, 255).astype(np.uint8)
+    return pixels
 
 
 def _wood(colour: np.ndarray, size: int) -> np.ndarray:

@@ -23,7 +23,8 @@ _CRUMB: Colour = (0.90, 0.74, 0.46)
 def burger(rng: np.random.Generator, colour: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
-    A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm jaw.
+    A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
+    jaw.
 
     Args:
         rng: Source of proportions, order of the layers and colours.

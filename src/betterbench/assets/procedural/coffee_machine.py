@@ -22,10 +22,10 @@ _RIGHT, _UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # what a viewer in front of the 
 def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     """Make a C-shaped coffee machine; its front looks along +x. It is a fixture and cannot be grasped.
 
-    A mug comes down with its handle towards +x. So the ring's centre is 78 to 82 mm in front of the wall, the head above it is
-    narrow and ends 9 to 11 mm behind the ring's centre, and the nozzle stands 19 mm behind it, over the back part of the mug's
-    opening; its tip is 126 mm above the tray, so that a mug of 88 mm slides under it with 38 mm to spare.
-    A small filter machine weighs about 3.5 kg.
+    A mug comes down with its handle towards +x. So the ring's centre is 78 to 82 mm in front of the wall, the head
+    above it is narrow and ends 9 to 11 mm behind the ring's centre, and the nozzle stands 19 mm behind it, over the
+    back part of the mug's opening; its tip is 126 mm above the tray, so that a mug of 88 mm slides under it with 38
+    mm to spare. A small filter machine weighs about 3.5 kg.
 
     Args:
         rng: Source of proportions and details.

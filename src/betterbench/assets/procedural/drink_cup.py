@@ -19,8 +19,9 @@ from betterbench.state import Region
 def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     """Make a lidded paper cup with a short bent straw that leans along +x.
 
-    A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a Franka
-    hand that holds the cup below the lid (45 mm above the tool centre point), the straw too; the straw cannot be touched.
+    A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
+    Franka hand that holds the cup below the lid (45 mm above the tool centre point), the straw too; the straw cannot be
+    touched.
 
     Args:
         rng: Source of proportions and print.

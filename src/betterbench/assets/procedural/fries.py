@@ -22,8 +22,8 @@ _OUTSIDE = 0.8
 def fries_box(rng: np.random.Generator, colour: str) -> Draft:
     """Make a striped carton of fries; its wide face looks along +x, the jaw closes along x.
 
-    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end below the
-    underside of a Franka hand, 45 mm above the tool centre point.
+    A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
+    below the underside of a Franka hand, 45 mm above the tool centre point.
 
     Args:
         rng: Source of proportions, print and the heap of fries.

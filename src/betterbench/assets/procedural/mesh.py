@@ -1,8 +1,9 @@
 """Triangle meshes from rings: the one construction from which every procedural shape is made.
 
-A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all lofts.
-Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages normals
-over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object frame.
+A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all
+lofts. Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages
+normals over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object
+frame.
 """
 
 from __future__ import annotations
@@ -296,8 +297,8 @@ def sweep(
 
     Args:
         path: Points of the path [m].
-        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along ``side``, ``b`` along
-            the normal of the path in its plane.
+        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along ``side``, ``b``
+            along the normal of the path in its plane.
         side: Unit normal of the plane of the path.
         crease_degrees: Angle above which an edge is drawn sharp.
 

@@ -26,10 +26,11 @@ _FLOOR = 0.006
 def mug(rng: np.random.Generator, colour: str) -> Draft:
     """Make a ceramic mug; its handle points along +x.
 
-    A stoneware mug of 0.3 l has an outer diameter of 70 to 75 mm and a height of 80 to 90 mm and weighs 0.25 to 0.35 kg;
-    the light end is used, because the whole weight hangs on one side of the jaw. The bar of the handle is 11 to 12.5 mm
-    thick across the fingers, with flat sides, and stands far enough from the wall for a 20 mm wide finger. The tool centre
-    point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the rim.
+    A stoneware mug of 0.3 l has an outer diameter of 70 to 75 mm and a height of 80 to 90 mm and weighs 0.25 to 0.35
+    kg; the light end is used, because the whole weight hangs on one side of the jaw. The bar of the handle is 11 to
+    12.5 mm thick across the fingers, with flat sides, and stands far enough from the wall for a 20 mm wide finger.
+    The tool centre point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the
+    rim.
 
     Args:
         rng: Source of proportions and decoration.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -64,7 +65,7 @@ class Canvas:
     def line(self, points: Sequence[tuple[float, float]], width: float, colour: Colour, strength: float = 1) -> None:
         """Paint a polyline of the given width."""
         mask = np.zeros_like(self.x, dtype=bool)
-        for (ax, ay), (bx, by) in zip(points[:-1], points[1:], strict=True):
+        for (ax, ay), (bx, by) in itertools.pairwise(points):
             length = (bx - ax) ** 2 + (by - ay) ** 2
             t = np.clip(((self.x - ax) * (bx - ax) + (self.y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
             mask |= np.hypot(self.x - ax - t * (bx - ax), self.y - ay - t * (by - ay)) <= 0.5 * width
@@ -93,7 +94,8 @@ class Canvas:
         """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
         rows, columns = self._image.shape[0] // _OVERSAMPLING, self._image.shape[1] // _OVERSAMPLING
         averaged = self._image.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING, 3).mean(axis=(1, 3))
-        return np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
+        pixels: np.ndarray = np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
+        return pixels
 
 
 # Colours by the word a person would use. Chosen to stay apart from each other under the light of the scenes.

@@ -128,7 +128,7 @@ def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
     chosen = entry.colours[0] if colour is None else colour
     if chosen not in entry.colours:
         raise UnknownNameError(f"colour of {category}", chosen, entry.colours)
-    if isinstance(look, bool) or not isinstance(look, int) or look not in range(entry.looks):
+    if look not in range(entry.looks):
         raise InvalidInputError(
             f"look of {category}", f"{look!r} does not exist", f"Use a number from 0 to {entry.looks - 1}"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Bring, Decision, ExpertMind, GraspAt, Situation, at_target
+from betterbench.experts.mind import Bring, Decision, ExpertMind, GraspAt, Situation
 from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks import Regime, regime_of

@@ -1,0 +1,194 @@
+"""The report: one page that needs nothing else, with the numbers of the diagnosis, that no name can break."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import sys
+import time
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
+
+from betterbench.diagnosis import Label
+from betterbench.errors import InvalidInputError
+from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
+
+HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}"
+
+
+class Outward(HTMLParser):
+    """Collects everything on a page that a browser would fetch from elsewhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.scripts = 0
+
+    def handle_starttag(self, tag, attributes):
+        self.scripts += tag == "script"
+        for name, value in attributes:
+            leaves = name in ("src", "href", "action", "poster", "srcset", "data") and value
+            if leaves and not value.startswith(("#", "data:")) and tag != "a":
+                self.found.append(f"{tag} {name}={value[:80]}")
+
+
+def outward(page: str) -> Outward:
+    parser = Outward()
+    parser.feed(page)
+    return parser
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [run_of(policy) for policy in POLICIES]
+
+
+@pytest.fixture(scope="module")
+def folder(runs, tmp_path_factory):
+    draw = np.random.default_rng(1)
+    films = {s.key: film_of(s, lambda: draw_frame(draw, size=64)) for run in runs for s in trials_worth_showing(run, 4)}
+    out = tmp_path_factory.mktemp("report")
+    write_report(runs, out, films=films, machine={"processor": "two cores"})
+    return out
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return (folder / "index.html").read_text()
+
+
+def test_the_page_needs_nothing_else(page):
+    assert outward(page).found == []
+    assert "@import" not in page
+    assert not re.search(r"url\(\s*['\"]?(?!data:|#)", page)
+
+
+def test_it_says_first_what_is_wrong(page):
+    top = re.sub(r"<[^>]+>", " ", page[: page.index("<table")])
+    for policy in POLICIES:
+        assert policy in top
+    assert "illusion gap" in top.lower()
+    assert "word" in top
+
+
+def test_percentages_stand_beside_their_counts(runs, page):
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    for run in runs:
+        metric = run.metric("success_rate", "overall")
+        assert f"{metric.k}/{metric.n}" in text
+
+
+@pytest.mark.parametrize("name", ["trials", "metrics"])
+def test_exports_hold_every_row(runs, folder, name):
+    [path] = [p for p in (folder / "tables").glob("*.csv") if name in p.stem]
+    rows = list(csv.reader(io.StringIO(path.read_text())))
+    expected = sum(len(r.trials if name == "trials" else r.metrics) for r in runs)
+    assert len(rows) == expected + 1
+    assert len({len(row) for row in rows}) == 1
+
+
+def test_the_paper_s_tables_hold_our_counts_and_the_paper_s(runs, folder):
+    coffee = next(p for p in (folder / "tables").glob("*.csv") if "coffee" in p.stem).read_text()
+    rows = {row[0]: row for row in csv.reader(io.StringIO(coffee))}
+    lexical = next(r for r in runs if r.policy == "zoo:lexical")
+    metric = lexical.metric("intention_accuracy", "morning_coffee/L3")
+    assert any(cell.startswith(f"{100 * metric.value:.1f}") or cell == str(metric.k) for cell in rows["zoo:lexical"])
+    assert any("GR00T" in name for name in rows)
+    composition = next(p for p in (folder / "tables").glob("*.csv") if "composition" in p.stem).read_text()
+    assert all(f"{delta}," in composition for delta in (-0.475, -0.425, -0.525))
+
+
+def test_latex_is_a_booktabs_table(folder):
+    for path in (folder / "tables").glob("*.tex"):
+        text = path.read_text()
+        assert "\\toprule" in text
+        assert "\\bottomrule" in text
+        assert not re.search(r"(?<!\\)%(?! )", text[text.index("\\toprule") :]), path.name
+        assert "_" not in re.sub(r"\\_|\\label\{[^}]*\}", "", text.split("\\midrule")[1])
+
+
+@pytest.mark.parametrize("field", ["policy", "instruction", "evidence", "object"])
+def test_no_name_of_a_stranger_becomes_markup(tmp_path, field):
+    bad = trial(label=Label.SEMANTIC_FEATURE_COLLAPSE)
+    changes = {
+        "instruction": {"instruction": HOSTILE},
+        "evidence": {"evidence": type(bad.evidence)("rule", HOSTILE, 1.0, 2.0, (HOSTILE,))},
+        "object": {"first_attempt": HOSTILE},
+    }.get(field, {})
+    policy = HOSTILE if field == "policy" else "p"
+    plain = write_report([diagnosis([trial(), trial(variation=None)])], tmp_path / "plain").read_text()
+    hostile = [trial(label=Label.SEMANTIC_FEATURE_COLLAPSE, **changes), trial(variation=None)]
+    page = write_report([diagnosis(hostile, policy=policy, findings=[HOSTILE])], tmp_path / "hostile").read_text()
+    assert "<script>alert" not in page
+    assert outward(page).scripts == outward(plain).scripts
+    assert "7*7" in page
+
+
+def test_formulas_do_not_run_in_a_spreadsheet(tmp_path):
+    write_report([diagnosis([trial(instruction="=1+1"), trial(variation=None)])], tmp_path)
+    for path in (tmp_path / "tables").glob("*.csv"):
+        for row in csv.reader(io.StringIO(path.read_text())):
+            assert not any(cell.startswith(("=", "@", "\t")) for cell in row)
+
+
+@pytest.mark.parametrize(
+    "trials",
+    [
+        [trial()],
+        [trial(variation=None)],
+        [trial(label=Label.POLICY_ERROR, record=None, attempts=(), first_attempt=None, intention_correct=None)],
+        [trial("morning_coffee", label=Label.CORRECT_FREEZE, expected="stay_still", intended=None)],
+    ],
+    ids=["one variation", "training only", "all errors", "stay still"],
+)
+def test_meagre_runs_give_a_page_too(tmp_path, trials):
+    page = write_report([diagnosis(trials)], tmp_path).read_text()
+    text = re.sub(r"<[^>]+>", " ", page)
+    assert "nan" not in re.findall(r"\b[a-z]+\b", text.lower())
+    assert "None" not in re.findall(r"\bNone\b", text)
+
+
+def test_bad_input_is_refused(tmp_path):
+    run = diagnosis([trial()])
+    with pytest.raises(InvalidInputError, match="no run"):
+        write_report([], tmp_path)
+    with pytest.raises(InvalidInputError, match="twice"):
+        write_report([run, run], tmp_path)
+    picture = draw_frame(np.random.default_rng(0), size=16)
+    stray = Film("expert", "fast_food/T9/0", (Frame(0.0, picture),))
+    with pytest.raises(InvalidInputError):
+        write_report([run], tmp_path, films={stray.key: stray})
+    with pytest.raises(InvalidInputError, match="JPEG"):
+        Frame(0.0, b"GIF89a")
+
+
+def test_films_show_the_moment_beside_the_twin(runs, page):
+    showing = trials_worth_showing(runs[1], 1)[0]
+    assert showing.twin is not None
+    assert list(showing.times_s) == sorted(set(showing.times_s))
+    assert showing.key == film_key("zoo:lexical", showing.trial)
+    assert page.count("data:image/jpeg") >= len(showing.times_s) + len(showing.twin_times_s)
+
+
+def test_every_kind_of_failure_is_shown_before_any_is_shown_twice(runs):
+    for run in runs[1:]:
+        shown = trials_worth_showing(run, 100)
+        pairs = [(t.task, t.variation, t.label) for t in run.trials if t.variation]
+        assert len(shown) == len(set(pairs))
+
+
+def test_twelve_hundred_trials_are_quick_and_small(tmp_path):
+    runs = [run_of(f"policy {i}", seeds=17) for i in range(4)]
+    assert sum(len(r.trials) for r in runs) >= 1200
+    began = time.process_time()
+    page = write_report(runs, tmp_path)
+    assert time.process_time() - began < 20.0
+    assert page.stat().st_size < 3_000_000
