@@ -22,7 +22,7 @@ from betterbench.experts.motion import (
 )
 from betterbench.experts.planner import DOWN, LIFT_M, Planner
 from betterbench.experts.targets import place_goals
-from betterbench.geometry import Pose, Vector, distance, from_yaw, multiply, normalise
+from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalise, rotate
 from betterbench.state import WorldState
 
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
@@ -36,12 +36,11 @@ class Fumble:
     """A deliberate clumsiness of the hand, for the calibration zoo.
 
     Attributes:
-        grasp_offset_m: Horizontal error of the grasp along the direction in which the fingers do not open, then along
-            the one in which they do [m].
+        miss_by_m: Gap between pads and object when the hand closes beside it [m], or None to grasp well.
         drop: True to open the hand in mid-air after the lift.
     """
 
-    grasp_offset_m: tuple[float, float] = (0.0, 0.0)
+    miss_by_m: float | None = None
     drop: bool = False
 
 
@@ -72,9 +71,8 @@ class Skills:
         """
         plan = self.planner.plan_pick(state, name)
         grasp = plan.grasp
-        if self.fumble is not None:
-            dx, dy = self.fumble.grasp_offset_m
-            grasp = grasp @ Pose((dx, dy, 0.0))
+        if self.fumble is not None and self.fumble.miss_by_m is not None:
+            grasp = beside(state, name, grasp, gap_m=self.fumble.miss_by_m)
         state = yield from follow(state, plan.way, gripper=OPEN, pace=FREE, period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
         return state, grasp
@@ -188,3 +186,30 @@ class Skills:
             return state
         way = self.planner.transit(state, home) or (home,)
         return (yield from follow(state, way, gripper=OPEN, pace=FREE, period_s=self.period_s, settle=4))
+
+
+PAD_HALF_WIDTH_M = 0.010
+
+
+def beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
+    """Return a grasp moved sideways, across the direction in which the fingers open, until the pads miss the object.
+
+    Args:
+        state: State now.
+        name: Name of the object.
+        grasp: Pose ``T_world_tcp`` of the right grasp.
+        gap_m: Gap to leave between the pads and the object's bounding box [m].
+    """
+    pose, size = state.pose(name), state.info.object(name).size_m
+    point = pose.inverse().apply(grasp.position)
+    ways = []
+    for sign in (1.0, -1.0):
+        direction = rotate(conjugate(pose.quaternion), rotate(grasp.quaternion, (sign, 0.0, 0.0)))
+        exits = [
+            ((0.5 * size[i] if direction[i] > 0.0 else -0.5 * size[i]) - point[i]) / direction[i]
+            for i in (0, 1)
+            if abs(direction[i]) > 1e-6
+        ]
+        ways.append((min(exits), sign))
+    length, sign = min(ways)
+    return grasp @ Pose((sign * (length + PAD_HALF_WIDTH_M + gap_m), 0.0, 0.0))

@@ -15,4 +15,4 @@ def clumsiness(situation: Situation) -> Fumble:
     draw = stream(situation.task.id, situation.seed, "clumsy")
     if draw.random() < 0.5:
         return Fumble(drop=True)
-    return Fumble(grasp_offset_m=(float(draw.uniform(0.050, 0.056)), 0.0))
+    return Fumble(miss_by_m=float(draw.uniform(0.006, 0.012)))
