@@ -9,12 +9,15 @@ from typing import Annotated
 import tyro
 
 from betterbench.cli.console import OUT, progress_bar, say
-from betterbench.diagnosis import diagnose_run
+from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import MissingDependencyError
 from betterbench.evaluation import Shot, render_shots
 from betterbench.recording import RunFolder
 from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
 from betterbench.report.page import write_report
+
+SOLVED_FILMS = 2
+"""Largest number of solved trials that are filmed per run: what goes right looks much the same."""
 
 
 def report(
@@ -56,10 +59,18 @@ def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: in
     share = films // max(1, len(runs))
     try:
         for run, diagnosis in zip(runs, diagnoses, strict=True):
-            shown |= _films(run, trials_worth_showing(diagnosis, share))
+            shown |= _films(run, _choice(diagnosis, share))
     except MissingDependencyError as error:
         say(f"no film strips: {error}")
     return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs))
+
+
+def _choice(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
+    """Return the trials to film: failures, and a few solved ones for comparison."""
+    solved = {t.key for t in diagnosis.trials if t.success}
+    showings = trials_worth_showing(diagnosis, len(diagnosis.trials))
+    failed = [s for s in showings if s.trial not in solved]
+    return (failed + [s for s in showings if s.trial in solved][:SOLVED_FILMS])[:limit]
 
 
 def _films(run: RunFolder, showings: Sequence[Showing]) -> dict[str, Film]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.report.charts import UNIT, gap_chart, task_groups
 from betterbench.report.exports import Export, exports_of
@@ -159,7 +159,7 @@ def render_page(
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
-    """Return the films with frames and their trials.
+    """Return the films with frames and their trials, failures first.
 
     Raises:
         InvalidInputError: If a film belongs to no trial of the report.
@@ -173,7 +173,8 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
             raise InvalidInputError("films", problem, "Give films of trials that are in the diagnoses")
         if film.frames:
             shown.append(ShownFilm(len(shown), film, trial))
-    return shown
+    solved = sorted(shown, key=lambda s: s.trial.kind is Kind.NONE)
+    return [ShownFilm(number, s.film, s.trial) for number, s in enumerate(solved)]
 
 
 def _title(policies: Sequence[str]) -> str:
