@@ -105,6 +105,7 @@ def build(meta: RecordMetadata, rows: int, seed: int = 0, **outcome: object) -> 
             qpos=rng.normal(size=50),
             qvel=rng.normal(size=47),
             ctrl=rng.normal(size=8),
+            act=rng.normal(size=7),
             action=action if step else None,
             applied=action.clip(-1, 1) if step else None,
             predicates=tuple((rng.uniform(size=len(meta.predicate_names)) < 0.5).tolist()),

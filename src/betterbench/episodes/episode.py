@@ -187,6 +187,7 @@ def _append(
         qpos=data.qpos,
         qvel=data.qvel,
         ctrl=data.ctrl,
+        act=data.act,
         action=action,
         applied=applied,
         predicates=truth.relations,

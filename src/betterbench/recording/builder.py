@@ -14,7 +14,8 @@ from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetada
 from betterbench.recording.record import Record
 from betterbench.state import WorldState
 
-_SIMULATOR_ROWS = ("qpos", "qvel", "ctrl", "action", "applied")
+_SIMULATOR_ROWS = ("qpos", "qvel", "act", "ctrl", "action", "applied")
+_NO_ACTIVATIONS = np.zeros(0)
 
 _FIRST_CAPACITY = 512
 """Rows for which room is made at first: 25 s at 20 Hz. It doubles when it is used up."""
@@ -59,6 +60,7 @@ class RecordBuilder:
         qpos: npt.NDArray[np.float64],
         qvel: npt.NDArray[np.float64],
         ctrl: npt.NDArray[np.float64],
+        act: npt.NDArray[np.float64] = _NO_ACTIVATIONS,
         action: npt.NDArray[np.floating] | None = None,
         applied: npt.NDArray[np.floating] | None = None,
         predicates: Sequence[bool] = (),
@@ -73,6 +75,7 @@ class RecordBuilder:
             qpos: Generalised positions, shape (nq,); copied.
             qvel: Generalised velocities, shape (nv,); copied.
             ctrl: Actuator commands, shape (nu,); copied.
+            act: Actuator activations, shape (na,), which belong to the physical state; copied.
             action: Action asked by the policy, shape (dim,); None at reset and only there.
             applied: Action after clipping, shape (dim,); None at reset and only there.
             predicates: Truth of each predicate, in the order of the metadata.
@@ -100,7 +103,7 @@ class RecordBuilder:
             )
         if action is None or applied is None:
             action = applied = self._no_action
-        shapes = (qpos.shape, qvel.shape, ctrl.shape, action.shape, applied.shape)
+        shapes = (qpos.shape, qvel.shape, act.shape, ctrl.shape, action.shape, applied.shape)
         if shapes != self._shapes:
             self._check_shapes(shapes)
         if (len(predicates), len(subgoals)) != self._lengths:
@@ -112,9 +115,10 @@ class RecordBuilder:
             rows[:] = [np.concatenate([column, np.empty_like(column)]) for column in rows]
         rows[0][step] = qpos
         rows[1][step] = qvel
-        rows[2][step] = ctrl
-        rows[3][step] = action
-        rows[4][step] = applied
+        rows[2][step] = act
+        rows[3][step] = ctrl
+        rows[4][step] = action
+        rows[5][step] = applied
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)
 
@@ -165,7 +169,7 @@ class RecordBuilder:
             )
         bodies, contacts = _collect_contacts(states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
-        qpos, qvel, ctrl, action, applied = (column[:rows].copy() for column in self._rows)
+        qpos, qvel, act, ctrl, action, applied = (column[:rows].copy() for column in self._rows)
         return Record(
             metadata=self._metadata,
             outcome=outcome,
@@ -173,6 +177,7 @@ class RecordBuilder:
             time=floats("time_s", [s.time_s for s in states], (rows,)),
             qpos=qpos,
             qvel=qvel,
+            act=act,
             ctrl=ctrl,
             action=action,
             applied=applied,
@@ -202,7 +207,7 @@ class RecordBuilder:
         Raises:
             InvalidInputError: If an array is not flat or has another shape than is due.
         """
-        due = self._shapes or (*shapes[:3], self._no_action.shape, self._no_action.shape)
+        due = self._shapes or (*shapes[:4], self._no_action.shape, self._no_action.shape)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, due, strict=True):
             if len(shape) != 1:
                 raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")

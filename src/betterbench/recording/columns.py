@@ -15,7 +15,7 @@ from betterbench.errors import RecordError
 Widths = Mapping[str, int]
 """Numbers per row: ``nq``, ``nv``, ``nu``, ``joints``, ``action``, ``objects``, ``predicates``, ``subgoals``."""
 
-WIDTH_NAMES = ("nq", "nv", "nu", "joints", "action", "objects", "predicates", "subgoals")
+WIDTH_NAMES = ("nq", "nv", "na", "nu", "joints", "action", "objects", "predicates", "subgoals")
 
 
 class Column(NamedTuple):
@@ -47,6 +47,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("time", "float64"),
     Column("qpos", "float64", "nq"),
     Column("qvel", "float64", "nv"),
+    Column("act", "float64", "na"),
     Column("ctrl", "float64", "nu"),
     Column("action", "float64", "action"),
     Column("applied", "float64", "action"),
@@ -119,7 +120,16 @@ def split_columns(schema: pa.Schema) -> list[str]:
     rows repeat; regrouping costs 25 % there (measured on 20 s of 15 objects).
     """
     paths = [field.name for field in schema if field.type == pa.float64()]
-    lists = ("ctrl", "action", "applied", "ee_position", "ee_quaternion", "commanded_position", "commanded_quaternion")
+    lists = (
+        "act",
+        "ctrl",
+        "action",
+        "applied",
+        "ee_position",
+        "ee_quaternion",
+        "commanded_position",
+        "commanded_quaternion",
+    )
     for name in (*lists, "joint_positions", "joint_velocities"):
         if name in schema.names:
             paths.append(f"{name}.list.element")

@@ -35,6 +35,7 @@ class Record:
         time: (T,) simulated time since reset [s].
         qpos: (T, nq) generalised positions of the simulator.
         qvel: (T, nv) generalised velocities of the simulator.
+        act: (T, na) actuator activations: the joint references that the servos integrate.
         ctrl: (T, nu) actuator commands.
         action: (T, dim) action asked by the policy; NaN in row 0.
         applied: (T, dim) action after clipping; NaN in row 0.
@@ -64,6 +65,7 @@ class Record:
     time: Floats
     qpos: Floats
     qvel: Floats
+    act: Floats
     ctrl: Floats
     action: Floats
     applied: Floats
@@ -106,6 +108,7 @@ class Record:
         return {
             "nq": self.qpos.shape[1],
             "nv": self.qvel.shape[1],
+            "na": self.act.shape[1],
             "nu": self.ctrl.shape[1],
             "joints": self.joint_positions.shape[1],
             "action": self.action.shape[1],
