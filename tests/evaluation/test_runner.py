@@ -87,10 +87,7 @@ def test_progress_is_told_after_every_trial(tiny_plan, tmp_path):
     told: list[Progress] = []
     evaluate(tiny_plan(trials=2), tmp_path / "run", on_progress=told.append)
     assert [p.done for p in told] == [0, 1, 2]
-    assert told[0].remaining_s is None
     assert told[0].last is None
-    assert told[1].remaining_s > 0.0
-    assert told[2].remaining_s == 0.0
     assert told[2].last.key in planned(tiny_plan(trials=2))
 
 

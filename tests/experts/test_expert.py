@@ -13,7 +13,7 @@ from betterbench.experts import expert_names, make_expert
 from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
 from betterbench.experts.targets import place_goals
-from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance, wrap_angle, yaw_of
+from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance, yaw_of
 from betterbench.tasks import Expected, GoalTracker, Support, all_tasks, get_task, regime_of
 from betterbench.tasks.predicates import relation
 
@@ -74,7 +74,7 @@ def check_support(record, task, name):
                 for s in boxes
                 if abs(pose.position[0] - s.x) <= s.jitter_m + SETTLING_M
                 and abs(pose.position[1] - s.y) <= s.jitter_m + SETTLING_M
-                and abs(wrap_angle(yaw_of(pose.quaternion) - s.yaw)) <= s.yaw_jitter + SETTLING_RAD
+                and abs(math.remainder(yaw_of(pose.quaternion) - s.yaw, 2.0 * math.pi)) <= s.yaw_jitter + SETTLING_RAD
             ]
             assert inside == [state.info.object(thing).slot], f"{thing} was picked outside the support"
     last = record.state(-1)
