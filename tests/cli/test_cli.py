@@ -58,6 +58,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("eval", "--policy", "expert", "--tasks", "fast_fod"), "fast_food"),
         (("eval", "--policy", "expert", "--suite", "better06"), "better60"),
         (("eval", "--policy", "expert", "--variations", "X9"), "X9"),
+        (("eval", "--policy", "replay:nowhere"), "no run"),
         (("eval", "--policy", "expert", "--trials", "0"), "--trials"),
         (("eval", "--policy", "expert", "--quality", "fastest"), "fast"),
         (("show", "fast_food/T9"), "T1"),

@@ -118,7 +118,7 @@ def test_what_a_plugin_raises_itself_is_not_hidden(tmp_path):
         load_plugin(f"{file}:Mine")
 
 
-@pytest.mark.parametrize("address", ["expert", "zoo:lexical", "noop", "random", "replay:anywhere"])
+@pytest.mark.parametrize("address", ["expert", "zoo:lexical", "noop", "random"])
 def test_known_addresses_pass(address):
     check_policy(address)
 

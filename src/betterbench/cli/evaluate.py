@@ -74,6 +74,9 @@ def evaluate(
         for name in ("training", "variations"):
             k, n = summary[name]["k"], summary[name]["n"]
             OUT.print(f"{name:<11} {_shown(k, n)}", markup=False)
+        broken = summary["errors"]["k"]
+        if broken:
+            OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
         OUT.print(f"run         {run.path}\nnext        better report {run.path}", markup=False)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from betterbench.episodes.episode import Mind
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -11,6 +12,7 @@ from betterbench.experts import EXPERTS, make_expert
 from betterbench.interface import Policy
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin
+from betterbench.recording import RunFolder
 from betterbench.scenes import Scene
 
 
@@ -55,8 +57,10 @@ def check_policy(address: str, *, action_space: str | None = None) -> None:
     Raises:
         UnknownNameError: If the address means nothing.
         InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
+        RecordError: If the run to replay does not exist.
     """
     if address.startswith("replay:"):
+        RunFolder.open(Path(address.removeprefix("replay:")))
         return  # Its action space is that of each record, which it compares itself.
     if address in EXPERTS:
         declared = EE_DELTA.name
