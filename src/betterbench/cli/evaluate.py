@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
 from betterbench.recording import RunFolder
+from betterbench.robots import build_robot_spec
 from betterbench.statistics import Rate, percent, smallest_paired_difference
 from betterbench.tasks import suite_tasks
 
@@ -85,8 +88,23 @@ def default_folder(policy: str) -> str:
     return re.sub(r"[^A-Za-z0-9.]+", "-", policy).strip("-.") or "policy"
 
 
+def prepare_robot(name: str) -> None:
+    """Decimate a robot's meshes into the cache, with a bar; later runs find them there and show nothing."""
+    with ExitStack() as stack:
+        shown: list[Callable[[int], None]] = []
+
+        def told(what: str, done: int, planned: int) -> None:
+            if not shown:
+                bar, task = stack.enter_context(progress_bar(what, planned))
+                shown.append(lambda completed: bar.update(task, completed=completed))
+            shown[0](done)
+
+        build_robot_spec(name, progress=told)
+
+
 def run_with_bar(plan: Plan, out: Path, *, workers: int | None = None) -> RunFolder:
-    """Run a plan with a progress bar on standard error."""
+    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready."""
+    prepare_robot(plan.robot)
     with progress_bar(plan.policy, len(plan.trials)) as (bar, task):
 
         def told(progress: Progress) -> None:
