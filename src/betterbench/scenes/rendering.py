@@ -25,7 +25,7 @@ import math
 import os
 import threading
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self, cast
@@ -451,6 +451,7 @@ class _ProcessContext:
     gl: _GLContext | None = None
     pid: int = 0
     thread: int = 0
+    handle: int | None = None
 
 
 _CONTEXT = _ProcessContext()
@@ -471,7 +472,28 @@ def _make_current() -> None:
         raise InvalidInputError(
             "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
         )
-    _CONTEXT.gl.make_current()
+    # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a picture of the fast preset.
+    if _CONTEXT.handle is None or _current_handle() != _CONTEXT.handle:
+        _CONTEXT.gl.make_current()
+        _CONTEXT.handle = _current_handle()
+
+
+def _current_handle() -> int | None:
+    """Return EGL's handle of the context that is current in this thread, or None with another back end."""
+    if gl_backend() != "egl":
+        return None
+    handle: int | None = _egl_current_context()()
+    return handle
+
+
+@functools.cache
+def _egl_current_context() -> Callable[[], int | None]:
+    """Return EGL's own function; PyOpenGL's wrapper of it is slower than what it saves."""
+    function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
+    function.restype = ctypes.c_void_p
+    function.argtypes = ()
+    current: Callable[[], int | None] = function
+    return current
 
 
 def _create_context() -> _GLContext:
@@ -514,7 +536,7 @@ def _free_all() -> None:
         renderer.close()
     if _CONTEXT.gl is not None and _CONTEXT.pid == os.getpid():
         _CONTEXT.gl.free()
-        _CONTEXT.gl = None
+        _CONTEXT.gl = _CONTEXT.handle = None
 
 
 def _loads(library: str | None) -> bool:
