@@ -14,7 +14,7 @@ from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
 from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance, yaw_of
-from betterbench.tasks import Expected, GoalTracker, Support, all_tasks, get_task, regime_of
+from betterbench.tasks import Expected, GoalTracker, Place, Support, all_tasks, get_task, regime_of
 from betterbench.tasks.predicates import relation
 
 pytestmark = pytest.mark.physics
@@ -80,7 +80,7 @@ def check_support(record, task, name):
     last = record.state(-1)
     targets = {g.target for c in task.training for g in c.instruction.subgoals}
     for thing in picks(record):
-        at = [t for t in targets if relation(task.template.relation)(last, thing, t)]
+        at = [t for t in targets if relation(task.template.relation).holds(last, thing, t)]
         assert at, f"{thing} was not put where training puts things"
         slot = task.slot(task.training[0].layout[at[0]])
         stands = last.pose(at[0]).position
@@ -257,13 +257,13 @@ def test_place_goals_satisfy_the_relation_they_are_for(scene, task_id, name, tar
     s = scene(task_id, "train1")
     state = s.reset()
     kind = s.task.template.relation
-    goals = place_goals(state, name, target, kind)
+    goals = place_goals(state, name, Place(target), kind)
     i = state.info.index(name)
     for goal in goals[:3]:
         positions, quaternions = list(state.positions), list(state.quaternions)
         positions[i], quaternions[i] = goal.pose.position, goal.pose.quaternion
         there = dataclasses.replace(state, positions=tuple(positions), quaternions=tuple(quaternions), contacts=())
-        assert relation(kind)(there, name, target)
+        assert relation(kind).holds(there, name, target)
 
 
 def test_delta_action_is_clipped_and_zero_where_nothing_is_to_be_done():

@@ -150,7 +150,7 @@ def test_the_control_step_takes_the_same_error_and_jacobian_as_mink():
         ik._aim(target)
         _, theirs_jacobian, theirs_error = ik._linearise(q, 0.0)
         ik._place(q)
-        error, jacobian = ik._world_error(target).copy(), ik._world_jacobian().copy()
+        error, jacobian = np.array(ik._world_error(target)), ik._world_jacobian().copy()
         # mink speaks in the frame of the tool and with the opposite sign of the Jacobian; least squares do not mind.
         ours = np.linalg.lstsq(jacobian, error, rcond=None)[0]
         theirs = np.linalg.lstsq(theirs_jacobian, theirs_error, rcond=None)[0]

@@ -8,7 +8,7 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Renderer, Scene, gl_backend
+from betterbench.scenes import Renderer, Scene, gl_backend, rendering
 from betterbench.scenes.rendering import camera_matrices, renderer_fingerprint
 from betterbench.scenes.stage import CAMERAS, FAST, HIGH, QUALITIES, STANDARD, Quality, quality_preset, stage_spec
 from betterbench.tasks import get_task
@@ -194,3 +194,20 @@ def test_qualities_are_values(quality):
     assert Quality.from_json(quality.to_json()) == quality
     assert quality_preset(quality.name) is quality
     assert (quality.shadow_map_size > 0) == quality.shadows
+
+
+def test_pictures_do_not_depend_on_the_order_in_which_rows_are_read(scene, renderer):
+    """Mesa reads from the top, other OpenGL from the bottom: the same picture, depth and mask either way."""
+    usual = renderer.render(scene.data, "front", depth=True, masks=True)
+    kept = rendering._CONTEXT.from_top
+    try:
+        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=False)
+        assert not rendering._CONTEXT.from_top
+        turned = renderer.render(scene.data, "front", depth=True, masks=True)
+    finally:
+        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=kept)
+    assert np.array_equal(usual.rgb, turned.rgb)
+    assert np.array_equal(usual.depth, turned.depth)
+    assert np.array_equal(usual.masks, turned.masks)
+    assert usual.rgb.flags.c_contiguous
+    assert turned.rgb.flags.c_contiguous

@@ -140,7 +140,7 @@ def renamed(condition: Condition, names: dict[str, str]) -> Condition:
     return condition.with_(
         objects=tuple(dataclasses.replace(o, name=names[o.name]) for o in condition.objects),
         layout={names[n]: slot for n, slot in condition.layout.items()},
-        preplaced={names[n]: names[t] for n, t in condition.preplaced.items()},
+        preplaced={names[n]: dataclasses.replace(p, target=names[p.target]) for n, p in condition.preplaced.items()},
         instruction=dataclasses.replace(condition.instruction, subgoals=goals),
     )
 

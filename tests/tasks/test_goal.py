@@ -117,6 +117,7 @@ def test_dwell_starts_again_when_the_goal_is_lost(at_reset, packed):
 
 def test_wrong_order_is_never_forgiven(at_reset, packed):
     state, _, course = start(at_reset, "train1")
+    course.see(state)
     assert not course.see(packed(state, "fries")).in_order
     truth = course.see(packed(state, "fries", "burger_1"), 3 * DWELL)
     assert truth.subgoals == (True, True)
@@ -155,6 +156,7 @@ def test_a_wrong_extra_object_spoils_the_goal_until_it_is_taken_out(at_reset, pa
 
 def test_a_look_alike_in_the_bag_spoils_the_goal_and_stands_for_nothing(at_reset, packed):
     state, _, course = start(at_reset, "O1")
+    course.see(state)
     assert course.see(packed(state, "round_block")).subgoals == (False, False)
     course.see(packed(state, "round_block", "burger_2"))
     assert not course.see(packed(state, "round_block", "burger_2", "fries"), 3 * DWELL).success

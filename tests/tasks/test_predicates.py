@@ -187,6 +187,6 @@ def test_mugs_at_their_slots_are_not_on_the_ring(coffee):
 
 
 def test_unknown_relation_is_refused_with_those_that_exist():
-    assert relation("inside") is inside
+    assert relation("inside").holds
     with pytest.raises(UnknownNameError, match="Did you mean 'inside'"):
         relation("insid")

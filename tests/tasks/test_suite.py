@@ -93,7 +93,7 @@ def test_condition_is_consistent(task, condition):
     assert len(set(condition.layout.values())) == len(condition.layout), "no slot holds two objects"
     for slot in condition.layout.values():
         task.slot(slot)
-    assert all(target in names for target in condition.preplaced.values())
+    assert all(place.target in names for place in condition.preplaced.values())
 
 
 @each_condition
@@ -118,7 +118,7 @@ def test_condition_survives_json_as_plain_data(task, condition):
     form = condition.to_json()
     assert form["name"] == condition.name
     assert form["layout"] == dict(condition.layout)
-    assert form["preplaced"] == dict(condition.preplaced)
+    assert form["preplaced"] == {n: {"target": p.target, "at": p.at} for n, p in condition.preplaced.items()}
     assert [o["name"] for o in form["objects"]] == [o.name for o in condition.objects]
 
 
@@ -164,12 +164,12 @@ def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, varia
 def test_support_what_is_preplaced_rests_where_training_put_it(task, variation):
     condition, _ = vary(task, variation)
     trained = {
-        (c.object(n).kind, g.target)
+        (c.object(n).kind, g.target, g.place)
         for c in task.training
         for g in c.instruction.subgoals
         for n in c.resolve(g.reference)
     }
-    assert {(condition.object(n).kind, target) for n, target in condition.preplaced.items()} <= trained
+    assert {(condition.object(n).kind, p.target, p.at) for n, p in condition.preplaced.items()} <= trained
 
 
 @each_variation

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Mapping
 
 import numpy as np
 
 from betterbench.interface import Observation, ObservationSpec
-from betterbench.scenes import Renderer, Scene
+from betterbench.scenes import Images, Renderer, Scene
 from betterbench.state import WorldState
 
 _KEPT_RENDERERS = 4
+
+Views = Mapping[str, Images]
+"""Pictures by camera."""
 
 
 class Observer:
@@ -21,47 +25,44 @@ class Observer:
         self.spec = spec
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
-    def observe(self, scene: Scene, state: WorldState) -> Observation:
+    def look(self, scene: Scene) -> Views:
+        """Return the pictures of what is now, by camera.
+
+        Raises:
+            MissingDependencyError: If pictures are asked for and no off-screen OpenGL works here.
+        """
+        if not self.spec.cameras:
+            return {}
+        renderer, spec, data = self._renderer(scene), self.spec, scene.data
+        return {
+            c.name: renderer.render(data, c.name, depth=spec.depth, masks=spec.masks, width=c.width, height=c.height)
+            for c in spec.cameras
+        }
+
+    def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return what a policy sees now.
 
         Args:
             scene: The scene.
             state: Its state now.
+            views: Pictures of this state that :meth:`look` has taken already.
 
         Raises:
             MissingDependencyError: If pictures are asked for and no off-screen OpenGL works here.
         """
-        images: dict[str, np.ndarray] = {}
-        depth: dict[str, np.ndarray] = {}
-        masks: dict[str, np.ndarray] = {}
-        if self.spec.cameras:
-            renderer = self._renderer(scene)
-            for camera in self.spec.cameras:
-                view = renderer.render(
-                    scene.data,
-                    camera.name,
-                    depth=self.spec.depth,
-                    masks=self.spec.masks,
-                    width=camera.width,
-                    height=camera.height,
-                )
-                if view.rgb is not None:
-                    images[camera.name] = view.rgb
-                if view.depth is not None:
-                    depth[camera.name] = view.depth
-                if view.masks is not None:
-                    masks[camera.name] = view.masks
+        if views is None:
+            views = self.look(scene)
         return Observation(
             instruction=scene.condition.instruction.text,
             step=state.step,
-            images=images,
+            images={name: view.rgb for name, view in views.items() if view.rgb is not None},
             joint_positions=np.array(state.joint_positions),
             joint_velocities=np.array(state.joint_velocities),
             ee_position=np.array(state.ee_pose.position),
             ee_quaternion=np.array(state.ee_pose.quaternion),
             gripper_width=state.finger_width_m,
-            depth=depth,
-            masks=masks,
+            depth={name: view.depth for name, view in views.items() if view.depth is not None},
+            masks={name: view.masks for name, view in views.items() if view.masks is not None},
         )
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ class Bring:
     object: str
     target: str
     relation: str
+    place: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,16 +69,16 @@ class Mind(Protocol):
         """
 
 
-def at_target(state: WorldState, name: str, target: str, relation_name: str) -> bool:
+def at_target(state: WorldState, name: str, target: str, relation_name: str, place: str = "") -> bool:
     """Tell whether an object is where a subgoal wants it."""
-    return relation(relation_name)(state, name, target)
+    return relation(relation_name).holds(state, name, target, place)
 
 
 def open_subgoal(state: WorldState, condition: Condition) -> int | None:
     """Return the index of the first subgoal that is not reached, or None."""
     for i, goal in enumerate(condition.instruction.subgoals):
         names = condition.resolve(goal.reference)
-        if sum(at_target(state, n, goal.target, goal.relation) for n in names) < goal.count:
+        if sum(at_target(state, n, goal.target, goal.relation, goal.place) for n in names) < goal.count:
             return i
     return None
 
@@ -86,7 +87,9 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Return the object to take for a subgoal: one that is not at the target yet, any of several alike by the seed."""
     goal = situation.condition.instruction.subgoals[index]
     names = [
-        n for n in situation.condition.resolve(goal.reference) if not at_target(state, n, goal.target, goal.relation)
+        n
+        for n in situation.condition.resolve(goal.reference)
+        if not at_target(state, n, goal.target, goal.relation, goal.place)
     ]
     if not names:
         return None
@@ -112,4 +115,4 @@ class ExpertMind:
         """Return the decision that serves a subgoal."""
         goal = self.situation.condition.instruction.subgoals[index]
         name = choose(self.situation, state, index)
-        return Rest() if name is None else Bring(name, goal.target, goal.relation)
+        return Rest() if name is None else Bring(name, goal.target, goal.relation, goal.place)

@@ -12,6 +12,7 @@ from betterbench.experts.planner import Planner
 from betterbench.experts.skills import Fumble, Skills
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
+from betterbench.tasks import Place
 
 MAX_DECISIONS = 12
 """Decisions after which a policy gives up: twice the longest chain of the suite."""
@@ -65,9 +66,8 @@ class PrivilegedAgent:
             if isinstance(decision, Rest):
                 break
             if isinstance(decision, Bring):
-                state, _ = yield from self._skills.pick_and_place(
-                    state, decision.object, decision.target, decision.relation
-                )
+                goal = Place(decision.target, decision.place)
+                state, _ = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
                 state = yield from hold(state, 2, gripper=state.gripper_command)
             elif isinstance(decision, GraspAt):
                 slot = state.info.slot(decision.slot)

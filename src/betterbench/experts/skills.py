@@ -24,6 +24,7 @@ from betterbench.experts.planner import DOWN, LIFT_M, Planner
 from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalise, rotate
 from betterbench.state import WorldState
+from betterbench.tasks import Place
 
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
@@ -119,7 +120,7 @@ class Skills:
                 return state, False
         return state, False
 
-    def place(self, state: WorldState, name: str, target: str, relation: str) -> Outcome:
+    def place(self, state: WorldState, name: str, target: Place, relation: str) -> Outcome:
         """Carry the held object to its target, put it down, let go and move away.
 
         Returns:
@@ -147,7 +148,7 @@ class Skills:
         )
         return state, arrived
 
-    def pick_and_place(self, state: WorldState, name: str, target: str, relation: str) -> Outcome:
+    def pick_and_place(self, state: WorldState, name: str, target: Place, relation: str) -> Outcome:
         """Bring an object to its target, starting over where it slipped out of the hand."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from betterbench.errors import PlanningError
 from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalise, rotate, yaw_of
 from betterbench.state import WorldState
+from betterbench.tasks import Place
 
 RELEASE_GAP_M = 0.002
 """Height above its resting place at which an object is let go [m]."""
@@ -32,22 +33,22 @@ class PlaceGoal:
     approach: Vector = (0.0, 0.0, 0.08)
 
 
-def place_goals(state: WorldState, name: str, target: str, relation: str) -> tuple[PlaceGoal, ...]:
+def place_goals(state: WorldState, name: str, place: Place, relation: str) -> tuple[PlaceGoal, ...]:
     """Return poses at which an object satisfies a relation to a target, the best first.
 
     Args:
         state: State now.
         name: Name of the object.
-        target: Name of the container or fixture.
+        place: Container, fixture or other target, and which of its places.
         relation: Name of the relation.
 
     Raises:
         PlanningError: If the relation is not one that these skills can bring about.
     """
     if relation == "on_ring":
-        return _on_ring(state, name, target)
+        return _on_ring(state, name, place.target)
     if relation == "inside":
-        return _inside(state, name, target)
+        return _inside(state, name, place.target)
     raise PlanningError(f"no skill brings about the relation {relation!r}")
 
 

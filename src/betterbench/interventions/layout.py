@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from betterbench.errors import InvalidInputError
 from betterbench.interventions.operation import Changes, operation
-from betterbench.tasks import Condition
+from betterbench.tasks import Condition, Place
 
 
 @operation
@@ -34,8 +34,8 @@ def move(condition: Condition, *, object: str, slot: str) -> tuple[Condition, Ch
 
 
 @operation
-def preplace(condition: Condition, *, object: str, target: str) -> tuple[Condition, Changes]:  # noqa: A002
-    """Let an object rest at its target from the start.
+def preplace(condition: Condition, *, object: str, target: str, at: str = "") -> tuple[Condition, Changes]:  # noqa: A002
+    """Let an object rest at its target from the start; ``at`` names the place where the target offers several.
 
     Raises:
         InvalidInputError: If the object does not start in a slot.
@@ -44,8 +44,21 @@ def preplace(condition: Condition, *, object: str, target: str) -> tuple[Conditi
     _require_slot(condition, object)
     condition.object(target)
     layout = {name: slot for name, slot in condition.layout.items() if name != object}
-    changed = condition.with_(layout=layout, preplaced={**condition.preplaced, object: target})
+    changed = condition.with_(layout=layout, preplaced={**condition.preplaced, object: Place(target, at)})
     return changed, Changes(frozenset({object}))
+
+
+@operation
+def draw_out(condition: Condition, *, drawer: str, distance_m: float) -> tuple[Condition, Changes]:
+    """Let a drawer stand open by ``distance_m`` at the start; 0 shuts it.
+
+    Raises:
+        UnknownNameError: If the condition has no such object.
+        InvalidInputError: If it is no drawer.
+    """
+    if condition.object(drawer).mount is None:
+        raise InvalidInputError(f"{condition.id} object {drawer!r}", "it is no drawer", "Name one that has a mount")
+    return condition.with_(opened={**condition.opened, drawer: distance_m}), Changes(frozenset({drawer}))
 
 
 def require_free(condition: Condition, slot: str) -> None:

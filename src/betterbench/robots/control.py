@@ -144,6 +144,7 @@ class ArmController:
         self._pose = self.ik.forward(self.ik.home)
         self._joints = self.ik.home.copy()
         self._width = spec.gripper_opening_m
+        self._measured: Pose | None = None
 
     @property
     def commanded_pose(self) -> Pose:
@@ -190,12 +191,13 @@ class ArmController:
         data.ctrl[self._velocity_ctrl] = 0.0
         data.ctrl[self._gripper] = self._width
 
-    def apply(self, data: mujoco.MjData, action: object) -> np.ndarray:
+    def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
         """Set the controls of the next control step.
 
         Args:
             data: State to read the measured joints from and to set ``ctrl`` in.
             action: One action, shape (dim,).
+            measured: ``T_base_tcp`` at the present joint angles, if the caller knows it; else it is computed.
 
         Returns:
             The action as applied: float64 and inside the bounds, shape (dim,). Applying it instead of ``action`` gives
@@ -206,13 +208,15 @@ class ArmController:
         """
         applied = self.action_space.clip(action)
         numbers = applied.tolist()
-        measured = data.qpos[self._qpos]
+        self._measured = measured
+        joints = data.qpos[self._qpos]
         reference = data.act[self._act]
         advance = self._advance
         if advance is None:
             raise AssertionError("the constructor has checked the action space")
-        goal = advance(numbers, measured, reference)
-        rate = (goal - reference) / self._period
+        goal = advance(numbers, joints, reference)
+        rate = goal - reference
+        rate /= self._period
         ctrl = data.ctrl
         ctrl[self._position_ctrl] = rate
         ctrl[self._velocity_ctrl] = rate
@@ -241,12 +245,12 @@ class ArmController:
     def _ee_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Add the action to the commanded pose, bound its lead, and step towards it."""
         asked = _moved(self._pose, action)
-        self._pose = _bounded(asked, self.ik.forward(measured))
+        self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
         return self._towards(self._pose, measured, reference)
 
     def _ee_delta_measured(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Add the action to the measured pose and step towards it."""
-        self._pose = _moved(self.ik.forward(measured), action)
+        self._pose = _moved(self._measured or self.ik.forward(measured), action)
         return self._towards(self._pose, measured, reference)
 
     def _ee_pose(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -257,7 +261,7 @@ class ArmController:
         self._pose = Pose((x, y, z), normalise((qw, qx, qy, qz)))
         present = self.ik.forward(reference)
         waypoint = _bounded(self._pose, present, distance_m=POSE_STEP_M, angle_rad=POSE_STEP_RAD)
-        return self._towards(_bounded(waypoint, self.ik.forward(measured)), measured, reference)
+        return self._towards(_bounded(waypoint, self._measured or self.ik.forward(measured)), measured, reference)
 
     def _joint_position(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Step towards absolute joint angles."""
@@ -278,7 +282,7 @@ class ArmController:
 
     def _towards(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the next joint reference on the way to a pose."""
-        return self.ik.solve(reference, target, lowest=measured - JOINT_LEAD_RAD, highest=measured + JOINT_LEAD_RAD)
+        return self.ik.solve(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
         """Move the commanded distance of the pads at finite speed and return it [m]."""
@@ -316,6 +320,9 @@ class ArmController:
 _DIMENSIONS = {space.name: space.dim for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)}
 
 
+_COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)
+
+
 def _run(addresses: list[int]) -> slice | np.ndarray:
     """Return a slice where the addresses are evenly spaced, which numpy reads faster, else an index array."""
     first = addresses[0]
@@ -351,7 +358,7 @@ def _bounded(
         position = (cx + f * dx, cy + f * dy, cz + f * dz)
     turn = multiply(quaternion, conjugate(centre.quaternion))
     # |w| of the turn is the cosine of half its angle.
-    if abs(turn[0]) < math.cos(0.5 * angle_rad):
+    if abs(turn[0]) < (_COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)):
         rx, ry, rz = to_axis_angle(turn)
         f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
         quaternion = normalise(multiply(from_axis_angle((f * rx, f * ry, f * rz)), centre.quaternion))

@@ -2,7 +2,7 @@
 
 from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
 from betterbench.scenes.clearance import Clearance
-from betterbench.scenes.rendering import Renderer, gl_backend, renderer_fingerprint
+from betterbench.scenes.rendering import Images, Renderer, gl_backend, renderer_fingerprint
 from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
 from betterbench.scenes.stored import StoredView, load_model
 
@@ -11,6 +11,7 @@ __all__ = [
     "TIMESTEP_S",
     "Clearance",
     "CompiledScene",
+    "Images",
     "Placement",
     "Renderer",
     "Scene",

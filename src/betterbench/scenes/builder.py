@@ -98,12 +98,12 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
         position, yaw = slot_pose(task, seed, slot)
         ground = Pose(position, from_yaw(yaw))
         poses[name] = ground if condition.object(name).fixed else ground @ rest_pose(chosen[name])
-    for name, target in condition.preplaced.items():
-        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[target], poses[target])
+    for name, place in condition.preplaced.items():
+        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[place.target], poses[place.target])
     placements = [Placement(o, chosen[o.name], poses[o.name]) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
-        where = condition.layout.get(p.spec.name, "~" + condition.preplaced.get(p.spec.name, ""))
+        where = condition.layout.get(p.spec.name, f"~{condition.preplaced.get(p.spec.name, '')}")
         return (p.spec.role, p.asset.identity, where)
 
     return tuple(sorted(placements, key=order))

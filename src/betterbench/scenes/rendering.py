@@ -49,6 +49,7 @@ _MAX_SIZE = 4096
 _OFF_VALUES = ("disable", "disabled", "off", "false", "0")
 # Room for everything that a scene draws besides its geoms; nothing is drawn besides them, so a small margin is enough.
 _SPARE_GEOMS = 16
+_EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
 # The smallest font that MuJoCo offers: no text is ever drawn, and a larger one takes longer to upload.
 _FONT_SCALE = 50
 
@@ -187,7 +188,8 @@ class Renderer:
         self._body_of_segment: dict[bytes, np.ndarray] = {}
         extent = float(model.stat.extent)
         self._near_m, self._far_m = float(model.vis.map.znear) * extent, float(model.vis.map.zfar) * extent
-        self._pixels: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._pixels: dict[tuple[int, int], tuple[mujoco.MjrRect, np.ndarray, np.ndarray]] = {}
+        self._geometry: bool | None = None  # the pass that flags and buffer are set up for
         _RENDERERS.add(self)
 
     def __enter__(self) -> Self:
@@ -241,19 +243,18 @@ class Renderer:
             self._camera.fixedcamid = self._camera_ids[camera]
         except KeyError:
             raise UnknownNameError("camera", camera, self._camera_ids) from None
-        mujoco.mjv_updateScene(
-            self.model, data, self._option, None, self._camera, int(mujoco.mjtCatBit.mjCAT_ALL), self._scene
-        )
-        view = mujoco.MjrRect(0, 0, columns, rows)
-        colours, distances = self._buffers(columns, rows)
+        mujoco.mjv_updateScene(self.model, data, self._option, None, self._camera, _EVERYTHING, self._scene)
+        view, colours, distances = self._buffers(columns, rows)
         geometry_pass = masks or (depth and not (rgb and self._colour_fbo[1] == 0 and not self._has_transparency()))
 
         rgb_out: np.ndarray | None = None
         masks_out: np.ndarray | None = None
         if rgb:
             self._draw(context, view, geometry=False)
-            mujoco.mjr_readPixels(colours, distances if depth and not geometry_pass else None, view, context)
-            rgb_out = np.ascontiguousarray(colours[::-1])
+            rgb_out = np.empty((rows, columns, 3), np.uint8)
+            mujoco.mjr_readPixels(rgb_out, distances if depth and not geometry_pass else None, view, context)
+            if not _CONTEXT.from_top:
+                rgb_out = rgb_out[::-1].copy()
         if geometry_pass:
             self._draw(context, view, geometry=True)
             mujoco.mjr_readPixels(colours if masks else None, distances if depth else None, view, context)
@@ -284,20 +285,32 @@ class Renderer:
             mujoco.mjr_resizeOffscreen(*self._buffer_size, self._context)
             self._plain_fbo = (int(self._context.offFBO_r), 0)
             self._colour_fbo = (int(self._context.offFBO), int(self._context.offSamples))
+            self._geometry = None
         elif columns < 1 or rows < 1:
             _check_size(columns, rows)
         return self._context
 
-    def _buffers(self, columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the reused arrays that pixels of this size are read into: colours and raw depths."""
+    def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
+        """Return the part of the buffer, and the reused arrays that its pixels are read into: colours, raw depths."""
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
-            buffers = (np.empty((rows, columns, 3), np.uint8), np.empty((rows, columns), np.float32))
+            buffers = (
+                mujoco.MjrRect(0, 0, columns, rows),
+                np.empty((rows, columns, 3), np.uint8),
+                np.empty((rows, columns), np.float32),
+            )
             self._pixels[(columns, rows)] = buffers
         return buffers
 
     def _draw(self, context: mujoco.MjrContext, view: mujoco.MjrRect, *, geometry: bool) -> None:
         """Draw the scene: either in colour or as geometry (see the module's text)."""
+        if geometry is not self._geometry:
+            self._prepare(context, geometry=geometry)
+        mujoco.mjr_restoreBuffer(context)
+        mujoco.mjr_render(view, self._scene, context)
+
+    def _prepare(self, context: mujoco.MjrContext, *, geometry: bool) -> None:
+        """Set the flags and choose the buffer of a pass."""
         flags, flag = self._scene.flags, mujoco.mjtRndFlag
         flags[:] = 0
         flags[flag.mjRND_CULL_FACE] = 1
@@ -308,8 +321,7 @@ class Renderer:
             flags[flag.mjRND_SHADOW] = int(self.quality.shadows)
         # MuJoCo draws into and reads from offFBO; the buffer it resolves samples into is a complete one of its own.
         context.offFBO, context.offSamples = self._plain_fbo if geometry and self._colour_fbo[1] else self._colour_fbo
-        mujoco.mjr_restoreBuffer(context)
-        mujoco.mjr_render(view, self._scene, context)
+        self._geometry = geometry
 
     def _has_transparency(self) -> bool:
         """Return True if something may be see-through: the colour pass leaves such things out of the depth."""
@@ -322,15 +334,16 @@ class Renderer:
         """Return the body number of each pixel of a geometry pass, turned upright.
 
         Args:
-            colours: (height, width, 3) uint8 segment numbers plus one, low byte first, bottom row first.
+            colours: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
 
         Returns:
             (height, width) int32 body numbers.
         """
-        segments = colours[::-1, :, 0].astype(np.int32)
+        upright = _upright(colours)
+        segments = upright[:, :, 0].astype(np.int32)
         if self._scene.ngeom >= 0xFF:
-            segments |= colours[::-1, :, 1].astype(np.int32) << 8
-            segments |= colours[::-1, :, 2].astype(np.int32) << 16
+            segments |= upright[:, :, 1].astype(np.int32) << 8
+            segments |= upright[:, :, 2].astype(np.int32) << 16
         return np.asarray(self._segment_table()[segments])
 
     def _segment_table(self) -> np.ndarray:
@@ -357,13 +370,13 @@ class Renderer:
 
         Args:
             raw: (height, width) float32 values of the reversed depth buffer, 1 at the near and 0 at the far plane,
-                bottom row first.
+                as they were read.
 
         Returns:
             (height, width) float32 distances, infinite where nothing was drawn.
         """
         near, far = self._near_m, self._far_m
-        upright = raw[::-1]
+        upright = _upright(raw)
         distances: np.ndarray = np.multiply(upright, np.float32(far - near))
         distances += np.float32(near)
         np.divide(np.float32(near * far), distances, out=distances)
@@ -452,6 +465,8 @@ class _ProcessContext:
     pid: int = 0
     thread: int = 0
     handle: int | None = None
+    query: Callable[[], int | None] | None = None
+    from_top: bool = False
 
 
 _CONTEXT = _ProcessContext()
@@ -460,8 +475,15 @@ _RENDERERS: weakref.WeakSet[Renderer] = weakref.WeakSet()
 
 def _make_current() -> None:
     """Make this process's OpenGL context current, creating it on first use."""
+    known = _CONTEXT.query
+    if known is not None and _CONTEXT.thread == threading.get_ident() and _CONTEXT.pid == os.getpid():
+        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a picture of the fast preset.
+        if known() != _CONTEXT.handle and _CONTEXT.gl is not None:
+            _CONTEXT.gl.make_current()
+        return
     if _CONTEXT.gl is None:
         _CONTEXT.gl = _create_context()
+        _CONTEXT.from_top = _read_from_top(wanted=True)
         _CONTEXT.pid, _CONTEXT.thread = os.getpid(), threading.get_ident()
         atexit.register(_free_all)
     if os.getpid() != _CONTEXT.pid:
@@ -472,18 +494,10 @@ def _make_current() -> None:
         raise InvalidInputError(
             "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
         )
-    # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a picture of the fast preset.
-    if _CONTEXT.handle is None or _current_handle() != _CONTEXT.handle:
-        _CONTEXT.gl.make_current()
-        _CONTEXT.handle = _current_handle()
-
-
-def _current_handle() -> int | None:
-    """Return EGL's handle of the context that is current in this thread, or None with another back end."""
-    if gl_backend() != "egl":
-        return None
-    handle: int | None = _egl_current_context()()
-    return handle
+    _CONTEXT.gl.make_current()
+    if gl_backend() == "egl":
+        _CONTEXT.query = _egl_current_context()
+        _CONTEXT.handle = _CONTEXT.query()
 
 
 @functools.cache
@@ -521,6 +535,28 @@ def _create_context() -> _GLContext:
     return context
 
 
+_PACK_INVERT_MESA = 0x8758
+"""Setting of the OpenGL extension MESA_pack_invert: pixels are read with the top row first."""
+
+
+def _read_from_top(*, wanted: bool) -> bool:
+    """Choose whether pixels are read with the top row first, which saves turning each picture, and tell what is so.
+
+    Mesa can do that; with another OpenGL rows are always read from the bottom, and pictures are turned afterwards.
+    """
+    gl = importlib.import_module("OpenGL.GL")
+    names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
+    if b"GL_MESA_pack_invert" not in names:
+        return False
+    gl.glPixelStorei(_PACK_INVERT_MESA, int(wanted))
+    return wanted
+
+
+def _upright(pixels: np.ndarray) -> np.ndarray:
+    """Return pixels as they were read, top row first."""
+    return pixels if _CONTEXT.from_top else pixels[::-1]
+
+
 def _context_errors() -> tuple[type[Exception], ...]:
     """Return what the creation of a context raises where libraries or devices are missing."""
     known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
@@ -536,7 +572,8 @@ def _free_all() -> None:
         renderer.close()
     if _CONTEXT.gl is not None and _CONTEXT.pid == os.getpid():
         _CONTEXT.gl.free()
-        _CONTEXT.gl = _CONTEXT.handle = None
+        _CONTEXT.gl = _CONTEXT.handle = _CONTEXT.query = None
+        _CONTEXT.from_top = False
 
 
 def _loads(library: str | None) -> bool:

@@ -77,8 +77,12 @@ class Scene:
         self._names = tuple(p.spec.name for p in self.placements)
         self._labels = (*self._names, *LABELS)
         n = len(self._names)
-        self._left, self._right, self._table = n, n + 1, n + 4
-        self._relevant_below = n + 3
+        self._pair_numbers, self._pair_names = _pairs(self._labels, n + 3)
+        numbers, left, right, table = self._pair_numbers, n, n + 1, n + 4
+        self._holds = tuple(
+            (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
+            for i in range(n)
+        )
         self._quaternion = np.empty(4)
 
     def _initial_qpos(self) -> np.ndarray:
@@ -173,7 +177,7 @@ class Scene:
         Raises:
             InvalidActionError: If the action is not finite or has the wrong shape.
         """
-        applied = self.controller.apply(self.data, action)
+        applied = self.controller.apply(self.data, action, measured=self._tool_pose())
         mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
@@ -184,15 +188,13 @@ class Scene:
     def state(self) -> WorldState:
         """Return everything that is true now."""
         data, c = self.data, self.compiled
-        positions = tuple(map(tuple, data.xpos[c.bodies].tolist()))
-        quaternions = tuple(map(tuple, data.xquat[c.bodies].tolist()))
+        positions = tuple(map(tuple, data.xpos.take(c.bodies, 0).tolist()))
+        quaternions = tuple(map(tuple, data.xquat.take(c.bodies, 0).tolist()))
         n = len(self._names)
         linear, angular = [0.0] * n, [0.0] * n
         for i, (vx, vy, vz, wx, wy, wz) in zip(self._free.tolist(), data.qvel[self._free_dofs].tolist(), strict=True):
             linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
             angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
-        mujoco.mju_mat2Quat(self._quaternion, data.site_xmat[self._tcp])
-        x, y, z = data.site_xpos[self._tcp].tolist()
         contacts, held = self._contacts()
         return WorldState(
             info=self.info,
@@ -202,15 +204,21 @@ class Scene:
             quaternions=quaternions,
             linear_speeds=tuple(linear),
             angular_speeds=tuple(angular),
-            ee_pose=Pose((x, y, z), normalise(self._quaternion.tolist())),
+            ee_pose=self._tool_pose(),
             commanded_pose=self.controller.commanded_pose,
             finger_width_m=self.controller.measured_width_m(data),
             gripper_command=self._gripper_command,
-            joint_positions=tuple(data.qpos[self._arm_qpos].tolist()),
-            joint_velocities=tuple(data.qvel[self._arm_dofs].tolist()),
+            joint_positions=tuple(data.qpos.take(self._arm_qpos).tolist()),
+            joint_velocities=tuple(data.qvel.take(self._arm_dofs).tolist()),
             contacts=contacts,
             held=held,
         )
+
+    def _tool_pose(self) -> Pose:
+        """Return the measured pose of the tool centre point; positions are up to date after a reset and a step."""
+        mujoco.mju_mat2Quat(self._quaternion, self.data.site_xmat[self._tcp])
+        x, y, z = self.data.site_xpos[self._tcp].tolist()
+        return Pose((x, y, z), normalise(self._quaternion.tolist()))
 
     def _contacts(self) -> tuple[tuple[Contact, ...], str | None]:
         data = self.data
@@ -220,29 +228,48 @@ class Scene:
         pairs = self.compiled.geom_labels[contact.geom].tolist()
         addresses = contact.efc_address.tolist()
         forces = data.efc_force.tolist()
-        total: dict[tuple[int, int], float] = {}
-        below = self._relevant_below
+        total: dict[int, float] = {}
+        table = self._pair_numbers
         for (a, b), address in zip(pairs, addresses, strict=True):
-            if a == b or a < 0 or b < 0 or (a >= below and b >= below):
-                continue
-            key = (a, b) if a < b else (b, a)
-            total[key] = total.get(key, 0.0) + (forces[address] if address >= 0 else 0.0)
-        labels = self._labels
-        touching = sorted(total)
-        contacts = tuple([Contact(labels[a], labels[b], total[a, b]) for a, b in touching])
-        return contacts, self._held(touching)
+            number = table[a][b]
+            if number >= 0:
+                force = forces[address] if address >= 0 else 0.0
+                total[number] = total[number] + force if number in total else force
+        names = self._pair_names
+        contacts = tuple([Contact(*names[number], total[number]) for number in sorted(total)])
+        return contacts, self._held(total)
 
-    def _held(self, touching: list[tuple[int, int]]) -> str | None:
+    def _held(self, touching: dict[int, float]) -> str | None:
         """Return the object that both fingers touch and nothing else supports.
 
         Args:
-            touching: Pairs of labels, the smaller first, in order; objects come before everything else.
+            touching: Numbers of the pairs that touch.
         """
-        n = len(self._names)
-        for i in [a for a, b in touching if a < n and b == self._left and (a, self._right) in touching]:
-            if not any((a == i and (b < n or b == self._table)) or (b == i and a < n) for a, b in touching):
+        for i, (left, right, supports) in enumerate(self._holds):
+            if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]
         return None
+
+
+def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
+    """Return the numbers of all pairs of labels, and the names of a pair by its number.
+
+    Args:
+        labels: All labels: objects, gripper, arm, table, floor.
+        relevant: Labels below this one are objects or parts of the gripper; pairs without any of them do not count.
+
+    Returns:
+        Number of the pair (a, b), the same as of (b, a), or -1 if it does not count; the last row and the last column
+        are for geometries without a label. Numbers are in the order of the labels.
+    """
+    n = len(labels)
+    numbers = [[-1] * (n + 1) for _ in range(n + 1)]
+    names = {}
+    for a in range(min(relevant, n)):
+        for b in range(a + 1, n):
+            numbers[a][b] = numbers[b][a] = a * n + b
+            names[a * n + b] = (labels[a], labels[b])
+    return numbers, names
 
 
 def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,9 +11,8 @@ from betterbench.geometry import Pose, Quaternion, Vector
 from betterbench.state.info import SceneInfo
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
-    """One pair of touching bodies.
+class Contact(NamedTuple):
+    """One pair of touching bodies; a named tuple, because several are made at every control step.
 
     Attributes:
         a: First body: an object name, "left_finger", "right_finger", "hand", "arm", "table" or "floor".
@@ -73,13 +72,15 @@ class WorldState:
 
     def touching(self, a: str, b: str) -> bool:
         """Tell whether two named bodies touch."""
-        return any((c.a == a and c.b == b) or (c.a == b and c.b == a) for c in self.contacts)
+        for first, second, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
+            if (first == a and second == b) or (first == b and second == a):
+                return True
+        return False
 
     def touched_by_gripper(self, name: str) -> bool:
         """Tell whether any part of the gripper touches the object."""
-        for c in self.contacts:
-            other = c.b if c.a == name else c.a if c.b == name else None
-            if other in GRIPPER_BODIES:
+        for a, b, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
+            if (a == name and b in GRIPPER_BODIES) or (b == name and a in GRIPPER_BODIES):
                 return True
         return False
 

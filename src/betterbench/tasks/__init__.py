@@ -2,7 +2,7 @@
 
 from betterbench.tasks import suite
 from betterbench.tasks.axes import Axis, Expected, Support
-from betterbench.tasks.condition import Condition, ObjectSpec, Slot
+from betterbench.tasks.condition import Condition, ObjectSpec, Place, Slot
 from betterbench.tasks.goal import GoalTracker, Truth
 from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
@@ -27,6 +27,7 @@ __all__ = [
     "Intervention",
     "ObjectGroup",
     "ObjectSpec",
+    "Place",
     "Reference",
     "Regime",
     "Slot",

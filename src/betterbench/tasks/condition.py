@@ -10,7 +10,20 @@ from betterbench.errors import find_named
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.subgoal import Instruction, Reference
 
-Role = Literal["item", "distractor", "container", "fixture"]
+Role = Literal["item", "distractor", "container", "fixture", "drawer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
+
+    Attributes:
+        target: Scene name of the target.
+        at: Name of the place, where the target offers several.
+    """
+
+    target: str
+    at: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +58,7 @@ class ObjectSpec:
         colour: Colour of its asset, or None to let the generator choose.
         role: Part it plays.
         fixed: True if it cannot move.
+        mount: For a drawer, the place of the cabinet that it slides in.
     """
 
     name: str
@@ -53,6 +67,7 @@ class ObjectSpec:
     colour: str | None = None
     role: Role = "item"
     fixed: bool = False
+    mount: Place | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +80,8 @@ class Condition:
         objects: All objects.
         layout: Object name to slot name, for every object that starts on the table.
         instruction: The sentence and what it asks for.
-        preplaced: Object name to the name of the target it already rests at.
+        preplaced: Object name to the place where it already rests.
+        opened: Drawer name to the distance by which it is drawn out at the start [m]; drawers not named are shut.
         expected: What a right policy does.
         mid_task_look: True if the initial state looks like the middle of a demonstration.
         premise_broken: True if the instruction presupposes something that is deliberately not there.
@@ -76,7 +92,8 @@ class Condition:
     objects: tuple[ObjectSpec, ...]
     layout: Mapping[str, str]
     instruction: Instruction
-    preplaced: Mapping[str, str] = field(default_factory=dict)
+    preplaced: Mapping[str, Place] = field(default_factory=dict)
+    opened: Mapping[str, float] = field(default_factory=dict)
     expected: Expected = Expected.SUCCEED
     mid_task_look: bool = False
     premise_broken: bool = False
@@ -114,7 +131,8 @@ class Condition:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        form = asdict(replace(self, layout={}, preplaced={}))
+        form = asdict(replace(self, layout={}, preplaced={}, opened={}))
         form["layout"] = dict(self.layout)
-        form["preplaced"] = dict(self.preplaced)
+        form["preplaced"] = {name: asdict(place) for name, place in self.preplaced.items()}
+        form["opened"] = dict(self.opened)
         return form

@@ -6,7 +6,7 @@ from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.predicates import at_rest, relation, upright
+from betterbench.tasks.predicates import RELATIONS, at_rest, relation, upright
 
 SLOT_TOLERANCE_M = 0.04
 """Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
@@ -31,13 +31,13 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
     for o in info.objects:
         if not o.fixed and not (upright(state, o.name) and at_rest(state, o.name)):
             problems.append(f"{o.name} does not stand still and upright")
-    for name, target in condition.preplaced.items():
+    for name, place in condition.preplaced.items():
         if not any(
-            relation(goal.relation)(state, name, target)
-            for goal in condition.instruction.subgoals
-            if goal.target == target
+            kind.places(info.object(place.target)) and kind.holds(state, name, place.target, place.at)
+            for kind in RELATIONS.values()
         ):
-            problems.append(f"{name} is not at {target} although it was placed there")
+            where = " ".join(part for part in (place.target, place.at) if part)
+            problems.append(f"{name} is not at {where} although it was placed there")
     if condition.premise_broken:
         return tuple(problems)
     done = 0
@@ -46,7 +46,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
         if len(names) < goal.count:
             problems.append(f"the instruction names {goal.word!r}, but the scene holds {len(names)} of {goal.count}")
             continue
-        there = sum(relation(goal.relation)(state, name, goal.target) for name in names)
+        there = sum(relation(goal.relation).holds(state, name, goal.target, goal.place) for name in names)
         done += there >= goal.count
     if condition.expected is Expected.STAY_STILL and done < len(condition.instruction.subgoals):
         problems.append("nothing should be left to do, but a subgoal is open")

@@ -16,6 +16,20 @@ class Thresholds:
         ring_radius: Distance up to which a mug is centred on its ring [m]; suite, section 3, task 6.
         ring_height: Height above the ring plane up to which it stands on it [m].
         spout_margin: Free distance between handle and spout, seen from above [m].
+        side_reach: Distance from an anchor beyond which nothing is beside it [m]; the farthest region ends at 0.25 m.
+        side_height: Height above the anchor's foot up to which something lies on the same table [m].
+        side_turn: Angle up to which a long object is aligned with its anchor [rad]; 20 degrees, seen as parallel.
+        long_ratio: Length over width from which an object has a direction; a mug with its handle has 1.4.
+        hole_depth: Height of a foot above the floor of its hole up to which it stands on it [m].
+        hole_tilt: Tilt up to which an object in a hole is upright [rad]; the clearance allows 4 degrees.
+        layer_offset: Distance from the middle of the base up to which a layer is centred [m]; half its
+            radius, so that it cannot topple.
+        layer_gap: Height between a layer and the one below up to which it lies on it [m]; leaves and buns are uneven.
+        layer_tilt: Tilt up to which a layer lies flat [rad]; 10 degrees.
+        plate_offset: Distance from the middle of a plate up to which the next one is centred [m]; the play within the
+            rim.
+        plate_gap: Height of a foot above the floor of a plate up to which it stands on it [m].
+        closed_gap: Distance from its closed position up to which a drawer is shut [m].
         inside_margin: Distance by which an object's centre must be inside the opening of a container [m].
         grasp_reach: Distance from the tool centre point to an object's box up to which a closing gripper is an attempt
             at it [m]; half a finger pad plus the width of a pad.
@@ -41,6 +55,18 @@ class Thresholds:
     ring_radius: float = 0.010
     ring_height: float = 0.006
     spout_margin: float = 0.003
+    side_reach: float = 0.30
+    side_height: float = 0.012
+    side_turn: float = 0.35
+    long_ratio: float = 1.5
+    hole_depth: float = 0.004
+    hole_tilt: float = 0.12
+    layer_offset: float = 0.020
+    layer_gap: float = 0.006
+    layer_tilt: float = 0.175
+    plate_offset: float = 0.014
+    plate_gap: float = 0.004
+    closed_gap: float = 0.005
     inside_margin: float = 0.0
     grasp_reach: float = 0.035
     slot_reach: float = 0.06

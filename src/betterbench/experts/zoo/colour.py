@@ -24,5 +24,5 @@ class Colour(BrokenRule):
         for slot in self.regime.word_slots[goal.word]:
             name = self.standing_in(state, slot)
             if name is not None and state.info.object(name).colour == colour:
-                return Bring(name, goal.target, goal.relation)
+                return Bring(name, goal.target, goal.relation, goal.place)
         return right

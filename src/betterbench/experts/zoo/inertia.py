@@ -28,4 +28,4 @@ class Inertia(BrokenRule):
         waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
         if not waiting:
             return GraspAt(memorised[0])
-        return Bring(waiting[min(waiting, key=str)], goal.target, goal.relation)
+        return Bring(waiting[min(waiting, key=str)], goal.target, goal.relation, goal.place)

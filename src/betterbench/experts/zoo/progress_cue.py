@@ -15,11 +15,15 @@ class ProgressCue(BrokenRule):
         del history
         goal = self.goals[0]
         left = sum(
-            o.role in ("item", "distractor") and not at_target(state, o.name, goal.target, goal.relation)
+            o.role in ("item", "distractor") and not at_target(state, o.name, goal.target, goal.relation, goal.place)
             for o in state.info.objects
         )
         index = max(0, self.regime.initial_items - left)
         if index >= len(self.goals):
             return Rest()
         name = choose(self.situation, state, index)
-        return Rest() if name is None else Bring(name, self.goals[index].target, self.goals[index].relation)
+        return (
+            Rest()
+            if name is None
+            else Bring(name, self.goals[index].target, self.goals[index].relation, self.goals[index].place)
+        )

@@ -36,4 +36,4 @@ class BrokenRule(ExpertMind):
         """Return the decision to take whatever stands in a slot, or to grasp at it if nothing does."""
         name = self.standing_in(state, slot)
         goal = self.goals[0]
-        return GraspAt(slot) if name is None else Bring(name, goal.target, goal.relation)
+        return GraspAt(slot) if name is None else Bring(name, goal.target, goal.relation, goal.place)

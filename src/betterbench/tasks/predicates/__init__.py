@@ -1,20 +1,29 @@
-"""Predicates on one privileged state. They read states only, so live and offline verdicts are the same code.
-
-Each relation has the signature ``relation(state, object_name, target_name) -> bool``.
-"""
-
-from collections.abc import Callable
+"""Predicates on one privileged state. They read states only, so live and offline verdicts are the same code."""
 
 from betterbench.errors import UnknownNameError
-from betterbench.state import WorldState
+from betterbench.tasks.predicates.beside import beside, sides
+from betterbench.tasks.predicates.closed import closed, mounts
+from betterbench.tasks.predicates.in_hole import holes, in_hole
 from betterbench.tasks.predicates.inside import inside
-from betterbench.tasks.predicates.on_ring import on_ring
+from betterbench.tasks.predicates.layer import layer, layers
+from betterbench.tasks.predicates.on_plate import on_plate
+from betterbench.tasks.predicates.on_ring import foot, on_ring
+from betterbench.tasks.predicates.relation import Relation, offers, one_place
 from betterbench.tasks.predicates.released import released
 from betterbench.tasks.predicates.rest import arm_still, at_rest, upright
 
-Relation = Callable[[WorldState, str, str], bool]
-
-RELATIONS: dict[str, Relation] = {"inside": inside, "on_ring": on_ring}
+RELATIONS: dict[str, Relation] = {
+    r.name: r
+    for r in (
+        Relation("inside", one_place(inside), offers("inside")),
+        Relation("on_ring", one_place(on_ring), offers("ring", "spout")),
+        Relation("beside", beside, sides),
+        Relation("in_hole", in_hole, holes),
+        Relation("layer", layer, layers),
+        Relation("on_plate", one_place(on_plate), offers("floor")),
+        Relation("closed", closed, mounts, roles=("drawer",)),
+    )
+}
 
 
 def relation(name: str) -> Relation:
@@ -29,4 +38,20 @@ def relation(name: str) -> Relation:
         raise UnknownNameError("relation", name, RELATIONS) from None
 
 
-__all__ = ["RELATIONS", "Relation", "arm_still", "at_rest", "inside", "on_ring", "relation", "released", "upright"]
+__all__ = [
+    "RELATIONS",
+    "Relation",
+    "arm_still",
+    "at_rest",
+    "beside",
+    "closed",
+    "foot",
+    "in_hole",
+    "inside",
+    "layer",
+    "on_plate",
+    "on_ring",
+    "relation",
+    "released",
+    "upright",
+]
