@@ -85,12 +85,13 @@ def open_subgoal(state: WorldState, condition: Condition) -> int | None:
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:
     """Return the object to take for a subgoal: one that is not at the target yet, any of several alike by the seed."""
-    goal = situation.condition.instruction.subgoals[index]
-    names = [
-        n
-        for n in situation.condition.resolve(goal.reference)
-        if not at_target(state, n, goal.target, goal.relation, goal.place)
-    ]
+    goals = situation.condition.instruction.subgoals
+    goal = goals[index]
+    resolve = situation.condition.resolve
+    served = {
+        n for g in goals for n in resolve(g.reference) if at_target(state, n, g.target, g.relation, g.place)
+    }  # an object that serves another subgoal already is left there
+    names = [n for n in resolve(goal.reference) if n not in served]
     if not names:
         return None
     names.sort(key=lambda n: situation.condition.layout.get(n, ""))

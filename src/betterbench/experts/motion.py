@@ -142,6 +142,20 @@ def close_gripper(state: WorldState, *, steps: int = 24) -> Motion:
     return state
 
 
+def release_to(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
+    """Open the gripper to ``width_m`` and keep it there while the object comes to rest.
+
+    Args:
+        state: State now.
+        width_m: Distance of the pads to stop at [m].
+        steps: Most control steps to wait.
+    """
+    state = yield from open_gripper(state, width_m=width_m, steps=steps)
+    for _ in range(3):
+        state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
+    return state
+
+
 def open_gripper(state: WorldState, *, width_m: float, steps: int = 20) -> Motion:
     """Open the gripper until its fingers are ``width_m`` apart.
 

@@ -66,11 +66,13 @@ class PlacePlan:
         way: Poses of the tool centre point to pass.
         release: Pose ``T_world_tcp`` at which the gripper opens.
         retreat: Pose to go to afterwards.
+        release_width_m: How far the hand opens to let go [m].
     """
 
     way: tuple[Pose, ...]
     release: Pose
     retreat: Pose
+    release_width_m: float
 
 
 class Planner:
@@ -135,6 +137,7 @@ class Planner:
         for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
             release = goal.pose @ T_object_tcp
             above = release.translated(*goal.approach)
+            opened = self._opening if goal.release_width_m is None else goal.release_width_m
             down = self._reach(guess, release, margin=margin)
             if down is None:
                 reasons.append("out of reach")
@@ -143,7 +146,7 @@ class Planner:
             hits = self._clearance.touches(
                 down, finger_width_m=state.finger_width_m, held=name, held_pose=goal.pose
             ) or self._clearance.touches(
-                down, finger_width_m=self._opening, held=name, held_pose=goal.pose, ignore=frozenset({name})
+                down, finger_width_m=opened, held=name, held_pose=goal.pose, ignore=frozenset({name})
             )
             if hits:
                 reasons.append(", ".join(hits))
@@ -169,7 +172,7 @@ class Planner:
             if blocked is not None:
                 reasons.append(blocked)
                 continue
-            return PlacePlan(way, release, release.translated(z=0.12))
+            return PlacePlan(way, release, release.translated(z=0.12), opened)
         raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:

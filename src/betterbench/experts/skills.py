@@ -19,6 +19,7 @@ from betterbench.experts.motion import (
     follow,
     hold,
     open_gripper,
+    release_to,
 )
 from betterbench.experts.planner import DOWN, LIFT_M, Planner
 from betterbench.experts.targets import place_goals
@@ -136,12 +137,11 @@ class Skills:
         state = yield from follow(state, (plan.release,), gripper=CLOSE, pace=APPROACH, period_s=self.period_s)
         arrived = state.touching("left_finger", name) and state.touching("right_finger", name)
         state = yield from hold(state, 3, gripper=CLOSE)
-        state = yield from open_gripper(state, width_m=0.076)
-        state = yield from hold(state, 3, gripper=OPEN)
+        state = yield from release_to(state, width_m=min(plan.release_width_m, 0.076))
         state = yield from follow(
             state,
             (state.commanded_pose.translated(z=0.12),),
-            gripper=OPEN,
+            gripper=0.0,
             pace=APPROACH,
             period_s=self.period_s,
             settle=2,

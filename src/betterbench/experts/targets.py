@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from betterbench.errors import PlanningError
-from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalise, rotate, yaw_of
-from betterbench.state import WorldState
-from betterbench.tasks import Place
+from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalise, rotate, yaw_of
+from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks import THRESHOLDS, Place
+from betterbench.tasks.predicates import relation as relation_named
 
 RELEASE_GAP_M = 0.002
 """Height above its resting place at which an object is let go [m]."""
@@ -16,6 +17,8 @@ ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
 """Length and rise of the way in below an overhang [m]."""
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
 """Places within a container, as fractions of the distance that an item's centre may have from the middle."""
+RIM_RELEASE_M = 0.03
+"""Opening of the hand that lets go of a rim, with a finger inside and one outside it [m]."""
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
 
@@ -27,10 +30,12 @@ class PlaceGoal:
     Attributes:
         pose: Pose ``T_world_object`` to let go at.
         approach: Displacement [m], world frame, from that pose to where the straight approach begins.
+        release_width_m: How far the hand opens to let go [m]; None for all the way.
     """
 
     pose: Pose
     approach: Vector = (0.0, 0.0, 0.08)
+    release_width_m: float | None = None
 
 
 def place_goals(state: WorldState, name: str, place: Place, relation: str) -> tuple[PlaceGoal, ...]:
@@ -49,6 +54,12 @@ def place_goals(state: WorldState, name: str, place: Place, relation: str) -> tu
         return _on_ring(state, name, place.target)
     if relation == "inside":
         return _inside(state, name, place.target)
+    if relation == "beside":
+        return _beside(state, name, place)
+    if relation == "in_hole":
+        return _in_hole(state, name, place)
+    if relation in ("layer", "on_plate"):
+        return _on_top(state, name, place, relation)
     raise PlanningError(f"no skill brings about the relation {relation!r}")
 
 
@@ -73,6 +84,72 @@ def _on_ring(state: WorldState, name: str, fixture: str) -> tuple[PlaceGoal, ...
         fx, fy, fz = rotate(turned, foot)
         goals.append(PlaceGoal(Pose((x - fx, y - fy, z - fz + RELEASE_GAP_M), turned), approach))
     return tuple(goals)
+
+
+def _beside(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...]:
+    """Return goals in the zone of a side; long things lie along the anchor, either way round."""
+    frame, info = state.pose(place.target), state.info.object(name)
+    zone = frame @ state.info.object(place.target).region(place.at).pose
+    facing = yaw_of(frame.quaternion)
+    now = yaw_of(state.pose(name).quaternion)
+    if info.size_m[0] >= THRESHOLDS.long_ratio * info.size_m[1]:
+        turns = sorted((facing, facing + math.pi), key=lambda yaw: abs(math.remainder(yaw - now, 2.0 * math.pi)))
+    else:
+        turns = [now + turn for turn in (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6)]
+    return tuple(
+        _standing(state, name, zone.position, from_yaw(yaw), gap_m=RELEASE_GAP_M, release_width_m=_narrow(info))
+        for yaw in turns
+    )
+
+
+def _in_hole(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...]:
+    """Return goals on the floor of a hole: straight down, let go just above it."""
+    frame = state.pose(place.target)
+    floor = frame.apply(state.info.object(place.target).region(place.at).position)
+    now = yaw_of(state.pose(name).quaternion)
+    turns = [now + turn for turn in (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57)]
+    width = _narrow(state.info.object(name))
+    return tuple(
+        _standing(state, name, floor, from_yaw(turn), gap_m=RELEASE_GAP_M, release_width_m=width) for turn in turns
+    )
+
+
+def _on_top(state: WorldState, name: str, place: Place, relation: str) -> tuple[PlaceGoal, ...]:
+    """Return goals on a plate, or on the uppermost thing of a stack below the layer that is asked for."""
+    below = place.target
+    if relation == "layer":
+        beneath = {where: o.name for o in state.info.objects if (where := _layer(state, o.name, place)) is not None}
+        below = beneath.get(str(int(place.at) - 1), place.target)
+    region = "floor" if relation == "on_plate" else "top"
+    x, y, z = state.pose(below).apply(state.info.object(below).region(region).position)
+    if relation == "layer":
+        x, y, _ = state.pose(place.target).position  # centred over the base, so that small offsets do not add up
+    now = yaw_of(state.pose(name).quaternion)
+    turns = [now + turn for turn in (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6)]
+    width = _narrow(state.info.object(name)) if relation == "layer" else RIM_RELEASE_M
+    return tuple(
+        _standing(state, name, (x, y, z), from_yaw(turn), gap_m=RELEASE_GAP_M, release_width_m=width) for turn in turns
+    )
+
+
+def _layer(state: WorldState, name: str, place: Place) -> str | None:
+    return None if name == place.target else relation_named("layer").where(state, name, place.target)
+
+
+def _standing(
+    state: WorldState, name: str, point: Vector, turned: Quaternion, *, gap_m: float, release_width_m: float | None
+) -> PlaceGoal:
+    """Return the goal to let go of an object with its foot at a point."""
+    foot_at = next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
+    fx, fy, fz = rotate(turned, foot_at)
+    pose = Pose((point[0] - fx, point[1] - fy, point[2] - fz + gap_m), turned)
+    return PlaceGoal(pose, release_width_m=release_width_m)
+
+
+def _narrow(info: ObjectInfo) -> float | None:
+    """Return how far the hand opens to let go of a slim thing among others [m]; None for all the way."""
+    least = min(info.size_m[0], info.size_m[1])
+    return least + 0.022 if least < 0.05 else None
 
 
 def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ...]:

@@ -22,7 +22,7 @@ def repeat(condition: Condition, *, instruction: Instruction) -> tuple[Condition
     Raises:
         InvalidInputError: If the new instruction repeats nothing.
     """
-    if all(goal.count == 1 for goal in instruction.subgoals):
+    if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
         raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
     return condition.with_(instruction=instruction), _LANGUAGE
 

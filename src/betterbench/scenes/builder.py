@@ -15,9 +15,11 @@ import numpy as np
 from betterbench.assets import Asset, build, looks
 from betterbench.geometry import Pose, Vector, from_yaw, rotate
 from betterbench.robots import RobotSpec, build_robot_spec, robot
-from betterbench.scenes.objects import add_asset, rest_pose
+from betterbench.scenes.objects import add_asset, rest_pose, slide_of
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
-from betterbench.tasks import Condition, ObjectSpec, Task, stream
+from betterbench.tasks import Condition, ObjectSpec, Place, Task, stream
+from betterbench.tasks.predicates.closed import MOUNTS
+from betterbench.tasks.predicates.layer import LAYERS
 
 ROBOT_PREFIX = "robot/"
 
@@ -30,11 +32,18 @@ class Placement:
         spec: The object as the condition wants it.
         asset: The asset chosen for it.
         pose: Pose ``T_world_object`` at reset.
+        shut: For a drawer, its pose while it is shut.
     """
 
     spec: ObjectSpec
     asset: Asset
     pose: Pose
+    shut: Pose | None = None
+
+    @property
+    def anchored(self) -> Pose | None:
+        """Pose that the model holds for good: of a fixed object, or of a drawer while it is shut."""
+        return self.pose if self.spec.fixed else self.shut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +57,7 @@ class CompiledScene:
         bodies: Body id per object, in scene order.
         qpos_addresses: First index into qpos per object, -1 for fixed ones.
         dof_addresses: First index into qvel per object, -1 for fixed ones.
+        slides: (n,) bool, true for drawers: they have one joint coordinate, their distance from being shut [m].
         geom_labels: (ngeom,) index into the label table per geometry: objects first, then :data:`LABELS`; -1 for none.
     """
 
@@ -57,6 +67,7 @@ class CompiledScene:
     bodies: np.ndarray
     qpos_addresses: np.ndarray
     dof_addresses: np.ndarray
+    slides: np.ndarray
     geom_labels: np.ndarray
 
 
@@ -99,21 +110,52 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
         ground = Pose(position, from_yaw(yaw))
         poses[name] = ground if condition.object(name).fixed else ground @ rest_pose(chosen[name])
     for name, place in condition.preplaced.items():
-        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[place.target], poses[place.target])
-    placements = [Placement(o, chosen[o.name], poses[o.name]) for o in condition.objects]
+        below = _below(condition, place) or place.target
+        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], at=place.at)
+    shut: dict[str, Pose] = {}
+    for o in condition.objects:
+        if o.mount is not None:
+            mount = chosen[o.mount.target].region(o.mount.at)
+            shut[o.name] = poses[o.mount.target] @ mount.pose
+            poses[o.name] = shut[o.name] @ Pose((condition.opened.get(o.name, 0.0), 0.0, 0.0))
+    placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
-        where = condition.layout.get(p.spec.name, f"~{condition.preplaced.get(p.spec.name, '')}")
+        there = condition.preplaced.get(p.spec.name) or p.spec.mount
+        where = condition.layout.get(p.spec.name, "" if there is None else f"~{there.at}")
         return (p.spec.role, p.asset.identity, where)
 
     return tuple(sorted(placements, key=order))
 
 
-def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose) -> Pose:
-    """Return where an object rests that is at its target from the start, well inside the tolerance of the goal."""
+def _below(condition: Condition, place: Place) -> str | None:
+    """Return what lies under a preplaced layer, if that is not the base of the stack."""
+    for name, other in condition.preplaced.items():
+        if other.target == place.target and place.at in LAYERS[1:] and other.at == LAYERS[LAYERS.index(place.at) - 1]:
+            return name
+    return None
+
+
+def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose, *, at: str = "") -> Pose:
+    """Return where an object rests that is at its target from the start, well inside the tolerance of the goal.
+
+    Args:
+        task: The task.
+        seed: Seed of the trial.
+        asset: The object.
+        target: What it rests in or on: a container, a ring, a hole, a plate, or the thing below it in a stack.
+        T_world_target: Where that is.
+        at: Place of the target, where it offers several.
+    """
     dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
     names = {r.name for r in target.regions}
-    if "ring" in names:
+    if at in names:
+        x, y, z = target.region(at).position
+        turned = Pose((x + 0.001 * float(dx), y + 0.001 * float(dy), z), from_yaw(float(dyaw)))
+    elif "floor" in names or at in LAYERS:
+        x, y, z = target.region("floor" if "floor" in names else "top").position
+        turned = Pose((x + 0.003 * float(dx), y + 0.003 * float(dy), z), from_yaw(float(dyaw)))
+    elif "ring" in names:
         turn = from_yaw(0.1 * float(dyaw))
         foot = next((r.position for r in asset.regions if r.name == "base"), (0.0, 0.0, 0.0))
         fx, fy, fz = rotate(turn, foot)
@@ -148,7 +190,7 @@ def compile_scene(
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
     for p in placements:
-        digest.update(f"|{p.asset.content_hash()}|{p.spec.fixed}|{p.pose if p.spec.fixed else ''}".encode())
+        digest.update(f"|{p.asset.content_hash()}|{p.spec.fixed}|{p.anchored or ''}".encode())
     key = digest.hexdigest()[:16]
     with _LOCK:
         if key in _CACHE:
@@ -171,7 +213,11 @@ def _compile(
     add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))
     names = [f"object{i}_{p.asset.category}" for i, p in enumerate(placements)]
     for name, p in zip(names, placements, strict=True):
-        add_asset(spec, name, p.asset, pose=p.pose if p.spec.fixed else None)
+        add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else slide_of(p.asset))
+    for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
+        # The rails carry a drawer: between it and the carcass there is play, and nothing to collide.
+        for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
+            spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
     model = spec.compile()
     bodies = np.array([model.body(name).id for name in names], dtype=np.int32)
     qpos = np.full(len(names), -1, dtype=np.int32)
@@ -180,7 +226,12 @@ def _compile(
         if not p.spec.fixed:
             joint = int(model.body_jntadr[bodies[i]])
             qpos[i], dofs[i] = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-    return CompiledScene(model, key, description, bodies, qpos, dofs, _label_geoms(model, bodies, description))
+    slides = np.array([p.shut is not None for p in placements])
+    return CompiledScene(model, key, description, bodies, qpos, dofs, slides, _label_geoms(model, bodies, description))
+
+
+def _takes_drawers(asset: Asset) -> bool:
+    return any(r.name in MOUNTS for r in asset.regions)
 
 
 def _label_geoms(model: mujoco.MjModel, bodies: np.ndarray, description: RobotSpec) -> np.ndarray:

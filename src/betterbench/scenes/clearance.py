@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose
+from betterbench.geometry import Pose, distance
 from betterbench.scenes.scene import Scene
 from betterbench.state import WorldState
 
@@ -33,6 +33,7 @@ class Clearance:
         self._model = copy.copy(scene.model)
         self._data = mujoco.MjData(self._model)
         self._penetration = penetration_m
+        self._shut = {i: p.shut.position for i, p in enumerate(scene.placements) if p.shut is not None}
         labels = self._compiled.geom_labels
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
@@ -45,7 +46,9 @@ class Clearance:
 
     def _place(self, i: int, pose: Pose) -> None:
         address = self._compiled.qpos_addresses[i]
-        if address >= 0:
+        if self._compiled.slides[i]:
+            self._data.qpos[address] = distance(pose.position, self._shut[i])
+        elif address >= 0:
             self._data.qpos[address : address + 3] = pose.position
             self._data.qpos[address + 3 : address + 7] = pose.quaternion
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -23,7 +24,30 @@ _TYPES = {
 }
 
 
-def add_asset(spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None) -> mujoco.MjsBody:
+@dataclass(frozen=True, slots=True)
+class Slide:
+    """How an object slides along its own x axis.
+
+    Attributes:
+        travel_m: Distance between its two stops [m].
+        friction_n: Force of dry friction [N].
+        damping: Viscous damping [N s/m].
+    """
+
+    travel_m: float
+    friction_n: float
+    damping: float
+
+
+def slide_of(asset: Asset) -> Slide:
+    """Return how a drawer slides, as its generator says."""
+    p = asset.parameters
+    return Slide(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
+
+
+def add_asset(
+    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: Slide | None = None
+) -> mujoco.MjsBody:
     """Add an asset to a model.
 
     Args:
@@ -31,6 +55,7 @@ def add_asset(spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None
         name: Name of its body; meshes, materials and geometries are named after it.
         asset: The asset.
         pose: Fixed pose ``T_world_object``, or None for an object that moves freely.
+        slide: For an object that slides from ``pose``, how it does.
 
     Returns:
         The new body.
@@ -41,6 +66,16 @@ def add_asset(spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None
         joint.name = f"{name}_joint"
     else:
         body.pos, body.quat = pose.position, pose.quaternion
+        if slide is not None:
+            body.add_joint(
+                name=f"{name}_joint",
+                type=mujoco.mjtJoint.mjJNT_SLIDE,
+                axis=[1.0, 0.0, 0.0],
+                limited=True,
+                range=[0.0, slide.travel_m],
+                frictionloss=slide.friction_n,
+                damping=slide.damping,
+            )
     body.mass = asset.mass_kg
     body.ipos = asset.centre_of_mass
     body.fullinertia = asset.inertia

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, normalise
+from betterbench.geometry import Pose, distance, normalise
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
@@ -72,8 +72,9 @@ class Scene:
         self._arm_dofs = np.array([self.model.joint(ROBOT_PREFIX + j).dofadr[0] for j in r.arm_joints])
         self._finger_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.finger_joints])
         self._tcp = self.model.site(ROBOT_PREFIX + r.tcp_site).id
-        self._free = np.flatnonzero(c.dof_addresses >= 0)
+        self._free = np.flatnonzero((c.dof_addresses >= 0) & ~c.slides)
         self._free_dofs = c.dof_addresses[self._free][:, None] + np.arange(6)[None, :]
+        self._slides = tuple((int(i), int(c.dof_addresses[i])) for i in np.flatnonzero(c.slides))
         self._names = tuple(p.spec.name for p in self.placements)
         self._labels = (*self._names, *LABELS)
         n = len(self._names)
@@ -92,7 +93,9 @@ class Scene:
         qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
         for i, placement in enumerate(self.placements):
             address = c.qpos_addresses[i]
-            if address >= 0:
+            if placement.shut is not None:
+                qpos[address] = distance(placement.pose.position, placement.shut.position)
+            elif address >= 0:
                 qpos[address : address + 3] = placement.pose.position
                 qpos[address + 3 : address + 7] = placement.pose.quaternion
         return qpos
@@ -195,6 +198,8 @@ class Scene:
         for i, (vx, vy, vz, wx, wy, wz) in zip(self._free.tolist(), data.qvel[self._free_dofs].tolist(), strict=True):
             linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
             angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
+        for i, address in self._slides:
+            linear[i] = abs(float(data.qvel[address]))
         contacts, held = self._contacts()
         return WorldState(
             info=self.info,

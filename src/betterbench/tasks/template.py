@@ -36,6 +36,7 @@ class Template:
         challenge: What is hard about it (paper, table of the taxonomy).
         groups: Object groups.
         relation: Name of the relation that a subgoal of this template asks for.
+        also: Further relations that its subgoals may ask for.
         exclusive: True if nothing that was not asked for may satisfy the relation at the end.
         dwell_s: Time for which the goal has to hold [s].
         base_steps: Control steps allowed for an episode, besides those per subgoal.
@@ -50,6 +51,7 @@ class Template:
     groups: tuple[ObjectGroup, ...]
     relation: str
     exclusive: bool
+    also: tuple[str, ...] = ()
     dwell_s: float = 0.5
     base_steps: int = 150
     steps_per_subgoal: int = 200

@@ -14,7 +14,10 @@ from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
-_RADIUS = 0.033
+# Radius of the standard 330 ml can [m].
+CAN_RADIUS = 0.033
+# Prints that a can may have.
+DESIGNS = ("wave", "disc", "stripes", "diamond")
 
 
 @generator("can", colours=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
@@ -33,22 +36,12 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     """
     height = float(rng.uniform(0.1125, 0.1175))
     shoulder = float(rng.uniform(0.010, 0.013))
-    design = str(rng.choice(["wave", "disc", "stripes", "diamond"]))
-    top = height - 0.0035
-    profile = [
-        (0.0, 0.0),
-        (0.0245, 0.0),
-        (_RADIUS, 0.0075),
-        (_RADIUS, height - shoulder),
-        (0.0275, height - 0.0015),
-        (0.0270, height),
-        (0.0258, height),
-        (0.0250, top),
-        (0.0, top),
-    ]
+    design = str(rng.choice(DESIGNS))
+    profile = can_profile(height, shoulder)
+    top = profile[-1][1]
     shade = jittered(PALETTE[colour], rng, amount=0.06)
     shell = lathe(profile, 24, wrap=True)
-    picture = _label(rng, profile, shade, design=design)
+    picture = draw_label(rng, profile, shade, design=design).pixels()
     angle = np.arange(10) * (2.0 * math.pi / 10)
 
     def lid_ellipse(a: float, b: float, x: float, thickness: float) -> list[np.ndarray]:
@@ -60,7 +53,7 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     hole = prism(lid_ellipse(0.0034, 0.0028, -0.0078, 0.0016))
     collision = (
         foot(0.0170),
-        upright_cylinder(_RADIUS, 0.0005, height - 0.006),
+        upright_cylinder(CAN_RADIUS, 0.0005, height - 0.006),
         upright_cylinder(0.027, height - 0.006, height),
     )
     body = mass_properties(collision, 0.35)
@@ -80,24 +73,54 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
             Grasp(
                 "body",
                 Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y),
-                2 * _RADIUS,
+                2 * CAN_RADIUS,
                 clearance_m=0.006,
                 symmetric_yaw=True,
             ),
         ),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),
+            Region("base", (0.0, 0.0, 0.0), (CAN_RADIUS, CAN_RADIUS, 0.001)),
             Region("top", (0.0, 0.0, height), (0.027, 0.027, 0.001)),
         ),
-        parameters={"radius_m": _RADIUS, "height_m": height, "design": design},
+        parameters={"radius_m": CAN_RADIUS, "height_m": height, "design": design},
     )
 
 
-def _label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> np.ndarray:
-    """Draw the can from the bottom over the print to the lid."""
+def can_profile(height: float, shoulder: float) -> list[tuple[float, float]]:
+    """Return the profile (radius, z) of a can [m]: bottom, wall, shoulder, rim, lid.
+
+    Args:
+        height: Height to the rim [m].
+        shoulder: Height of the tapered part under the rim [m].
+    """
+    return [
+        (0.0, 0.0),
+        (0.0245, 0.0),
+        (CAN_RADIUS, 0.0075),
+        (CAN_RADIUS, height - shoulder),
+        (0.0275, height - 0.0015),
+        (0.0270, height),
+        (0.0258, height),
+        (0.0250, height - 0.0035),
+        (0.0, height - 0.0035),
+    ]
+
+
+def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> Canvas:
+    """Draw half of a can from the bottom over the print to the lid.
+
+    Args:
+        rng: Source of the sheen.
+        profile: See :func:`can_profile`.
+        shade: Colour of the print.
+        design: One of :data:`DESIGNS`.
+
+    Returns:
+        The picture; its height is the length along the profile [m].
+    """
     length = profile_length(profile)
     bottom, low, high, rim, lid = (float(length[k]) for k in (1, 2, 3, 5, 7))
-    width = math.pi * _RADIUS
+    width = math.pi * CAN_RADIUS
     metal = (0.80, 0.81, 0.83)
     canvas = Canvas(width, float(length[-1]), (128, 256), metal)
     x, y = canvas.x, canvas.y
@@ -131,4 +154,4 @@ def _label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: 
     canvas.shade(np.where(y < bottom, 0.6, 1.0))
     canvas.shade(np.where((y > rim) & (y < lid), 0.80, 1.0))
     canvas.paint(y > lid, shaded(metal, 0.93))
-    return canvas.pixels()
+    return canvas

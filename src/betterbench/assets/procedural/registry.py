@@ -54,25 +54,30 @@ class _Entry:
     make: Generator
     colours: tuple[str, ...]
     looks: int
+    family: str
 
 
 _REGISTER: dict[str, _Entry] = {}
 
 
-def generator(category: str, *, colours: Sequence[str], looks: int = 8) -> Callable[[Generator], Generator]:
+def generator(
+    category: str, *, colours: Sequence[str], looks: int = 8, family: str | None = None
+) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category.
 
     Args:
         category: Name of the category ("mug").
         colours: Colour words it can be made in; the first is the default.
         looks: Number of looks; each is the same function with another random generator.
+        family: Categories of one family draw the same random numbers for a look, so that what belongs together
+            (a cabinet and its drawers, the plates of a set) matches; the category alone if not given.
 
     Returns:
         The decorator.
     """
 
     def register(make: Generator) -> Generator:
-        _REGISTER[category] = _Entry(make, tuple(colours), looks)
+        _REGISTER[category] = _Entry(make, tuple(colours), looks, family or category)
         return make
 
     return register
@@ -138,8 +143,9 @@ def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
 @functools.lru_cache(maxsize=512)
 def _build(category: str, look: int, colour: str) -> Asset:
     """Make an asset from arguments that are known to be good."""
-    seed = int.from_bytes(hashlib.sha256(f"betterbench asset {category} {look}".encode()).digest()[:8], "big")
-    draft = _REGISTER[category].make(np.random.default_rng(seed), colour)
+    entry = _REGISTER[category]
+    seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
+    draft = entry.make(np.random.default_rng(seed), colour)
     points = np.concatenate([part.vertices for part in draft.visual]).astype(float)
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = (round(float(e), 6) for e in high - low)

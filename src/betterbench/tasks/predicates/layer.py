@@ -48,7 +48,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
 
 def layers(info: ObjectInfo) -> tuple[str, ...]:
     """Return the layers that an object offers as a base."""
-    return LAYERS if any(r.name == "stack" for r in info.regions) else ()
+    return LAYERS if info.role == "container" and any(r.name == "top" for r in info.regions) else ()
 
 
 def _over(state: WorldState, name: str, base: str) -> bool:

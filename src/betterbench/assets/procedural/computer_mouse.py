@@ -1,0 +1,274 @@
+"""Computer mice and the bar of soap that has the outline of one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.assets.asset import Grasp
+from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
+from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, mapped
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.geometry import Pose
+from betterbench.state import Region
+
+# Pictures of things that lie on a desk are drawn as their user at +x sees them: columns along +y, rows up along -x.
+_RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
+_SIDES = 28
+
+
+@generator("computer_mouse", colours=("black", "white", "grey", "blue"))
+def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
+
+    A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
+
+    Args:
+        rng: Source of proportions and trim.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    length = float(rng.uniform(0.102, 0.108))
+    width = float(rng.uniform(0.0605, 0.0630))
+    height = float(rng.uniform(0.0345, 0.0375))
+    hump = float(rng.uniform(0.006, 0.016))  # how far behind the middle the back is highest
+    waist = float(rng.uniform(0.00, 0.07))  # how much the sides are drawn in
+    trim = str(rng.choice(["plain", "grips", "spine", "two-tone"]))
+    extra_button = bool(rng.random() < 0.6)
+    shade = jittered(shaded(PALETTE[colour], 1.06) if colour == "black" else PALETTE[colour], rng)
+    accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
+
+    top = _dome(length, width, height, hump=hump, waist=waist)
+    wheel_x = -0.27 * length
+    wheel_z = float(_back(np.array([wheel_x]), length, height, hump)[0]) - 0.0042
+    wheel = (
+        lathe(
+            [(0.0, -0.0034), (0.0070, -0.0034), (0.0080, -0.0018), (0.0080, 0.0018), (0.0070, 0.0034), (0.0, 0.0034)],
+            12,
+        )
+        .rotated("x", math.pi / 2.0)
+        .moved(wheel_x, 0.0, wheel_z)
+    )
+    picture = _shell(shade, accent, length=length, width=width, wheel_x=wheel_x, trim=trim, extra_button=extra_button)
+    half = 0.5 * width - 0.0006
+    collision = (
+        solid_box((-0.30 * length, -half, 0.0), (0.32 * length, half, 0.021)),
+        solid_box((-0.47 * length, -0.66 * half, 0.0005), (0.47 * length, 0.66 * half, 0.0155)),
+        solid_box((-0.22 * length, -0.66 * half, 0.021), (0.34 * length, 0.66 * half, height - 0.003)),
+    )
+    return Draft(
+        shape="irregular",
+        description=f"A {colour} cordless computer mouse with two buttons and a scroll wheel.",
+        tags=("mouse", "computer mouse", "cordless mouse", "desk", colour),
+        body=mass_properties(collision, 0.10),
+        visual=(
+            part("shell", top, shade, picture=picture, specular=0.35, shininess=0.45),
+            part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
+        ),
+        collision=collision,
+        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
+        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        parameters={"length_m": length, "width_m": width, "height_m": height, "trim": trim},
+    )
+
+
+def _outline(half_x: float, half_y: float, power: float, waist: float) -> np.ndarray:
+    """Return (n, 2) points of a super-ellipse, drawn in at the sides, that fills its half extents [m]."""
+    angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
+    c, s = np.cos(angle), np.sin(angle)
+    x = half_x * np.sign(c) * np.abs(c) ** (2.0 / power)
+    y = half_y * np.sign(s) * np.abs(s) ** (2.0 / power)
+    # Widest behind the middle, where the palm lies.
+    y = y * (1.0 - waist * np.clip(0.25 - x / half_x, 0.0, 1.0))
+    return np.stack([x, y * half_y / float(np.abs(y).max())], axis=1)
+
+
+def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarray:
+    """Return the height of the back of a mouse along its middle line [m]."""
+    t = (x - hump) / (0.5 * length + np.where(x < hump, hump, -hump))
+    return height * (1.0 - np.where(x < hump, 0.36, 0.50) * np.abs(t) ** 2.2)
+
+
+def _dome(length: float, width: float, height: float, *, hump: float, waist: float) -> Mesh:
+    """Return the shell of a mouse: an upright side that leans in a little, under a smooth arched back."""
+    outline = _outline(0.5 * length, 0.5 * width, 2.6, waist)
+
+    def ring(share: float, level: float) -> np.ndarray:
+        points = np.zeros((_SIDES, 3))
+        points[:, :2] = share * outline
+        points[:, 2] = level * _back(points[:, 0], length, height, hump)
+        return points
+
+    foot = ring(0.93, 0.0)
+    side = ring(1.0, 0.0)
+    side[:, 2] = 0.006
+    levels = ((0.985, 0.58), (0.92, 0.80), (0.78, 0.925), (0.52, 0.985), (0.24, 1.0))
+    mesh = creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
+    return mapped(mesh, _RIGHT, _UP)
+
+
+def _shell(
+    shade: Colour,
+    accent: Colour,
+    *,
+    length: float,
+    width: float,
+    wheel_x: float,
+    trim: str,
+    extra_button: bool,
+) -> np.ndarray:
+    """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
+    canvas = Canvas(width, length, (144, 256), shade)
+    x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
+    # Seams are dark with a light edge, so that they show on black as well as on white.
+    dark, light = shaded(shade, 0.30), mixed(shade, (1.0, 1.0, 1.0), 0.30)
+    bow = -0.02 * length - 3.5 * x * x / width
+    if trim == "two-tone":
+        canvas.paint(y < bow, accent)
+    elif trim == "grips":
+        canvas.paint((np.abs(x) > 0.37 * width) & (y < 0.30 * length), accent)
+    elif trim == "spine":
+        canvas.paint((np.abs(x) < 0.13 * width) & (y > -0.20 * length), accent)
+    canvas.paint(np.abs(y - bow + 0.0011) < 0.0005, light)
+    canvas.paint(np.abs(y - bow) < 0.0007, dark)
+    ahead = y > bow
+    canvas.paint(ahead & (np.abs(np.abs(x) - 0.0012) < 0.0006), light)
+    canvas.paint(ahead & (np.abs(x) < 0.0007), dark)
+    wheel_y = -wheel_x
+    canvas.ellipse((0.5 * width, 0.5 * length + wheel_y), (0.0062, 0.0125), light)
+    canvas.ellipse((0.5 * width, 0.5 * length + wheel_y), (0.0054, 0.0117), (0.03, 0.03, 0.035))
+    if extra_button:
+        canvas.ellipse((0.5 * width, 0.5 * length + wheel_y - 0.0205), (0.0036, 0.0052), dark)
+        canvas.ellipse((0.5 * width, 0.5 * length + wheel_y - 0.0205), (0.0028, 0.0044), mixed(shade, accent, 0.7))
+    mark = (0.5 * width, 0.5 * length - 0.27 * length)
+    ink = (0.80, 0.81, 0.82) if sum(shade) < 1.6 else (0.35, 0.36, 0.38)
+    canvas.ellipse(mark, (0.0062, 0.0040), ink)
+    canvas.ellipse((mark[0], mark[1] + 0.0006), (0.0044, 0.0024), accent if trim == "two-tone" else shade)
+    return canvas.pixels()
+
+
+@generator("soap_bar", colours=("grey", "white", "green"))
+def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a bar of soap with about the size and outline of a computer mouse.
+
+    A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
+    0.11 kg, a used bar, so that it is no heavier in the hand than the mouse it is taken for.
+
+    Args:
+        rng: Source of proportions and stamp.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    length = float(rng.uniform(0.095, 0.101))
+    width = float(rng.uniform(0.0585, 0.0615))
+    height = float(rng.uniform(0.0325, 0.0355))
+    power = float(rng.choice([2.3, 2.8, 3.6]))
+    stamp = str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
+    dish = float(rng.uniform(0.0012, 0.0022))  # depth of the hollow in which the stamp stands
+    shade = jittered({"grey": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[colour], rng)
+    outline = _outline(0.5 * length, 0.5 * width, power, 0.0)
+    levels = (
+        (0.78, 0.0),
+        (0.93, 0.12),
+        (1.0, 0.42),
+        (0.985, 0.62),
+        (0.89, 0.90),
+        (0.80, 1.0),
+        (0.72, 1.0),
+        (0.66, 1.0 - dish / height),
+    )
+    rings = [np.column_stack([share * outline, np.full(_SIDES, level * height)]) for share, level in levels]
+    bar = mapped(creased(loft(rings), 50.0), _RIGHT, _UP)
+    half = 0.5 * width - 0.0006
+    collision = (
+        solid_box((-0.38 * length, -0.66 * half, 0.0), (0.38 * length, 0.66 * half, height - 0.001)),
+        solid_box((-0.28 * length, -half, 0.005), (0.28 * length, half, 0.82 * height)),
+        solid_box((-0.49 * length, -0.5 * half, 0.006), (0.49 * length, 0.5 * half, 0.78 * height)),
+    )
+    return Draft(
+        shape="irregular",
+        description=f"A {colour} bar of soap with a stamp on its top.",
+        tags=("soap", "bar of soap", "soap bar", "bathroom", colour),
+        body=mass_properties(collision, 0.11),
+        visual=(
+            part(
+                "bar",
+                bar,
+                shade,
+                picture=_stamped(rng, shade, stamp=stamp, length=length, width=width),
+                specular=0.25,
+                shininess=0.2,
+            ),
+        ),
+        collision=collision,
+        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
+        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        parameters={"length_m": length, "width_m": width, "height_m": height, "stamp": stamp},
+    )
+
+
+# Strokes of the letters that are stamped into soap, in a cell one unit wide and 1.6 units high.
+_LETTERS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
+    "S": (
+        (
+            (0.95, 1.35),
+            (0.7, 1.6),
+            (0.25, 1.6),
+            (0.0, 1.3),
+            (0.2, 0.9),
+            (0.8, 0.7),
+            (1.0, 0.3),
+            (0.75, 0.0),
+            (0.25, 0.0),
+            (0.02, 0.25),
+        ),
+    ),
+    "O": (
+        ((0.5, 0.0), (0.1, 0.3), (0.0, 0.8), (0.1, 1.3), (0.5, 1.6), (0.9, 1.3), (1.0, 0.8), (0.9, 0.3), (0.5, 0.0)),
+    ),
+    "A": (((0.0, 0.0), (0.5, 1.6), (1.0, 0.0)), ((0.2, 0.55), (0.8, 0.55))),
+    "P": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)),),
+    "U": (((0.0, 1.6), (0.0, 0.4), (0.3, 0.0), (0.7, 0.0), (1.0, 0.4), (1.0, 1.6)),),
+    "R": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)), ((0.5, 0.8), (1.0, 0.0))),
+    "E": (((1.0, 0.0), (0.05, 0.0), (0.05, 1.6), (1.0, 1.6)), ((0.05, 0.8), (0.8, 0.8))),
+}
+
+
+def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: float, width: float) -> np.ndarray:
+    """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
+    canvas = Canvas(width, length, (144, 256), shade)
+    canvas.grain(rng, cells=(7, 11), amount=0.018)
+    middle = (0.5 * width, 0.5 * length)
+    dark, light = shaded(shade, 0.62), mixed(shade, (1.0, 1.0, 1.0), 0.45)
+    a, b = 0.345 * width, 0.385 * length
+    for grow, ink in ((0.0013, light), (0.0, dark), (-0.0018, shaded(shade, 0.97))):
+        canvas.ellipse(middle, (a + grow, b + grow), ink)
+    for shift, ink in ((-0.0008, light), (0.0, dark)):
+        if stamp == "leaf":
+            tip, stalk = (middle[0] + shift, middle[1] + 0.024), (middle[0] + shift, middle[1] - 0.024)
+            canvas.line([stalk, tip], 0.0018, ink)
+            for k in range(5):
+                y = middle[1] - 0.015 + 0.0075 * k
+                spread = 0.012 - 0.0018 * k
+                canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
+                canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
+            continue
+        cell, pitch = 0.0105, 0.0150
+        for k, letter in enumerate(stamp):
+            for stroke in _LETTERS[letter]:
+                # The word reads from -y: along the bar from the near to the far end.
+                points = [
+                    (
+                        middle[0] + 0.8 * cell - cell * v + shift,
+                        middle[1] + pitch * (k - 1.5) + cell * (u - 0.5) + shift,
+                    )
+                    for u, v in stroke
+                ]
+                canvas.line(points, 0.0023, ink)
+    return canvas.pixels()

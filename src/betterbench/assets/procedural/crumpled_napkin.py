@@ -1,0 +1,156 @@
+"""Crumpled paper napkins."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.assets.asset import CollisionPart, Grasp
+from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, upright_cylinder
+from betterbench.assets.procedural.mesh import Mesh, creased
+from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, centred, generator, part
+from betterbench.geometry import Pose
+from betterbench.state import Region
+
+# Paper on rubber and paper on wood hold better than smooth plastic does.
+_FRICTION = (0.9, 0.01, 0.001)
+
+
+@generator("crumpled_napkin", colours=("white", "cream"))
+def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a paper napkin crumpled to a ball.
+
+    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
+
+    Args:
+        rng: Source of the folds.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    across = float(rng.uniform(0.059, 0.064))
+    high = float(rng.uniform(0.050, 0.056))
+    printed = bool(rng.random() < 0.45)
+    ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
+    roughness = float(rng.uniform(0.11, 0.16))
+    paper = jittered((0.93, 0.93, 0.92) if colour == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
+
+    ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
+    shift = centred([ball])
+    ball = ball.moved(*shift)
+    radius = 0.5 * across - 0.0015
+    top = float(ball.vertices[:, 2].max())
+    collision = (
+        CollisionPart("box", (0.013, 0.013, 0.003), (0.0, 0.0, 0.003), friction=_FRICTION),
+        _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
+        _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
+    )
+    return Draft(
+        shape="irregular",
+        description=f"A crumpled {colour} paper napkin.",
+        tags=("napkin", "paper", "crumpled paper", "paper ball", "trash", colour),
+        body=mass_properties(collision, 0.015),
+        visual=(
+            part(
+                "paper",
+                ball,
+                paper,
+                picture=_paper(rng, paper, ink=ink if printed else None),
+                specular=0.02,
+                shininess=0.05,
+            ),
+        ),
+        collision=collision,
+        grasps=(
+            Grasp(
+                "body",
+                Pose((0.0, 0.0, 0.028), JAW_OPENS_ALONG_Y),
+                2.0 * radius,
+                clearance_m=0.006,
+                symmetric_yaw=True,
+            ),
+        ),
+        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * across, 0.5 * across, 0.001)),),
+        parameters={"across_m": across, "height_m": top, "roughness": roughness},
+    )
+
+
+def _rough(cylinder: CollisionPart) -> CollisionPart:
+    """Return the cylinder with the friction of paper."""
+    return CollisionPart(cylinder.shape, cylinder.size, cylinder.position, friction=_FRICTION)
+
+
+def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors (n, 3) and faces (20 * 4**subdivisions, 3) of a subdivided icosahedron."""
+    golden = 0.5 * (1.0 + math.sqrt(5.0))
+    points = []
+    for a in (-1.0, 1.0):
+        for b in (-golden, golden):
+            points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
+    vertices = np.array(points)
+    edge = 2.0 + 1e-6  # length of the edges of this icosahedron
+    near = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < edge
+    triangles = []
+    for i in range(12):
+        for j in range(i + 1, 12):
+            for k in range(j + 1, 12):
+                if near[i, j] and near[j, k] and near[i, k]:
+                    normal = np.cross(vertices[j] - vertices[i], vertices[k] - vertices[i])
+                    triangles.append((i, j, k) if normal @ vertices[i] > 0.0 else (i, k, j))
+    faces = np.array(triangles)
+    for _ in range(subdivisions):
+        corners = vertices[faces]
+        middles = [0.5 * (corners[:, a] + corners[:, b]) for a, b in ((0, 1), (1, 2), (2, 0))]
+        soup = np.concatenate([corners.reshape(-1, 3), *middles])
+        n = len(faces)
+        a, b, c = 3 * np.arange(n), 3 * np.arange(n) + 1, 3 * np.arange(n) + 2
+        ab, bc, ca = 3 * n + np.arange(n), 4 * n + np.arange(n), 5 * n + np.arange(n)
+        split = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+        unique, inverse = np.unique(np.round(soup, 6) + 0.0, axis=0, return_inverse=True)
+        vertices, faces = unique, inverse.reshape(-1)[split]
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+
+
+def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness: float) -> Mesh:
+    """Return the ball: flats between sharp folds, creases that cut in, and tips of paper that stand out."""
+    directions, faces = _sphere(2)
+    n = len(directions)
+    # Flats: the ball lies within randomly placed planes.
+    planes = rng.standard_normal((16, 3))
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    distance = rng.uniform(0.84, 1.0, 16)
+    cosine = directions @ planes.T
+    share = np.min(np.where(cosine > 0.3, distance / np.maximum(cosine, 0.3), 1.15), axis=1)
+    share = np.minimum(share, 1.12)
+    # Creases: valleys along random small circles; tips: single points pulled out or pushed in.
+    for _ in range(7):
+        axis = rng.standard_normal(3)
+        axis /= np.linalg.norm(axis)
+        away = np.abs(directions @ axis - float(rng.uniform(-0.5, 0.5)))
+        share = share * (1.0 - roughness * np.clip(1.0 - away / 0.17, 0.0, 1.0))
+    share = share * (1.0 + 0.55 * roughness * rng.uniform(-1.0, 1.0, n))
+    spread = directions + 0.05 * rng.standard_normal((n, 3))
+    points = spread * share[:, None]
+    depth = share / float(share.max())
+    # Fit the size, and press the underside flat where it lies.
+    low, top = points.min(axis=0), points.max(axis=0)
+    points = (points - 0.5 * (low + top)) / (0.5 * (top - low)) * np.array([radius, radius, 0.5 * high + 0.0025])
+    points[:, 2] = np.maximum(points[:, 2], -0.5 * high)
+    folds = np.clip((depth - 0.62) / 0.38, 0.0, 1.0)
+    around = 0.5 + 0.5 * np.sin(np.arctan2(points[:, 1], points[:, 0]) + 2.0 * points[:, 2] / radius)
+    return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
+
+
+def _paper(rng: np.random.Generator, paper: Colour, *, ink: Colour | None) -> np.ndarray:
+    """Draw paper whose row is the depth of the fold: grey at the bottom of a crease, bright on a ridge."""
+    canvas = Canvas(1.0, 1.0, (64, 64), paper)
+    canvas.grain(rng, cells=(20, 20), amount=0.015)
+    if ink is not None:
+        for at in (0.30, 0.38):
+            canvas.paint(np.abs(canvas.x - at) < 0.022, mixed(paper, ink, 0.75))
+    canvas.shade(0.66 + 0.34 * np.clip(canvas.y / 0.7, 0.0, 1.0))
+    canvas.paint(canvas.y > 0.93, shaded(paper, 1.3), strength=0.5)
+    return canvas.pixels()

@@ -1,0 +1,321 @@
+"""A desk cabinet for two drawers, and the drawers, each with a knob that a jaw can take from above.
+
+The three are assets of their own: a scene joins each drawer to the carcass by a slide along +x, whose frame is a
+region of the cabinet. The two drawers differ only in the side their knob is on, so that a hand at one knob clears the
+other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.assets.asset import Grasp
+from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
+from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge
+from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.geometry import Pose
+from betterbench.state import Region
+
+_COLOURS = ("white", "brown", "grey")
+_PAINT: dict[str, Colour] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "grey": (0.45, 0.47, 0.50)}
+
+# The carcass [m].
+_HALF_X, _HALF_Y, _HEIGHT = 0.110, 0.120, 0.170
+_BOARD = 0.009  # top, bottom, shelf and back
+_SIDE = 0.012  # the sides hold the slides, and are thicker
+_OPENING = 0.5 * (_HEIGHT - 3.0 * _BOARD)  # height of each opening
+_OPENING_HALF_Y = _HALF_Y - _SIDE
+
+# The drawer [m]. It is lower than its opening by the play and 22 mm of free height over its rim.
+_PLAY = 0.0015
+_FRONT_GAP = 0.002  # between the closed front panel and the carcass
+_PANEL = 0.012
+_PANEL_HEIGHT = 0.076
+_PANEL_HALF_Y = 0.118
+_WALL = 0.008
+_REAR = 0.006
+_FLOOR = 0.006
+_RIM = 0.054
+_INSIDE_X, _INSIDE_HALF_Y = 0.165, 0.096
+_LENGTH = _REAR + _INSIDE_X + _PANEL
+_FRONT = 0.5 * _LENGTH
+
+# The knob [m].
+_KNOB = (0.016, 0.020, 0.030)
+_KNOB_AWAY = 0.045  # from the panel: a hand 65 mm thick, centred on the knob, clears the panel by 12 mm
+_KNOB_SIDE = 0.070
+_KNOB_HEIGHT = 0.030
+_STEM = (0.010, 0.010)  # thickness along y and z
+
+TRAVEL_M = 0.15
+FRICTION_N = 1.5
+DAMPING_N_S_M = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Style:
+    """What the carcass and the drawers of one look have in common.
+
+    Attributes:
+        shade: Colour of the boards.
+        wood: True for visible grain.
+        grain_seed: Number that the grain follows from.
+        front: How the front panel is worked: "plain", "frame", "groove" or "band".
+        metal: Colour of the knob.
+    """
+
+    shade: Colour
+    wood: bool
+    grain_seed: int
+    front: str
+    metal: Colour
+
+    @staticmethod
+    def draw(rng: np.random.Generator, colour: str) -> _Style:
+        """Draw a style; the same numbers are drawn for every colour."""
+        shade = jittered(_PAINT[colour], rng, amount=0.12 if colour == "brown" else 0.06)
+        front = str(rng.choice(["plain", "frame", "groove", "band"]))
+        knobs: tuple[Colour, ...] = ((0.16, 0.16, 0.17), (0.74, 0.57, 0.24), (0.66, 0.67, 0.69), (0.36, 0.22, 0.12))
+        metal = knobs[int(rng.integers(len(knobs)))]
+        return _Style(shade, colour == "brown", int(rng.integers(2**31)), front, metal)
+
+    def surface(self, width: float, height: float, pixels: tuple[int, int]) -> Canvas:
+        """Return a picture of a board of this style, its grain along the width."""
+        rng = np.random.default_rng(self.grain_seed)
+        canvas = Canvas(width, height, pixels, self.shade)
+        canvas.grain(rng, cells=(4, 26), amount=0.075 if self.wood else 0.008)
+        canvas.grain(rng, cells=(30, 30), amount=0.020 if self.wood else 0.006)
+        return canvas
+
+
+@generator("drawer_cabinet", colours=_COLOURS, family="drawers")
+def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
+    """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
+
+    Its volume of 1.9 l of particle board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and
+    "lower" are the frames of the closed drawers.
+
+    Args:
+        rng: Source of the shade and the grain; the same numbers as for the drawers.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    style = _Style.draw(rng, colour)
+    shelf = _BOARD + _OPENING
+    collision = (
+        solid_box((-_HALF_X, -_HALF_Y, 0.0), (_HALF_X, _HALF_Y, _BOARD)),
+        solid_box((-_HALF_X, -_OPENING_HALF_Y, shelf), (_HALF_X, _OPENING_HALF_Y, shelf + _BOARD)),
+        solid_box((-_HALF_X, -_HALF_Y, _HEIGHT - _BOARD), (_HALF_X, _HALF_Y, _HEIGHT)),
+        solid_box((-_HALF_X, -_OPENING_HALF_Y, _BOARD), (-_HALF_X + _BOARD, _OPENING_HALF_Y, _HEIGHT - _BOARD)),
+        solid_box((-_HALF_X, -_HALF_Y, _BOARD), (_HALF_X, -_OPENING_HALF_Y, _HEIGHT - _BOARD)),
+        solid_box((-_HALF_X, _OPENING_HALF_Y, _BOARD), (_HALF_X, _HALF_Y, _HEIGHT - _BOARD)),
+    )
+    # Seen are a top and a bottom that stand over the sides by their bevel, and boards between them.
+    top = box((2 * _HALF_X, 2 * _HALF_Y, _BOARD), (0.0, 0.0, _HEIGHT - 0.5 * _BOARD), bevel=0.0016)
+    inner = _HEIGHT - 2.0 * _BOARD
+    sides = [
+        box((2 * _HALF_X - 0.002, _SIDE - 0.001, inner), (-0.001, y * (_HALF_Y - 0.5 * _SIDE - 0.0005), 0.5 * _HEIGHT))
+        for y in (-1, 1)
+    ]
+    boards = [
+        box((2 * _HALF_X, 2 * _HALF_Y, _BOARD), (0.0, 0.0, 0.5 * _BOARD), bevel=0.0012),
+        box((2 * _HALF_X - 0.002, 2 * _OPENING_HALF_Y, _BOARD), (-0.001, 0.0, shelf + 0.5 * _BOARD)),
+        box((_BOARD, 2 * _OPENING_HALF_Y, inner), (-_HALF_X + 0.5 * _BOARD, 0.0, 0.5 * _HEIGHT)),
+    ]
+    # Thin linings in their own shadow stand for the dark inside of the openings; they leave the front edges free.
+    deep = 2.0 * _HALF_X - _BOARD - 0.012
+    linings = []
+    for low in (_BOARD, shelf + _BOARD):
+        middle = low + 0.5 * _OPENING
+        centre = -_HALF_X + _BOARD + 0.5 * deep
+        linings += [
+            box((deep, 2 * _OPENING_HALF_Y, 0.0004), (centre, 0.0, z)) for z in (low + 2e-4, low + _OPENING - 2e-4)
+        ]
+        linings += [box((deep, 0.0004, _OPENING), (centre, y * (_OPENING_HALF_Y - 2e-4), middle)) for y in (-1, 1)]
+        linings.append(box((0.0004, 2 * _OPENING_HALF_Y, _OPENING), (-_HALF_X + _BOARD + 2e-4, 0.0, middle)))
+    half = (_HALF_X - 0.5 * _BOARD, _OPENING_HALF_Y, 0.5 * _OPENING)
+    origin_x = _HALF_X + _FRONT_GAP + _PANEL - _FRONT
+    return Draft(
+        shape="box",
+        description=f"A small {colour} desk cabinet with two openings for drawers.",
+        tags=("drawer cabinet", "cabinet", "desk organiser", "furniture", colour),
+        body=mass_properties(collision, 1.2),
+        visual=(
+            part(
+                "top",
+                mapped(top, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
+                style.shade,
+                picture=style.surface(0.24, 0.22, (160, 144)).pixels(),
+                specular=0.15,
+            ),
+            part(
+                "sides",
+                mapped(merge(sides), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+                style.shade,
+                picture=style.surface(0.22, 0.15, (128, 96)).pixels(),
+                specular=0.15,
+            ),
+            part("boards", merge(boards), shaded(style.shade, 0.94), specular=0.1),
+            part("lining", merge(linings), shaded(style.shade, 0.42), specular=0.0),
+        ),
+        collision=collision,
+        grasps=(),
+        regions=(
+            Region("upper", (origin_x, 0.0, shelf + _BOARD + _PLAY), half),
+            Region("lower", (origin_x, 0.0, _BOARD + _PLAY), half),
+        ),
+        parameters={"opening_height_m": _OPENING, "opening_width_m": 2.0 * _OPENING_HALF_Y},
+    )
+
+
+@generator("upper_drawer", colours=_COLOURS, family="drawers")
+def upper_drawer(rng: np.random.Generator, colour: str) -> Draft:
+    """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y.
+
+    Args:
+        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    return _drawer(rng, colour, side=1.0, place="upper")
+
+
+@generator("lower_drawer", colours=_COLOURS, family="drawers")
+def lower_drawer(rng: np.random.Generator, colour: str) -> Draft:
+    """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y.
+
+    Args:
+        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    return _drawer(rng, colour, side=-1.0, place="lower")
+
+
+def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -> Draft:
+    """Make a drawer: a box with a front panel and a knob on a stem.
+
+    Its origin is the centre of the bottom face of the bounding box without the knob, its front looks along +x, along
+    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the knob make
+    0.5 kg.
+
+    The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
+    drawer 0.183 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
+    on wood or a light roller slide; a brush of the hand leaves it where it is, and a pinch of 35 N a finger pulls it. Damping
+    4 N s/m: a push dies away in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer let go stops where it was left.
+
+    Args:
+        rng: Source of the looks.
+        colour: Colour word.
+        side: +1 for a knob at +y, -1 for one at -y.
+        place: Word for its place in the cabinet.
+
+    Returns:
+        The draft.
+    """
+    style = _Style.draw(rng, colour)
+    back, half_y = -_FRONT, _INSIDE_HALF_Y + _WALL
+    panel = _FRONT - _PANEL  # inner face of the front panel
+    knob_x, knob_y = _FRONT + _KNOB_AWAY, side * _KNOB_SIDE
+    kx, ky, kz = (0.5 * s for s in _KNOB)
+    sy, sz = (0.5 * s for s in _STEM)
+    collision = (
+        solid_box((back, -half_y, 0.0), (panel, half_y, _FLOOR)),
+        solid_box((back, -half_y, _FLOOR), (back + _REAR, half_y, _RIM)),
+        solid_box((back + _REAR, _INSIDE_HALF_Y, _FLOOR), (panel, half_y, _RIM)),
+        solid_box((back + _REAR, -half_y, _FLOOR), (panel, -_INSIDE_HALF_Y, _RIM)),
+        solid_box((panel, -_PANEL_HALF_Y, 0.0), (_FRONT, _PANEL_HALF_Y, _PANEL_HEIGHT)),
+        solid_box((_FRONT, knob_y - sy, _KNOB_HEIGHT - sz), (knob_x - kx, knob_y + sy, _KNOB_HEIGHT + sz)),
+        solid_box((knob_x - kx, knob_y - ky, _KNOB_HEIGHT - kz), (knob_x + kx, knob_y + ky, _KNOB_HEIGHT + kz)),
+    )
+    inside = _INSIDE_X + _REAR
+    walls = [
+        box((_REAR, 2 * half_y, _RIM), (back + 0.5 * _REAR, 0.0, 0.5 * _RIM)),
+        *(
+            box((_INSIDE_X, _WALL, _RIM), (back + _REAR + 0.5 * _INSIDE_X, y * (half_y - 0.5 * _WALL), 0.5 * _RIM))
+            for y in (-1, 1)
+        ),
+    ]
+    floor = box((inside, 2 * half_y - 0.0004, _FLOOR), (0.5 * (back + panel), 0.0, 0.5 * _FLOOR))
+    front = box((_PANEL, 2 * _PANEL_HALF_Y, _PANEL_HEIGHT), (_FRONT - 0.5 * _PANEL, 0.0, 0.5 * _PANEL_HEIGHT))
+    grip = box(_KNOB, (knob_x, knob_y, _KNOB_HEIGHT), bevel=0.0035, corner=0.0050, steps=2)
+    stem = box((_KNOB_AWAY - kx + 0.001, *_STEM), (0.5 * (_FRONT + knob_x - kx), knob_y, _KNOB_HEIGHT), bevel=0.0015)
+    rosette = box((0.0024, 0.026, 0.026), (_FRONT + 0.0008, knob_y, _KNOB_HEIGHT), bevel=0.003, corner=0.0)
+    pale = mixed(style.shade, (0.86, 0.76, 0.58), 0.55)
+    wall_inside = 0.5 * (_RIM - _FLOOR)
+    return Draft(
+        shape="box",
+        description=f"The {place} drawer of a {colour} desk cabinet, open at the top, with a knob on its front.",
+        tags=("drawer", f"{place} drawer", "desk drawer", "container", colour),
+        body=mass_properties(collision, 0.5),
+        visual=(
+            part("front", _panel_mapped(front), style.shade, picture=_front(style), specular=0.2),
+            part("walls", merge(walls), pale, specular=0.1),
+            part("floor", floor, shaded(pale, 0.66), specular=0.05),
+            part("knob", merge([grip, stem, rosette]), style.metal, specular=0.7, shininess=0.7),
+        ),
+        collision=collision,
+        grasps=(Grasp("knob", Pose((knob_x, knob_y, _KNOB_HEIGHT), JAW_OPENS_ALONG_Y), _KNOB[1]),),
+        regions=(
+            Region(
+                "inside",
+                (back + _REAR + 0.5 * _INSIDE_X, 0.0, _FLOOR + wall_inside),
+                (0.5 * _INSIDE_X, _INSIDE_HALF_Y, wall_inside),
+            ),
+            Region("knob", (knob_x, knob_y, _KNOB_HEIGHT), (kx, ky, kz)),
+            Region("front", (_FRONT, 0.0, 0.5 * _PANEL_HEIGHT), (0.001, _PANEL_HALF_Y, 0.5 * _PANEL_HEIGHT)),
+        ),
+        parameters={
+            "travel_m": TRAVEL_M,
+            "friction_n": FRICTION_N,
+            "damping_n_s_m": DAMPING_N_S_M,
+            "front": style.front,
+        },
+    )
+
+
+def _panel_mapped(mesh: Mesh) -> Mesh:
+    """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
+    flat = mapped(mesh, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    uv = flat.uv.copy()
+    # A creased box has vertices of its own for each face, so the faces can be told apart by their normals.
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
+    others = np.setdiff1d(np.arange(len(uv)), seen)
+    uv[others] = 0.5 + 0.02 * (uv[others] - 0.5)
+    return Mesh(flat.vertices, flat.faces, uv)
+
+
+def _front(style: _Style) -> np.ndarray:
+    """Draw the front panel: its grain, how it is worked, and a fine dark edge that parts it from its neighbours."""
+    width, height = 2.0 * _PANEL_HALF_Y, _PANEL_HEIGHT
+    canvas = style.surface(width, height, (256, 88))
+    x, y = canvas.x, canvas.y
+    edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    dark, light = shaded(style.shade, 0.62), shaded(style.shade, 1.18)
+    if style.front == "frame":
+        canvas.paint(edge > 0.0125, shaded(style.shade, 0.93), strength=0.7)
+        canvas.paint((edge > 0.0110) & (edge < 0.0128), dark, strength=0.8)
+        canvas.paint((edge > 0.0128) & (edge < 0.0138), light, strength=0.6)
+    elif style.front == "groove":
+        for line in (0.022, 0.038, 0.054):
+            canvas.paint(np.abs(y - line) < 0.0008, dark, strength=0.7)
+    elif style.front == "band":
+        canvas.paint((y > height - 0.0120) & (y < height - 0.0085), dark, strength=0.6)
+    # A holder for a card, as on the drawers of an office.
+    away = np.maximum(np.abs(x - 0.5 * width) / 0.026, np.abs(y - 0.62 * height) / 0.011)
+    canvas.paint(away < 1.0, style.metal)
+    canvas.paint(away < 0.84, (0.95, 0.94, 0.90))
+    canvas.paint((np.abs(y - 0.62 * height) < 0.0012) & (np.abs(x - 0.5 * width) < 0.014), (0.35, 0.36, 0.40))
+    canvas.paint(edge < 0.0012, dark, strength=0.75)
+    return canvas.pixels()

@@ -1,0 +1,210 @@
+"""A wooden block with three numbered holes that jars stand in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.procedural.body import mass_properties, solid_box
+from betterbench.assets.procedural.lettering import write
+from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
+from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
+from betterbench.geometry import from_yaw
+from betterbench.state import Region
+
+CLEARANCE_M = 0.0027
+"""Play between a jar and its hole on each side [m]: the task asks for 3 mm a side or less."""
+
+PITCH_M = 0.085
+"""Distance between the holes [m]: an open jaw (80 mm and the fingers) fits around one jar beside another."""
+
+_FLOOR = 0.006
+_DEPTH = 0.035
+_HEIGHT = _FLOOR + _DEPTH
+_APOTHEM = JAR_RADIUS_M + CLEARANCE_M
+_HALF_X, _HALF_Y = 0.0365, 0.135
+_EDGE = 0.0015  # chamfer of the outer edges, for the eye only
+_RIM = 0.0012  # chamfer of the holes, for the eye only
+_WOOD: dict[str, Colour] = {"brown": (0.60, 0.38, 0.19), "grey": (0.52, 0.51, 0.49)}
+
+
+@generator("spice_rack", colours=("brown", "grey"))
+def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
+    """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
+
+    0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
+    have the same holes: they are the tolerance of the task. They differ in grain, finish and the marks.
+
+    Args:
+        rng: Source of the grain, the finish and the marks.
+        colour: Colour word.
+
+    Returns:
+        The draft.
+    """
+    wood = jittered(_WOOD[colour], rng, amount=0.16)
+    style = str(rng.choice(["plate", "burnt", "painted"]))
+    stripe = bool(rng.random() < 0.5)
+    plates = {
+        "plate": (0.93, 0.91, 0.85),
+        "burnt": mixed(wood, (0.95, 0.86, 0.70), 0.45),
+        "painted": (0.10, 0.11, 0.13),
+    }
+    plate = plates[style]
+    ink: Colour = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
+
+    holes = [merge([_cell(index) for index in range(3)])]
+    top = mapped(holes[0], (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+    walls = (
+        solid_box((-_HALF_X, -_HALF_Y, 0.0), (_HALF_X, _HALF_Y, _FLOOR)),
+        solid_box((_APOTHEM, -_HALF_Y, _FLOOR), (_HALF_X, _HALF_Y, _HEIGHT)),
+        solid_box((-_HALF_X, -_HALF_Y, _FLOOR), (-_APOTHEM, _HALF_Y, _HEIGHT)),
+        *(
+            solid_box((-_APOTHEM, low, _FLOOR), (_APOTHEM, high, _HEIGHT))
+            for low, high in (
+                (-_HALF_Y, -PITCH_M - _APOTHEM),
+                (-PITCH_M + _APOTHEM, -_APOTHEM),
+                (_APOTHEM, PITCH_M - _APOTHEM),
+                (PITCH_M + _APOTHEM, _HALF_Y),
+            )
+        ),
+    )
+    corners = tuple(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4))
+    return Draft(
+        shape="box",
+        description=f"A {colour} wooden spice rack with three numbered holes in a row.",
+        tags=("spice rack", "rack", "jar holder", "wood", "holes", colour),
+        body=mass_properties(walls, 0.38),
+        visual=(
+            part("block", _outside(), wood, picture=_grain(rng, wood, stripe=stripe), specular=0.15),
+            part("top", top, wood, picture=_top(rng, wood), specular=0.15),
+            part("marks", _marks(), plate, picture=_digits(plate, ink), specular=0.2),
+        ),
+        collision=(*walls, *corners),
+        grasps=(),
+        regions=tuple(
+            Region(f"hole_{number}", (0.0, (number - 2) * PITCH_M, _FLOOR), (0.004, 0.004, _DEPTH))
+            for number in (1, 2, 3)
+        ),
+        parameters={
+            "clearance_m": CLEARANCE_M,
+            "pitch_m": PITCH_M,
+            "depth_m": _DEPTH,
+            "apothem_m": _APOTHEM,
+            "marks": style,
+        },
+    )
+
+
+def _corner(centre: float, angle: float) -> CollisionPart:
+    """Return the box that cuts the corner of a square hole into an octagon's side.
+
+    Args:
+        centre: Position of the hole along y [m].
+        angle: Direction of the corner [rad].
+    """
+    half_length = _APOTHEM * math.tan(math.pi / 8.0)
+    half = 0.0049  # reaches the square's corner, 0.41 apothems behind the side
+    away = _APOTHEM + half
+    return CollisionPart(
+        "box",
+        (half, half_length, 0.5 * _DEPTH),
+        (away * math.cos(angle), centre + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
+        from_yaw(angle),
+    )
+
+
+def _outside() -> Mesh:
+    """Return the sides and the bottom of the block up to its chamfer, each long side with the whole picture."""
+    rings = [
+        rectangle(_HALF_X, _HALF_Y, 0.0),
+        rectangle(_HALF_X, _HALF_Y, _HEIGHT - _EDGE),
+        rectangle(_HALF_X - _EDGE, _HALF_Y - _EDGE, _HEIGHT),
+    ]
+    u = np.array([0.0, 0.8, 1.0, 0.2])
+    sides = loft(rings, u=u, v=(0.0, 0.93, 1.0), caps=(False, False))
+    bottom = prism([rectangle(_HALF_X - 0.001, _HALF_Y - 0.001, z) for z in (0.0, 0.001)])
+    return merge([creased(sides, 30.0), bottom])
+
+
+def _cell(index: int) -> Mesh:
+    """Return a third of the top face with its hole."""
+    centre = (index - 1) * PITCH_M
+    half_x = _HALF_X - _EDGE
+    low = -0.5 * PITCH_M if index > 0 else -(_HALF_Y - _EDGE - PITCH_M)
+    high = 0.5 * PITCH_M if index < 2 else _HALF_Y - _EDGE - PITCH_M
+
+    def octagon(apothem: float, z: float) -> np.ndarray:
+        points = []
+        for k in range(16):
+            angle = k * math.pi / 8.0
+            radius = apothem / math.cos(math.pi / 8.0) if k % 2 else apothem
+            points.append((radius * math.cos(angle), centre + radius * math.sin(angle), z))
+        return np.array(points)
+
+    side = _APOTHEM * math.tan(math.pi / 8.0)
+    outer = [
+        (half_x, 0.0), (half_x, side), (half_x, high), (side, high),
+        (0.0, high), (-side, high), (-half_x, high), (-half_x, side),
+        (-half_x, 0.0), (-half_x, -side), (-half_x, low), (-side, low),
+        (0.0, low), (side, low), (half_x, low), (half_x, -side),
+    ]  # fmt: skip
+    border = np.array([(x, centre + y, _HEIGHT) for x, y in outer])
+    rings = [border, octagon(_APOTHEM + _RIM, _HEIGHT), octagon(_APOTHEM, _HEIGHT - _RIM), octagon(_APOTHEM, _FLOOR)]
+    return creased(loft(rings, caps=(False, True)), 30.0)
+
+
+def _marks() -> Mesh:
+    """Return the six number plates, two per hole, each showing its third of the picture."""
+    plates = []
+    for index in range(3):
+        y = (index - 1) * PITCH_M
+        front = mapped(box((0.0008, 0.030, 0.028), (_HALF_X, y, 0.0200), corner=0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        above = mapped(
+            box((0.0084, 0.0150, 0.0008), (0.5 * (_APOTHEM + _RIM + _HALF_X - _EDGE), y, _HEIGHT)),
+            (0.0, 1.0, 0.0),
+            (-1.0, 0.0, 0.0),
+        )
+        for plate in (front, above):
+            uv = np.stack([(index + plate.uv[:, 0]) / 3.0, plate.uv[:, 1]], axis=1)
+            plates.append(Mesh(plate.vertices, plate.faces, uv))
+    return merge(plates)
+
+
+def _digits(plate: Colour, ink: Colour) -> np.ndarray:
+    """Draw the numbers side by side."""
+    canvas = Canvas(3.0, 1.0, (192, 64), plate)
+    for index in range(3):
+        # Wide on the plate in front, where the digit is as high as the plate, and on the flat one alike.
+        write(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
+    return canvas.pixels()
+
+
+def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> np.ndarray:
+    """Draw the long side of the block."""
+    canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
+    canvas.grain(rng, cells=(5, 22), amount=0.07)
+    canvas.grain(rng, cells=(40, 40), amount=0.02)
+    if stripe:
+        canvas.band(0.0028, 0.0048, shaded(wood, 0.62))
+    canvas.shade(0.86 + 0.14 * np.clip(canvas.y / (0.7 * _HEIGHT), 0.0, 1.0))
+    return canvas.pixels()
+
+
+def _top(rng: np.random.Generator, wood: Colour) -> np.ndarray:
+    """Draw the top face; the holes lie in their own shadow."""
+    lit = shaded(wood, 1.10)
+    width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)
+    canvas = Canvas(width, depth, (256, 80), lit)
+    canvas.grain(rng, cells=(5, 30), amount=0.07)
+    canvas.grain(rng, cells=(40, 40), amount=0.02)
+    for hole in (-1, 0, 1):
+        x, y = np.abs(canvas.x - 0.5 * width - hole * PITCH_M), np.abs(canvas.y - 0.5 * depth)
+        away = np.maximum(np.maximum(x, y), math.sqrt(0.5) * (x + y))
+        canvas.shade(np.where(away < _APOTHEM + 0.0008, 0.52, 1.0))
+        canvas.shade(np.where(away < _APOTHEM - 0.0040, 0.82, 1.0))
+    return canvas.pixels()

@@ -1,0 +1,22 @@
+"""Container Loading: things go into drawers that have to be opened before and closed after."""
+
+from __future__ import annotations
+
+from betterbench.tasks.template import ObjectGroup, Template
+
+CONTAINER_LOADING = Template(
+    name="container_loading",
+    title="Container Loading",
+    description="Put the named objects into the named drawers and close these.",
+    challenge="Articulated containers whose state decides what can be done next.",
+    groups=(
+        ObjectGroup("cabinet", "What carries the drawers.", ("cabinet",), (1, 1)),
+        ObjectGroup("drawers", "What is loaded; each slides on rails with friction and stops.", ("drawer",), (1, 2)),
+        ObjectGroup("items", "What may be asked for.", ("office supply", "small object"), (1, 4)),
+        ObjectGroup("distractors", "What stays on the table.", ("office supply", "small object"), (0, 4)),
+    ),
+    relation="inside",
+    exclusive=True,
+    also=("closed",),
+    steps_per_subgoal=260,
+)
