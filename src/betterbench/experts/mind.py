@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+from betterbench.geometry import distance
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, Task, stream
+from betterbench.tasks import Condition, ObjectSpec, Task, stream
 from betterbench.tasks.predicates import relation
 
 
@@ -18,6 +19,14 @@ class Bring:
     target: str
     relation: str
     place: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """Decision to draw a drawer out, or to push it home."""
+
+    drawer: str
+    out: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class Rest:
     """Decision that nothing is left to do."""
 
 
-Decision = Bring | GraspAt | Freeze | Rest
+Decision = Bring | Draw | GraspAt | Freeze | Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,4 +125,34 @@ class ExpertMind:
         """Return the decision that serves a subgoal."""
         goal = self.situation.condition.instruction.subgoals[index]
         name = choose(self.situation, state, index)
-        return Rest() if name is None else Bring(name, goal.target, goal.relation, goal.place)
+        if name is None:
+            return Rest()
+        if goal.relation == "closed":
+            return Draw(name, out=False)
+        return self.make_way(state, goal.target) or Bring(name, goal.target, goal.relation, goal.place)
+
+    def make_way(self, state: WorldState, target: str) -> Draw | None:
+        """Return what has to be done with drawers before something can be put into the target, or None."""
+        condition = self.situation.condition
+        if condition.object(target).mount is None:
+            return None
+        height = state.pose(target).position[2]
+        above = [o for o in condition.objects if o.mount is not None and state.pose(o.name).position[2] > height]
+        for o in above:
+            if opening_m(state, o) > SHUT_ENOUGH_M:
+                return Draw(o.name, out=False)
+        return None if opening_m(state, condition.object(target)) > OPEN_ENOUGH_M else Draw(target, out=True)
+
+
+SHUT_ENOUGH_M = 0.02
+"""Opening of a drawer below which it is in nobody's way [m]."""
+OPEN_ENOUGH_M = 0.12
+"""Opening of a drawer from which something can be put into it [m]: a hand is 65 mm thick, a stapler 36 mm."""
+
+
+def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
+    """Return how far a drawer is drawn out [m]."""
+    if drawer.mount is None:
+        raise ValueError(f"{drawer.name} is no drawer")
+    mount = state.info.object(drawer.mount.target).region(drawer.mount.at)
+    return distance(state.pose(drawer.name).position, state.pose(drawer.mount.target).apply(mount.position))

@@ -21,11 +21,13 @@ from betterbench.geometry import (
     from_yaw,
     multiply,
     normalise,
+    rotate,
     slerp,
 )
 from betterbench.robots import ArmIK
 from betterbench.scenes import Clearance, Scene
 from betterbench.state import WorldState
+from betterbench.tasks.predicates import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
@@ -37,6 +39,8 @@ MAX_JOINT_STEP_RAD = 0.6
 """Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
 COMFORT_RAD = 0.3
 """Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
+SLIDE_WIDTH_M = 0.05
+"""Opening of the hand around a knob that is checked along the rails [m]."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
@@ -73,6 +77,19 @@ class PlacePlan:
     release: Pose
     retreat: Pose
     release_width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SlidePlan:
+    """A collision-free way to take a drawer by its knob and to move it along its rails.
+
+    Attributes:
+        pick: Way to the knob.
+        end: Pose ``T_world_tcp`` to move to with the knob in the hand.
+    """
+
+    pick: PickPlan
+    end: Pose
 
 
 class Planner:
@@ -117,6 +134,34 @@ class Planner:
                 continue
             return PickPlan(name, way, grasp_pose, opening)
         raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
+
+    def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
+        """Return the best free way to take a drawer and move it along its own x axis.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            travel_m: Distance to move it [m]; positive draws it out.
+
+        Raises:
+            PlanningError: If its knob cannot be taken, or the way along the rails is not free.
+        """
+        pick = self.plan_pick(state, name)
+        dx, dy, dz = rotate(state.pose(name).quaternion, (travel_m, 0.0, 0.0))
+        end = pick.grasp.translated(dx, dy, dz)
+        joints = self._reach(state.joint_positions, pick.grasp)
+        if joints is None:
+            raise PlanningError(f"the knob of {name} is out of reach")
+        # What lies in the drawer comes along with it.
+        along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
+        blocked, _ = self._way_is_free(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
+        if blocked is not None:
+            raise PlanningError(f"no free way along the rails of {name}: {blocked}")
+        return SlidePlan(pick, end)
+
+    def travel_m(self, name: str) -> float:
+        """Return the distance between the two stops of a drawer [m]."""
+        return float(self._assets[name].parameters["travel_m"])
 
     def plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
         """Return the best free way to put the held object at one of several poses.

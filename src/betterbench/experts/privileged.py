@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
-from betterbench.experts.mind import Bring, Decision, Freeze, GraspAt, Mind, Rest, Situation
+from betterbench.experts.mind import Bring, Decision, Draw, Freeze, GraspAt, Mind, Rest, Situation
 from betterbench.experts.motion import OPEN, delta_action, hold
 from betterbench.experts.planner import Planner
 from betterbench.experts.skills import Fumble, Skills
@@ -43,6 +43,7 @@ class PrivilegedAgent:
         self._skills = Skills(
             Planner(scene), 1.0 / scene.control_rate_hz, fumble=None if fumble is None else fumble(situation)
         )
+        self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 
     @property
@@ -69,6 +70,9 @@ class PrivilegedAgent:
                 goal = Place(decision.target, decision.place)
                 state, _ = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
                 state = yield from hold(state, 2, gripper=state.gripper_command)
+            elif isinstance(decision, Draw):
+                mount = self._mounts[decision.drawer]
+                state, _ = yield from self._skills.draw(state, decision.drawer, mount, out=decision.out)
             elif isinstance(decision, GraspAt):
                 slot = state.info.slot(decision.slot)
                 state = yield from self._skills.air_grasp(state, slot.position)

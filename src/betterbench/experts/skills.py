@@ -14,6 +14,7 @@ from betterbench.experts.motion import (
     CLOSE,
     FREE,
     OPEN,
+    RAILS,
     Motion,
     close_gripper,
     follow,
@@ -30,7 +31,8 @@ from betterbench.tasks import Place
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
 
-SAFE_HEIGHT_M = 0.24
+PRESS_M = 0.004
+"""Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +163,56 @@ class Skills:
                 return state, False
             state = yield from self.retreat(state)
         return state, False
+
+    def slide(self, state: WorldState, name: str, distance_m: float) -> Outcome:
+        """Take a drawer by its knob and move it along its rails.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            distance_m: Distance to move it [m]; positive draws it out.
+
+        Returns:
+            The last state and whether the knob was in the hand.
+        """
+        try:
+            plan = self.planner.plan_slide(state, name, distance_m)
+        except PlanningError:
+            return state, False
+        grasp = plan.pick.grasp
+        state = yield from follow(state, plan.pick.way, gripper=OPEN, pace=FREE, period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        state, holds = yield from self.grasp(state, name)
+        if holds:
+            state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=RAILS, period_s=self.period_s)
+        state = yield from release_to(state, width_m=0.045)
+        goal = state.commanded_pose.translated(z=0.12)
+        state = yield from follow(state, (goal,), gripper=0.0, pace=APPROACH, period_s=self.period_s, settle=2)
+        return state, holds
+
+    def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> Outcome:
+        """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the hand.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            mount: Pose ``T_world_drawer`` of the drawer while it is shut.
+            out: True to draw it out.
+
+        Returns:
+            The last state and whether the drawer is where it should be.
+        """
+        travel = self.planner.travel_m(name)
+        for _ in range(self.attempts):
+            opening = distance(state.pose(name).position, mount.position)
+            goal = travel - opening if out else -opening
+            if abs(goal) < 0.003:
+                return state, True
+            state, held = yield from self.slide(state, name, goal + (0.0 if out else -PRESS_M))
+            if not held and self.fumble is not None:
+                return state, False
+        opening = distance(state.pose(name).position, mount.position)
+        return state, abs(travel - opening if out else opening) < 0.005
 
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
         """Grasp at a place where nothing stands, lift and open again."""

@@ -84,7 +84,7 @@ class GoalTracker:
             control_rate_hz: Control rate [Hz], by which the dwell is counted.
         """
         self._condition = condition
-        self._exclusive = template.exclusive
+        self._exclusive, self._placing = template.exclusive, template.relation
         self._goals = condition.instruction.subgoals
         candidates = tuple(condition.resolve(g.reference) for g in self._goals)
         self._meant = frozenset(name for names in candidates for name in names)
@@ -179,6 +179,8 @@ class GoalTracker:
         if not self._exclusive:
             return True
         for w, places in enumerate(at):
+            if self._watches[w].relation.name != self._placing:
+                continue  # a drawer that was shut on the way is nothing too much
             there: dict[str, list[int]] = {}
             for s, place in enumerate(places):
                 if place is not None:

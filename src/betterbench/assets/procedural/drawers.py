@@ -45,7 +45,8 @@ _FRONT = 0.5 * _LENGTH
 
 # The knob [m].
 _KNOB = (0.016, 0.020, 0.030)
-_KNOB_AWAY = 0.045  # from the panel: a hand 65 mm thick, centred on the knob, clears the panel by 12 mm
+# From the panel: a hand 65 mm thick, centred on the knob, clears the panel by 20 mm, the wrist above it by 8 mm.
+_KNOB_AWAY = 0.053
 _KNOB_SIDE = 0.070
 _KNOB_HEIGHT = 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
