@@ -121,11 +121,14 @@ def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
 
 
 def _lifted(trace: Trace, i: int | None, start: int, stop: int) -> bool:
-    """Tell whether an object rose in the hand."""
+    """Tell whether an object rose in the hand, or a drawer moved along its rails."""
     if i is None:
         return False
     rows = slice(start, stop)
     gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+    if any(i == drawer for drawer, _, _ in trace.drawers):
+        moved = np.linalg.norm(trace.positions[rows, i] - trace.positions[start, i], axis=1)
+        return bool((gripped & (moved >= THRESHOLDS.begun_lift)).any())
     risen = trace.positions[rows, i, 2] - trace.positions[start, i, 2] >= THRESHOLDS.begun_lift
     return bool((gripped & risen).any())
 

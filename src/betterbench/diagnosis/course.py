@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from betterbench.diagnosis.attempts import Grasp, find_grasps
+from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Trace
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Regime, Subgoal
@@ -101,7 +102,7 @@ class Course:
 
     def open_goals(self, row: int) -> tuple[int, ...]:
         """Return the subgoals that are not reached at a row and for which an object is left on the table."""
-        return _open_goals(self.trace, self.goals, self.meant, row)
+        return _open_goals(self.trace, self.goals, row)
 
     def completed_after(self, goal: int | None, row: int) -> bool:
         """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
@@ -191,50 +192,65 @@ class Course:
 def course_of(trace: Trace, condition: Condition, regime: Regime) -> Course:
     """Return the course of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
     info = trace.info
-    meant = tuple(
-        tuple(
-            i
-            for i in trace.items
-            if (
-                info.objects[i].kind == goal.reference.kind
-                if goal.reference.slot is None
-                else info.objects[i].slot == goal.reference.slot
-            )
-        )
-        for goal in condition.instruction.subgoals
-    )
-    asked_kinds = {info.objects[i].kind for names in meant for i in names}
+    asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(regime.kind_slots) | asked_kinds
-    steps = tuple(_step(trace, condition.instruction, meant, known, grasp) for grasp in find_grasps(trace))
-    return Course(trace, condition, regime, meant, known, steps)
+    steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
+    return Course(trace, condition, regime, trace.meant, known, steps)
 
 
-def _open_goals(
-    trace: Trace, goals: tuple[Subgoal, ...], meant: tuple[tuple[int, ...], ...], row: int
-) -> tuple[int, ...]:
+def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
+    """Return the subgoals that are not reached at a row and for which an object is left on the table.
+
+    A drawer that is to be closed on something is due once that is inside.
+    """
+    reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
     return tuple(
         g
-        for g, (goal, names) in enumerate(zip(goals, meant, strict=True))
-        if sum(bool(trace.there[row, i]) for i in names) < goal.count
-        and any(not trace.there[row, i] and trace.on_table(row, i) for i in names)
+        for g in range(len(goals))
+        if not reached[g]
+        and all(reached[j] for j in _before(trace, goals, g))
+        and any(not trace.serves[row, g, i] and trace.on_table(row, i) for i in trace.meant[g])
     )
 
 
-def _step(
-    trace: Trace,
-    instruction: Instruction,
-    meant: tuple[tuple[int, ...], ...],
-    known: frozenset[str],
-    grasp: Grasp,
-) -> Step:
-    row = grasp.start
-    due = _open_goals(trace, instruction.subgoals, meant, row)
+def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool:
+    if int(trace.serves[row, g, list(trace.meant[g])].sum()) < goals[g].count:
+        return False
+    return all(_reached(trace, goals, j, row) for j in _before(trace, goals, g))
+
+
+def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
+    """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
+    if goals[g].relation != "closed":
+        return []
+    return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
+
+
+def _wanted(trace: Trace, g: int, row: int) -> set[int]:
+    """Return what may rightly be taken for a subgoal: what it means, and drawers that have to be moved for it first."""
+    busy = trace.serves[row].any(axis=0)
+    wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
+    drawers = {i for i, _, _ in trace.drawers}
+    for i in drawers & {trace.targets[g]}:
+        if trace.opening(row, i) < LIMITS.drawn_out:
+            wanted.add(i)
+        height = trace.positions[row, i, 2]
+        wanted |= {
+            j for j in drawers - {i} if trace.positions[row, j, 2] > height and trace.opening(row, j) > LIMITS.pushed_in
+        }
+    return wanted
+
+
+def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: Grasp) -> Step:
+    row, meant = grasp.start, trace.meant
+    due = _open_goals(trace, instruction.subgoals, row)
     now = due[:1] if instruction.ordered else due
-    needed = {i for g in now for i in meant[g] if not trace.there[row, i]}
+    wanted = {g: _wanted(trace, g, row) for g in due}
+    needed = {i for g in now for i in wanted[g]}
     at = grasp.object if grasp.object is not None else grasp.aim
-    open_now = {i for g in due for i in meant[g] if not trace.there[row, i]}
+    open_now = {i for g in due for i in wanted[g]}
     standing = _standing(trace, at, needed=needed, due=open_now, meant=meant, known=known)
-    goal = next((g for g in now if at in meant[g]), due[0] if due else None)
+    goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
     slots = sorted(
         {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
     )
@@ -246,7 +262,7 @@ def _step(
     if at is None and grasp.slot is not None and _pushed_away(trace, grasp, needed):
         at = next(i for i in sorted(needed) if trace.info.objects[i].slot == grasp.slot)
         standing = Standing.ASKED
-        goal = next(g for g in now if at in meant[g])
+        goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, standing, goal, tuple(slots))
 
 

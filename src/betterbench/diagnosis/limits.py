@@ -23,6 +23,8 @@ class Limits:
             a motion does not.
         fallen_below: Height below the table top at which an object has fallen off the table [m].
         knocked_tilt: Tilt beyond which something that nobody held has been knocked over [rad]; 45 degrees.
+        drawn_out: Opening of a drawer below which it has to be drawn out before it can be loaded [m].
+        pushed_in: Opening of a drawer above which it stands in the way of the one below [m].
         slip: Share of trials in which even a policy with one firm rule does something else, for comparing rules.
     """
 
@@ -34,6 +36,8 @@ class Limits:
     stillness_window: float = 0.25
     fallen_below: float = 0.05
     knocked_tilt: float = 0.785
+    drawn_out: float = 0.12
+    pushed_in: float = 0.02
     slip: float = 0.05
 
     def to_json(self) -> dict[str, float]:

@@ -9,8 +9,11 @@ import numpy.typing as npt
 
 from betterbench.diagnosis.limits import LIMITS
 from betterbench.errors import RecordError
+from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
 from betterbench.state import SceneInfo
+from betterbench.tasks import Condition
+from betterbench.tasks.predicates import relation
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -32,9 +35,13 @@ class Trace:
         left: (T, n) whether the left finger touches the object.
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
-        there: (T, n) whether the object is at the target of the task (the relation holds).
+        there: (T, n) whether the object is at some place of a target, asked for or not.
+        serves: (T, g, n) whether the object is where the subgoal wants it.
         done: (T, g) whether the subgoal is done: related, released and at rest.
-        items: Indices of the movable items and distractors.
+        meant: Per subgoal the indices of the objects that it can mean.
+        targets: Per subgoal the index of its target.
+        items: Indices of what can be grasped: items, distractors and drawers.
+        drawers: Per drawer its index, that of its cabinet, and the place of the closed drawer in the cabinet's frame.
         pick_slots: Names of the slots that are no stand of a container or fixture.
     """
 
@@ -50,8 +57,12 @@ class Trace:
     right: Bools
     held: npt.NDArray[np.int16]
     there: Bools
+    serves: Bools
     done: Bools
+    meant: tuple[tuple[int, ...], ...]
+    targets: tuple[int, ...]
     items: tuple[int, ...]
+    drawers: tuple[tuple[int, int, Vector], ...]
     pick_slots: tuple[str, ...]
 
     @property
@@ -66,6 +77,15 @@ class Trace:
     def on_table(self, row: int, i: int) -> bool:
         """Tell whether an object has not fallen off the table."""
         return bool(self.positions[row, i, 2] > -LIMITS.fallen_below)
+
+    def opening(self, row: int, drawer: int) -> float:
+        """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
+        for i, cabinet, place in self.drawers:
+            if i == drawer:
+                p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
+                home = Pose((p[0], p[1], p[2]), (q[0], q[1], q[2], q[3])).apply(place)
+                return distance(self.positions[row, drawer].tolist(), home)
+        return 0.0
 
     def box_distances(self, row: int, point: Floats) -> Floats:
         """Return the distance of a point to every object's oriented bounding box.
@@ -103,12 +123,12 @@ class Trace:
         return None if best is None else best[1]
 
 
-def trace_of(record: Record, *, relation: str, step_limit: int) -> Trace:
+def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     """Return the arrays of a record that the detectors read.
 
     Args:
         record: The record.
-        relation: Name of the relation that the subgoals of its task ask for.
+        condition: The condition in force. Objects are found by kind and slot, so that their names carry no meaning.
         step_limit: Steps after which an episode of its condition ends; later rows are left out, so that idle time
             added to a record changes nothing.
 
@@ -118,10 +138,30 @@ def trace_of(record: Record, *, relation: str, step_limit: int) -> Trace:
     info = record.metadata.scene
     rows = min(len(record), step_limit + 1)
     objects = info.objects
-    items = tuple(i for i, o in enumerate(objects) if o.role in ("item", "distractor") and not o.fixed)
+    items = tuple(i for i, o in enumerate(objects) if o.role in ("item", "distractor", "drawer") and not o.fixed)
+    goals = condition.instruction.subgoals
+    meant = tuple(
+        tuple(
+            i
+            for i in items
+            if (
+                objects[i].kind == goal.reference.kind
+                if goal.reference.slot is None
+                else objects[i].slot == goal.reference.slot
+            )
+        )
+        for goal in goals
+    )
     there = np.zeros((rows, len(objects)), dtype=np.bool_)
     for i in items:
-        there[:, i] = record.predicates[:rows, _column(record, relation, objects[i].name)]
+        for column in _columns(record, objects[i].name):
+            there[:, i] |= record.predicates[:rows, column]
+    serves = np.zeros((rows, len(goals), len(objects)), dtype=np.bool_)
+    targets = tuple(_index_of_kind(info, condition.object(goal.target).kind) for goal in goals)
+    for g, goal in enumerate(goals):
+        for i in meant[g]:
+            label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.place)
+            serves[:, g, i] = record.predicates[:rows, _column(record, label)]
     left, right = _touches(record, rows)
     stands = {o.slot for o in objects if o.role in ("container", "fixture")}
     return Trace(
@@ -137,8 +177,12 @@ def trace_of(record: Record, *, relation: str, step_limit: int) -> Trace:
         right=right,
         held=record.held[:rows],
         there=there,
+        serves=serves,
         done=record.subgoals[:rows],
+        meant=meant,
+        targets=targets,
         items=items,
+        drawers=_drawers(info, condition),
         pick_slots=tuple(s.name for s in info.slots if s.name not in stands),
     )
 
@@ -151,16 +195,41 @@ def _cross(a: Floats, b: Floats) -> Floats:
     return np.stack((x, y, z), axis=1)
 
 
-def _column(record: Record, relation: str, name: str) -> int:
-    """Return the column of the predicate that says whether an object is at the target."""
-    start = f"{relation}({name}, "
-    for column, predicate in enumerate(record.metadata.predicate_names):
-        if predicate.startswith(start):
-            return column
-    m = record.metadata
-    raise RecordError(
-        f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {start}...); record the trial again."
-    )
+def _column(record: Record, label: str) -> int:
+    """Return the column of a predicate.
+
+    Raises:
+        RecordError: If the record lacks it.
+    """
+    try:
+        return record.metadata.predicate_names.index(label)
+    except ValueError:
+        m = record.metadata
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}; record the trial again."
+        raise RecordError(text) from None
+
+
+def _columns(record: Record, name: str) -> list[int]:
+    """Return the columns of all predicates that say whether an object was put somewhere."""
+    return [
+        column
+        for column, predicate in enumerate(record.metadata.predicate_names)
+        if f"({name}, " in predicate and not predicate.startswith("closed(")
+    ]
+
+
+def _index_of_kind(info: SceneInfo, kind: str) -> int:
+    return next(i for i, o in enumerate(info.objects) if o.kind == kind)
+
+
+def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vector], ...]:
+    found = []
+    for o in condition.objects:
+        if o.mount is not None:
+            cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
+            place = info.objects[cabinet].region(o.mount.at).position
+            found.append((_index_of_kind(info, o.kind), cabinet, place))
+    return tuple(found)
 
 
 def _closing(command: Floats) -> Bools:

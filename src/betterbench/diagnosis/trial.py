@@ -173,7 +173,7 @@ def offline_truth(record: Record) -> list[Truth]:
 
 def _course(record: Record, setting: Setting) -> Course:
     task, condition = setting.task, setting.condition
-    trace = trace_of(record, relation=task.template.relation, step_limit=task.step_limit(condition))
+    trace = trace_of(record, condition, step_limit=task.step_limit(condition))
     return course_of(trace, condition, setting.regime)
 
 

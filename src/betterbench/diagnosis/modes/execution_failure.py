@@ -31,7 +31,7 @@ def _of_step(course: Course, step: Step) -> Evidence | None:
     if not step.grasp.secured:
         text = f"The hand closes on {word!r}, the right target, but does not lift it."
         return course.at_step("slipped", text, step)
-    return _lost(course, step, i, word)
+    return None if any(i == drawer for drawer, _, _ in course.trace.drawers) else _lost(course, step, i, word)
 
 
 def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
@@ -46,7 +46,7 @@ def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
     if gone >= trace.rows:
         return None
     rest = min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
-    if trace.there[rest, i]:
+    if trace.serves[rest, :, i].any():
         return None
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > LIMITS.fall_height:
