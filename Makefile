@@ -12,7 +12,7 @@ ARGS ?=
 # The set-up script notes the GL back end that works here; MUJOCO_GL of the caller wins.
 RUN = MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
 
-.PHONY: help setup env demo test test-slow bench golden check fmt fmt-check lint types arch docs lock clean distclean
+.PHONY: help setup env demo test test-slow bench golden certify check fmt fmt-check lint types arch docs lock clean distclean
 
 help: ## list these words
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r word text; do printf '  %-10s %s\n' "$$word" "$$text"; done
@@ -37,6 +37,9 @@ bench: setup ## measure the speed as ratios within one run
 
 golden: setup ## rewrite the golden files and print what changed
 	@$(RUN) $(PY) -m pytest -q -m golden --regenerate-golden $(ARGS)
+
+certify: setup ## certify the default trials of the suite and rewrite the certificate that ships with it
+	@$(RUN) $(PY) -m betterbench.cli certify --out runs/certificate --write-package $(ARGS)
 
 check: fmt-check lint types arch ## everything quick that runs no simulation
 

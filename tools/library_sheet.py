@@ -1,9 +1,10 @@
 """Render the procedural asset library into one contact sheet.
 
-Each row is a category: several looks at 256 pixels from the angle of the front camera, one look in each further
-colour as long as there is room, and a close-up. Run from the repository root::
+Each category is a strip of four pictures from the angle of the front camera: three looks in its default colour, seen
+from three sides, and one look in another colour, where it has one. Strips stand in three columns. Run from the
+repository root::
 
-    MUJOCO_GL=egl python tools/library_sheet.py docs/assets/library.png
+    MUJOCO_GL=egl python tools/library_sheet.py library.png
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from betterbench.assets import Asset, VisualPart, build, categories, colours, lo
 # The front camera stands at (1.6, 0, 0.9) m and looks at the table some 0.5 m from the robot: about 35 degrees down.
 _ELEVATION_DEGREES = -35.0
 _PITCH = 1.0  # distance of the assets in the common scene [m]; far enough for no two to share a picture
-_LABEL = 22  # height of a row's title [pixels]
+LOOKS = 3  # looks of a category that are shown in its default colour
+_LABEL = 22  # height of a strip's title [pixels]
+_MARGIN = 12  # between two columns [pixels]
 
 
 def add_visual(spec: mujoco.MjSpec, body: mujoco.MjsBody, visual: VisualPart, name: str) -> None:
@@ -90,38 +93,47 @@ def picture(
     return np.asarray(renderer.render())
 
 
-def sheet(names: Sequence[str], *, columns: int = 5, pixels: int = 256) -> Image.Image:
-    """Return the labelled contact sheet.
+def strip(name: str, *, pixels: int) -> Image.Image:
+    """Return the labelled pictures of one category.
 
     Args:
-        names: Categories, one per row.
-        columns: Number of looks per row; the close-up comes after them.
+        name: The category.
         pixels: Size of one picture.
     """
-    rows = []
-    for name in names:
-        words = colours(name)
-        # The first four looks in the default colour, then other looks in other colours.
-        row = [build(name, look=k) for k in range(4)]
-        row += [build(name, look=k % len(looks(name)), colour=words[(k - 3) % len(words)]) for k in range(4, columns)]
-        rows.append([*row, build(name, look=1, colour=words[-1 if len(words) < 3 else 1])])
-    model = scene(rows)
+    words = colours(name)
+    assets = [build(name, look=k % len(looks(name))) for k in range(LOOKS)]
+    other = words[1 % len(words)]
+    assets.append(build(name, look=LOOKS % len(looks(name)), colour=other))
+    # One scene per category: a shadow map that had to cover all of them would be coarse.
+    model = scene([assets])
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    image = Image.new("RGB", ((columns + 1) * pixels, len(rows) * (pixels + _LABEL)), "white")
-    draw = ImageDraw.Draw(image)
-    font = ImageFont.load_default(14)
-    with mujoco.Renderer(model, pixels, pixels) as renderer:
-        for i, row in enumerate(rows):
-            top = i * (pixels + _LABEL)
-            for j, asset in enumerate(row):
-                close = j == columns
-                turn = (0.0, -35.0, 35.0)[j % 3]
-                shot = picture(
-                    renderer, data, (i, j), asset, zoom=1.3 if close else 1.0, azimuth=180.0 + (25.0 if close else turn)
-                )
-                image.paste(Image.fromarray(shot), (j * pixels, top + _LABEL))
-                draw.text((j * pixels + 6, top + 3), asset.identity, fill="black", font=font)
+    image = Image.new("RGB", (len(assets) * pixels, pixels + _LABEL), "white")
+    length, width, height = (round(1000 * side) for side in assets[0].size_m)
+    title = f"{name}  {length} x {width} x {height} mm"
+    ImageDraw.Draw(image).text((4, 4), title, fill="black", font=ImageFont.load_default(14))
+    with mujoco.Renderer(model, 2 * pixels, 2 * pixels) as renderer:
+        for j, asset in enumerate(assets):
+            shot = picture(renderer, data, (0, j), asset, zoom=1.0, azimuth=180.0 + (0.0, -35.0, 35.0)[j % 3])
+            small = Image.fromarray(shot).resize((pixels, pixels), Image.Resampling.LANCZOS)
+            image.paste(small, (j * pixels, _LABEL))
+    return image
+
+
+def sheet(names: Sequence[str], *, columns: int = 3, pixels: int = 144) -> Image.Image:
+    """Return the contact sheet; categories follow each other down the columns.
+
+    Args:
+        names: Categories.
+        columns: Number of strips beside each other.
+        pixels: Size of one picture.
+    """
+    strips = [strip(name, pixels=pixels) for name in names]
+    width, height = strips[0].size
+    rows = -(-len(strips) // columns)
+    image = Image.new("RGB", (columns * (width + _MARGIN) - _MARGIN, rows * height), "white")
+    for i, one in enumerate(strips):
+        image.paste(one, ((i // rows) * (width + _MARGIN), (i % rows) * height))
     return image
 
 
@@ -130,7 +142,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("out", type=Path, help="PNG to write")
     parser.add_argument("--categories", nargs="*", default=None, help="only these categories")
-    parser.add_argument("--columns", type=int, default=5, help="looks per row")
+    parser.add_argument("--columns", type=int, default=3, help="categories beside each other")
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     sheet(options.categories or categories(), columns=options.columns).save(options.out, optimize=True)

@@ -1,4 +1,4 @@
-"""Make the generated part of the documentation: task cards with pictures, and the sheet of the asset library."""
+"""Make the generated part of the documentation: pages of tasks and templates with pictures, and the asset library."""
 
 from __future__ import annotations
 
@@ -9,98 +9,117 @@ from pathlib import Path
 from PIL import Image
 
 import library_sheet
+import scene_pictures
+import task_pages
 from betterbench.assets import categories, colours, looks
-from betterbench.evaluation import show_comparison, show_training
-from betterbench.tasks import Task, Variation, all_tasks, regime_of
+from betterbench.evaluation import show_comparison
+from betterbench.interventions import vary
+from betterbench.tasks import Task, all_tasks, suite
 
 HERO = (("morning_coffee", "O1"), ("fast_food", "T1"))
-QUALITY = 85
+SHEET_BYTES = 900_000
+"""Largest size of the two sheets that show everything."""
 
 
 def main() -> None:
     """Write everything below the folder that the command line names."""
     parser = argparse.ArgumentParser(description="Make the generated part of the documentation.")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the pictures")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the pictures")
+    parser.add_argument("--tasks", nargs="*", default=None, help="write the pages of these tasks only")
     arguments = parser.parse_args()
-    pictures = arguments.out / "pictures"
+    tasks = in_order(all_tasks())
+    for task in tasks:
+        if arguments.tasks is None or task.id in arguments.tasks:
+            write_task(task, arguments.out, seed=arguments.seed)
+    if arguments.tasks is None:
+        write_overviews(tasks, arguments.out, seed=arguments.seed)
+    sys.stdout.write(f"wrote the pages of {len(arguments.tasks or tasks)} tasks below {arguments.out}\n")
+
+
+def in_order(tasks: tuple[Task, ...]) -> list[Task]:
+    """Return tasks in the order of the suite's table, and after them whatever else is registered."""
+    order = [name for name in vars(suite) if not name.startswith("_")]
+    return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
+
+
+def write_task(task: Task, out: Path, *, seed: int) -> None:
+    """Write the page of a task and its pictures.
+
+    Args:
+        task: The task.
+        out: Folder of the documentation.
+        seed: Seed of the pictures.
+    """
+    pictures = out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
-    cards = [card for task in all_tasks() for card in (_task_card(task, pictures, arguments.seed),)]
-    (arguments.out / "tasks.md").write_text("\n".join(["# Tasks and variations", "", *cards]), encoding="utf-8")
-    _stack([show_comparison(t, v, seed=arguments.seed, size=360) for t, v in HERO]).save(
-        pictures / "hero.jpg", quality=QUALITY
+    (out / "tasks").mkdir(exist_ok=True)
+    (out / "tasks" / f"{task.id}.md").write_text(task_pages.task_page(task), encoding="utf-8")
+    views = [scene_pictures.front_view(task.id, c.name, seed, 256) for c in task_pages.settings_of(task).values()]
+    small = len(views) > 2
+    shown = [view.resize((172, 172), Image.Resampling.LANCZOS) for view in views] if small else views
+    scene_pictures.save_small(
+        scene_pictures.row(shown, columns=3 if small else None), pictures / f"{task.id}_training.jpg"
     )
-    pairs = [show_comparison(t.id, v.name, seed=arguments.seed, size=256) for t in all_tasks() for v in t.variations]
-    _stack(pairs, columns=2).save(pictures / "contact_sheet.jpg", quality=QUALITY)
-    library_sheet.sheet(categories()).convert("RGB").save(pictures / "library.jpg", quality=QUALITY)
-    (arguments.out / "assets.md").write_text(_library_page(), encoding="utf-8")
-    sys.stdout.write(f"wrote {arguments.out}/tasks.md, {arguments.out}/assets.md and {pictures}\n")
-
-
-def _task_card(task: Task, pictures: Path, seed: int) -> str:
-    training = pictures / f"{task.id}_training.jpg"
-    show_training(task.id, seed=seed, size=320).save(training, quality=QUALITY)
-    regime = regime_of(task)
-    lines = [
-        f"## {task.title}",
-        "",
-        f"`{task.id}`, version {task.version}, template {task.template.title}. {task.description}",
-        "",
-        f"![training regime](pictures/{training.name})",
-        "",
-        "What training teaches besides the task: "
-        + "; ".join(f"“{word}” is picked at {' or '.join(slots)}" for word, slots in regime.word_slots.items())
-        + ".",
-        "",
-    ]
     for variation in task.variations:
-        lines += _variation_card(task, variation, pictures, seed)
-    return "\n".join(lines)
+        both = scene_pictures.pair(task, variation, seed=seed, size=256)
+        scene_pictures.save_small(both, pictures / f"{task.id}_{variation.name}.jpg")
 
 
-def _variation_card(task: Task, variation: Variation, pictures: Path, seed: int) -> list[str]:
-    path = pictures / f"{task.id}_{variation.name}.jpg"
-    show_comparison(task.id, variation.name, seed=seed, size=360).save(path, quality=QUALITY)
-    return [
-        f"### {variation.name}: {variation.title}",
-        "",
-        f"![training scene beside test scene](pictures/{path.name})",
-        "",
-        f"- axis: {variation.axis.value.replace('_', ' ')}; derived from `{variation.base}` by "
-        + ", ".join(f"`{i}`" for i in variation.interventions),
-        f"- hypothesis: {variation.hypothesis}",
-        f"- expected: {variation.expected.value.replace('_', ' ')}; support: {variation.support.value}",
-        f"- can expose: {', '.join(f'`{label}`' for label in variation.exposes)}",
-        "",
+def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
+    """Write what is about all tasks and all assets.
+
+    Args:
+        tasks: All tasks.
+        out: Folder of the documentation.
+        seed: Seed of the pictures.
+    """
+    pictures = out / "pictures"
+    (out / "tasks.md").write_text(task_pages.index_page(tasks), encoding="utf-8")
+    (out / "templates.md").write_text(task_pages.templates_page(tasks), encoding="utf-8")
+    (out / "assets.md").write_text(library_page(tasks), encoding="utf-8")
+    hero = [show_comparison(t, v, seed=seed, size=360) for t, v in HERO]
+    scene_pictures.save_small(scene_pictures.row(hero, columns=1), pictures / "hero.jpg", limit=100_000)
+    sheet = scene_pictures.contact_sheet(tasks, seed=seed)
+    scene_pictures.save_small(sheet, pictures / "contact_sheet.jpg", limit=SHEET_BYTES)
+    library = library_sheet.sheet(categories())
+    scene_pictures.save_small(library, pictures / "library.jpg", limit=SHEET_BYTES)
+
+
+def library_page(tasks: list[Task]) -> str:
+    """Return the page of the asset library.
+
+    Args:
+        tasks: All tasks; the page says which of them use an asset.
+    """
+    used: dict[str, list[str]] = {}
+    for task in tasks:
+        conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
+        for category in sorted({o.category for c in conditions for o in c.objects}):
+            used.setdefault(category, []).append(f"[{task.id}](tasks/{task.id}.md)")
+    rows = [
+        f"| `{name}` | {len(looks(name))} | {', '.join(colours(name))} | {', '.join(used.get(name, ['–']))} |"
+        for name in categories()
     ]
-
-
-def _library_page() -> str:
-    rows = [f"| `{name}` | {len(looks(name))} | {', '.join(colours(name))} |" for name in categories()]
     return "\n".join(
         [
             "# Asset library",
             "",
-            "Every object is made by a parametric generator of our own; one description gives many looks.",
+            (
+                "Every object is made by a parametric generator of our own: a category is one function, and each of its"
+                " looks is the same function with another random generator. Which look an object has is drawn with the seed"
+                f" of the trial; its colour is part of the condition. There are {len(rows)} categories. The sheet shows"
+                " three looks of each in its default colour and one in another colour, where it has one."
+            ),
             "",
-            "![every asset and its looks](pictures/library.jpg)",
+            "![every asset and some of its looks](pictures/library.jpg)",
             "",
-            "| asset | looks | colours |",
-            "|---|---|---|",
+            "| asset | looks | colours | used by |",
+            "|---|---|---|---|",
             *rows,
             "",
         ]
     )
-
-
-def _stack(images: list[Image.Image], *, columns: int = 1) -> Image.Image:
-    width = max(image.width for image in images)
-    height = max(image.height for image in images)
-    rows = -(-len(images) // columns)
-    page = Image.new("RGB", (width * columns, height * rows), (250, 250, 248))
-    for i, image in enumerate(images):
-        page.paste(image, ((i % columns) * width, (i // columns) * height))
-    return page
 
 
 if __name__ == "__main__":

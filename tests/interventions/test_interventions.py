@@ -20,7 +20,7 @@ CUBE = ObjectSpec("cube", "cube", "round_block", role="distractor")
 
 def where(condition: Condition, name: str) -> tuple[object, ...]:
     spec = next((o for o in condition.objects if o.name == name), None)
-    return spec, condition.layout.get(name), condition.preplaced.get(name)
+    return spec, condition.layout.get(name), condition.preplaced.get(name), condition.opened.get(name, 0.0)
 
 
 def names(*conditions: Condition) -> set[str]:
@@ -136,6 +136,30 @@ def test_preplace_takes_the_object_off_its_slot(food):
     assert placed.preplaced == {"fries": Place("box")}
     assert "fries" not in placed.layout
     assert apply(placed, [do("remove", object="fries")])[0].preplaced == {}
+
+
+@pytest.fixture
+def drawers() -> Condition:
+    return get_task("office_drawer").train("train3")
+
+
+def test_draw_out_opens_one_drawer_and_touches_nothing_else(drawers):
+    drawn, changes = apply(drawers, [do("draw_out", drawer="upper", distance_m=0.1)])
+    assert drawn == drawers.with_(opened={"upper": 0.1})
+    assert changes == Changes(frozenset({"upper"}))
+    both, _ = apply(drawn, [do("draw_out", drawer="lower", distance_m=0.05)])
+    assert both.opened == {"upper": 0.1, "lower": 0.05}
+    shut, _ = apply(drawn, [do("draw_out", drawer="upper", distance_m=0.0)])
+    assert shut.opened == {"upper": 0.0}
+    assert drawers.opened == {}
+
+
+def test_only_drawers_are_drawn_out(drawers):
+    with pytest.raises(InvalidInputError, match="it is no drawer") as caught:
+        apply(drawers, [do("draw_out", drawer="stapler", distance_m=0.1)])
+    assert "\n" not in str(caught.value)
+    with pytest.raises(UnknownNameError, match="Did you mean 'upper'"):
+        apply(drawers, [do("draw_out", drawer="uper", distance_m=0.1)])
 
 
 def test_changes_add_up():

@@ -17,7 +17,7 @@ from betterbench.interventions import vary
 from betterbench.scenes import Clearance, Scene, builder, place_objects
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
-from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, all_tasks, get_task
+from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, Place, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -137,10 +137,18 @@ def test_another_seed_is_another_trial(task_id):
 
 def renamed(condition: Condition, names: dict[str, str]) -> Condition:
     goals = tuple(dataclasses.replace(g, target=names[g.target]) for g in condition.instruction.subgoals)
+
+    def place(p: Place) -> Place:
+        return dataclasses.replace(p, target=names[p.target])
+
     return condition.with_(
-        objects=tuple(dataclasses.replace(o, name=names[o.name]) for o in condition.objects),
+        objects=tuple(
+            dataclasses.replace(o, name=names[o.name], mount=None if o.mount is None else place(o.mount))
+            for o in condition.objects
+        ),
         layout={names[n]: slot for n, slot in condition.layout.items()},
-        preplaced={names[n]: dataclasses.replace(p, target=names[p.target]) for n, p in condition.preplaced.items()},
+        preplaced={names[n]: place(p) for n, p in condition.preplaced.items()},
+        opened={names[n]: distance_m for n, distance_m in condition.opened.items()},
         instruction=dataclasses.replace(condition.instruction, subgoals=goals),
     )
 
@@ -150,6 +158,7 @@ def shuffled(condition: Condition) -> Condition:
         objects=condition.objects[::-1],
         layout=dict(reversed(condition.layout.items())),
         preplaced=dict(reversed(condition.preplaced.items())),
+        opened=dict(reversed(condition.opened.items())),
     )
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import pytest
 
+from betterbench.assets import build
 from betterbench.errors import UnknownNameError
 from betterbench.interventions import vary
+from betterbench.scenes.builder import look_of
 from betterbench.tasks import (
     TEMPLATES,
     Axis,
@@ -21,6 +26,7 @@ from betterbench.tasks import (
     task_names,
 )
 from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.templates import CONTAINER_LOADING, LOOSE_PACKING, RECURSIVE_STACKING
 
 TASKS = all_tasks()
 VARIATIONS = [(t, v) for t in TASKS for v in t.variations]
@@ -30,6 +36,11 @@ each_variation = pytest.mark.parametrize(
     ("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS]
 )
 each_condition = pytest.mark.parametrize(("task", "condition"), CONDITIONS, ids=[c.id for _, c in CONDITIONS])
+
+RECURSIVE = (RECURSIVE_STACKING,)
+"""Templates whose targets are things that are themselves put somewhere."""
+BOTTOMLESS = (LOOSE_PACKING, CONTAINER_LOADING)
+"""Templates whose targets hold several things at one place."""
 
 SUITE_TABLE = {
     "desk_meeting": "LLRROT",
@@ -50,9 +61,11 @@ def numbered(letters: str) -> list[str]:
     return [f"{letter}{letters[: i + 1].count(letter)}" for i, letter in enumerate(letters)]
 
 
-def test_suite_table_itself_adds_up_to_the_sixty():
-    letters = "".join(SUITE_TABLE.values())
-    assert {letter: letters.count(letter) for letter in "LROT"} == {"L": 19, "R": 11, "O": 15, "T": 15}
+def test_suite_has_ten_tasks_and_sixty_variations():
+    """Suite, section 3: 19 layout shifts, 11 recompositions, 15 perturbations and 15 extrapolations."""
+    assert {t.id for t in TASKS} == set(SUITE_TABLE)
+    for letters in ("".join(SUITE_TABLE.values()), [v.axis.letter for _, v in VARIATIONS]):
+        assert {letter: letters.count(letter) for letter in "LROT"} == {"L": 19, "R": 11, "O": 15, "T": 15}
 
 
 @each_task
@@ -88,12 +101,29 @@ def test_condition_is_consistent(task, condition):
     names = [o.name for o in condition.objects]
     assert len(set(names)) == len(names)
     assert condition.task == task.id
-    placed = {**condition.layout, **condition.preplaced}
-    assert set(placed) == set(names), "every object starts in a slot or at a target, and nothing else does"
+    mounted = [o.name for o in condition.objects if o.mount is not None]
+    placed = [*condition.layout, *condition.preplaced, *mounted]
+    assert sorted(placed) == sorted(names), "every object starts in one slot, at one target or in one mount"
     assert len(set(condition.layout.values())) == len(condition.layout), "no slot holds two objects"
     for slot in condition.layout.values():
         task.slot(slot)
-    assert all(place.target in names for place in condition.preplaced.values())
+    places = [*condition.preplaced.values(), *(o.mount for o in condition.objects if o.mount is not None)]
+    assert all(place.target in names for place in places)
+    assert len(set(places)) == len(places) or task.template in BOTTOMLESS, "no place of a target holds two objects"
+
+
+@each_condition
+def test_drawers_slide_in_a_fixture_and_are_drawn_out_as_in_training(task, condition):
+    for o in condition.objects:
+        assert (o.role == "drawer") is (o.mount is not None)
+        if o.mount is not None:
+            assert condition.object(o.mount.target).role == "fixture"
+            assert condition.object(o.mount.target).fixed
+            assert not o.fixed
+    trained = {(c.object(n).kind, distance) for c in task.training for n, distance in c.opened.items()}
+    drawn = {(condition.object(n).kind, distance) for n, distance in condition.opened.items()}
+    assert drawn <= trained
+    assert all(condition.object(n).role == "drawer" and distance > 0.0 for n, distance in condition.opened.items())
 
 
 @each_condition
@@ -101,16 +131,38 @@ def test_every_reference_resolves(task, condition):
     goals = condition.instruction.subgoals
     assert goals
     for goal in goals:
-        assert goal.relation == task.template.relation
-        assert condition.object(goal.target).role in ("container", "fixture")
+        assert goal.relation in (task.template.relation, *task.template.also)
+        target = condition.object(goal.target).role
+        assert target in ("container", "fixture", "drawer") or (target == "item" and task.template in RECURSIVE)
         assert goal.word in condition.instruction.text.lower()
         if condition.premise_broken:
             continue
         names = condition.resolve(goal.reference)
         assert len(names) >= goal.count
-        assert all(condition.object(n).role in ("item", "distractor") for n in names)
+        assert all(condition.object(n).role in RELATIONS[goal.relation].roles for n in names)
+        assert goal.target not in names, "nothing is put on itself"
     assert len({g.name for g in goals}) == len(goals)
-    assert len({g.target for g in goals}) == 1, "the goal tracker follows one target"
+    if task.template not in (CONTAINER_LOADING, *RECURSIVE):
+        assert len({g.target for g in goals}) == 1, "only drawers and stacks are targets side by side"
+    if not task.template.also:
+        assert len({g.relation for g in goals}) == 1
+
+
+@each_condition
+def test_every_target_offers_the_place_that_is_asked_for(at_reset, task, condition):
+    info = at_reset(task.id, condition.name).info
+    for goal in condition.instruction.subgoals:
+        assert goal.place in RELATIONS[goal.relation].places(info.object(goal.target)), goal.name
+
+
+@each_task
+def test_every_thing_is_seen_in_at_least_three_looks(task):
+    """The default of twenty trials shows each of them in three or more that differ."""
+    specs = {o.category: o for _, c in CONDITIONS if c.task == task.id for o in c.objects}
+    for category, spec in specs.items():
+        drawn = sorted({look_of(task.id, seed, spec) for seed in range(20)})
+        assert len(drawn) >= 3
+        assert len({build(category, look=look, colour=spec.colour).content_hash() for look in drawn[:3]}) == 3
 
 
 @each_condition
@@ -119,6 +171,9 @@ def test_condition_survives_json_as_plain_data(task, condition):
     assert form["name"] == condition.name
     assert form["layout"] == dict(condition.layout)
     assert form["preplaced"] == {n: {"target": p.target, "at": p.at} for n, p in condition.preplaced.items()}
+    assert form["opened"] == dict(condition.opened)
+    for o, written in zip(condition.objects, form["objects"], strict=True):
+        assert written["mount"] == (None if o.mount is None else {"target": o.mount.target, "at": o.mount.at})
     assert [o["name"] for o in form["objects"]] == [o.name for o in condition.objects]
 
 
@@ -140,6 +195,34 @@ def test_expected_behaviour_is_that_of_the_suite(task, variation):
     assert variation.title
 
 
+def ground(condition: Condition, name: str, stacked: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The slot above which an object is: its own, or that of what carries it.
+
+    ``stacked`` names what earlier steps put each object on.
+    """
+    if name in stacked:
+        return ground(condition, stacked[name], stacked)
+    if name in condition.layout:
+        return condition.layout[name]
+    place = condition.object(name).mount or condition.preplaced[name]
+    return ground(condition, place.target, stacked)
+
+
+def releases(condition: Condition) -> set[tuple[str, str, str, str]]:
+    """Where an instruction puts things: relation, kind of target, place of it, and the slot where the target then is.
+
+    A plate that an earlier step puts on another one stands, as a target, where that other one stands.
+    """
+    found, stacked = set(), {}
+    for goal in condition.instruction.subgoals:
+        where = ground(condition, goal.target, stacked)
+        found.add((goal.relation, condition.object(goal.target).kind, goal.place, where))
+        for name in condition.resolve(goal.reference):
+            if condition.object(name).mount is None:
+                stacked[name] = goal.target
+    return found
+
+
 @each_variation
 def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, variation):
     """Suite, section 3: what may be new is the combination, never a slot, a target or a grasp."""
@@ -147,9 +230,7 @@ def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, varia
     regime = regime_of(task)
     picked = {slot for slots in regime.kind_slots.values() for slot in slots}
     stood = set(regime.standing_kinds)
-    targets = {(g.target, condition.layout.get(g.target)) for g in condition.instruction.subgoals}
-    trained = {(g.target, c.layout.get(g.target)) for c in task.training for g in c.instruction.subgoals}
-    assert targets <= trained
+    assert releases(condition) <= {r for c in task.training for r in releases(c)}
     if variation.support is Support.NOVEL:
         return
     assert set(condition.layout.values()) <= stood, "something stands where nothing ever stood in training"
@@ -158,6 +239,20 @@ def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, varia
             assert condition.object(name).kind in regime.kind_slots, f"{name} was never grasped in training"
             if name in condition.layout:
                 assert condition.layout[name] in picked, f"{name} stands where nothing was picked in training"
+
+
+def test_support_follows_what_carries_a_target():
+    """Blue on red was trained with the red plate on the white one, so the place is the white plate's slot."""
+    task = get_task("dinner_plates")
+    stacked, single = task.train("train3"), task.train("train1")
+    assert releases(stacked) == {("on_plate", "red plate", "", "stand_right")}
+    assert releases(single) == {("on_plate", "white plate", "", "stand_right")}
+    blue_on_red = single.with_(instruction=stacked.instruction)
+    assert releases(blue_on_red) == {("on_plate", "red plate", "", "left_back")}
+    whole, _ = vary(task, task.variation("T1"))
+    assert releases(whole) == releases(stacked) | releases(single)
+    drawers = get_task("office_drawer").train("train8")
+    assert ground(drawers, "lower") == ground(drawers, "cabinet") == "cabinet_front"
 
 
 @each_variation
@@ -179,7 +274,9 @@ def test_variation_is_new(task, variation):
 
     def setting(c: Condition) -> tuple[object, ...]:
         kinds = frozenset((slot, c.object(n).kind) for n, slot in c.layout.items())
-        return c.instruction.text, kinds, frozenset((c.object(n).kind, t) for n, t in c.preplaced.items())
+        preplaced = frozenset((c.object(n).kind, t) for n, t in c.preplaced.items())
+        opened = frozenset((c.object(n).kind, distance) for n, distance in c.opened.items())
+        return c.instruction.text, kinds, preplaced, opened
 
     assert setting(condition) not in {setting(c) for c in task.training}
 

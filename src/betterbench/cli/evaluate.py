@@ -8,13 +8,17 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from betterbench.certification import Coverage, load_coverage, packaged_coverage
+from betterbench.certification.coverage import cure_for
 from betterbench.cli.console import OUT, print_json, progress_bar, say
-from betterbench.evaluation import Plan, Progress, make_plan
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation import Plan, Progress, check_policy, make_plan
 from betterbench.evaluation import evaluate as run_plan
 from betterbench.recording import RunFolder
 from betterbench.robots import build_robot_spec
+from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
-from betterbench.tasks import suite_tasks
+from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks, task_names
 
 
 def evaluate(
@@ -30,12 +34,14 @@ def evaluate(
     action_space: str = "ee_delta",
     observation: str = "default",
     quality: str = "standard",
+    certificate: Path | None = None,
+    uncertified: bool = False,
     json: bool = False,
 ) -> None:
     """Evaluate a policy. The same command goes on with an unfinished run.
 
     Every variation runs with the same seeds, and the training conditions with as many trials in all; the first of them
-    are the counterfactual twins.
+    are the counterfactual twins. Trials that no certificate vouches for are refused (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
 
@@ -51,6 +57,8 @@ def evaluate(
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
+        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        uncertified: Run trials that no certificate vouches for as well.
         json: Print one JSON document at the end.
     """
     plan = make_plan(
@@ -63,6 +71,9 @@ def evaluate(
         observation=observation,
         quality=quality,
     )
+    check_policy(policy, action_space=action_space)
+    if not uncertified:
+        require_certified(plan, certificate, seed=seed, trials=trials)
     smallest = smallest_paired_difference(trials).value
     if smallest is not None:
         say(
@@ -81,6 +92,35 @@ def evaluate(
         if broken:
             OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
         OUT.print(f"run         {run.path}\nnext        better report {run.path}", markup=False)
+
+
+def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials: int) -> None:
+    """Check that a certificate vouches for every trial of a plan, and name those that the expert did not solve.
+
+    Args:
+        plan: The plan.
+        certificate: Certificate or its folder; None for the one that ships with the suite.
+        seed: First seed of the run.
+        trials: Trials per variation of the run.
+
+    Raises:
+        InvalidInputError: If a trial is not covered; the text names the first one and the cure.
+    """
+    coverage: Coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    planned = [(t.task, t.condition, t.seed) for t in plan.trials]
+    versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in plan.trials)}
+    gap = coverage.gap(planned, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
+    if gap is not None:
+        raise InvalidInputError(
+            f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
+            f"it is not certified ({gap.reason})",
+            cure_for(gap, tasks=() if set(versions) == set(task_names()) else versions, first=seed, trials=trials),
+        )
+    unsolved = coverage.unsolved(planned)
+    if unsolved:
+        named = ", ".join(f"{task}/{condition} seed {number}" for task, condition, number in unsolved[:5])
+        more = f" and {len(unsolved) - 5} more" if len(unsolved) > 5 else ""
+        say(f"The expert did not solve {len(unsolved)} of the planned trials: {named}{more}.")
 
 
 def default_folder(policy: str) -> str:

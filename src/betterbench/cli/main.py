@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import tyro
 
+from betterbench.cli.certify import certify
 from betterbench.cli.console import ERR, say
 from betterbench.cli.demo import demo
 from betterbench.cli.diagnose import diagnose
@@ -24,6 +25,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "doctor": doctor,
     "list": list_things,
     "show": show,
+    "certify": certify,
     "eval": evaluate,
     "diagnose": diagnose,
     "report": report,

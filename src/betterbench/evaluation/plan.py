@@ -102,7 +102,8 @@ def make_plan(
     """Return the plan of a run.
 
     Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
-    many trials in all as its variations, evenly shared. The first of them are the twins of the variations.
+    many trials in all as its variations, evenly shared. The first of them are the twins of the variations. A plan of
+    some variations holds no trial that the plan of all of them does not hold: what certifies the one covers the other.
 
     Args:
         policy: Address of the policy.
@@ -134,7 +135,8 @@ def make_plan(
             continue
         bases = {v.base for v in kept}
         training = [c for c in task.training if not variations or c.name in bases]
-        share = math.ceil(len(kept) * trials / len(training))
+        whole = math.ceil(len(task.variations) * trials / len(task.training))
+        share = min(math.ceil(len(kept) * trials / len(training)), max(whole, trials))
         for v in kept:
             planned += [
                 Trial(task.id, v.name, v.name, v.axis.value, v.base, s, v.expected.value)

@@ -54,10 +54,12 @@ def draw_out(condition: Condition, *, drawer: str, distance_m: float) -> tuple[C
 
     Raises:
         UnknownNameError: If the condition has no such object.
-        InvalidInputError: If it is no drawer.
+        InvalidInputError: If it is no drawer, or the distance is negative.
     """
     if condition.object(drawer).mount is None:
         raise InvalidInputError(f"{condition.id} object {drawer!r}", "it is no drawer", "Name one that has a mount")
+    if not distance_m >= 0.0:
+        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 shuts the drawer")
     return condition.with_(opened={**condition.opened, drawer: distance_m}), Changes(frozenset({drawer}))
 
 

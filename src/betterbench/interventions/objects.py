@@ -14,12 +14,18 @@ def remove(condition: Condition, *, object: str) -> tuple[Condition, Changes]:  
 
     Raises:
         UnknownNameError: If the condition has no such object.
+        InvalidInputError: If something else rests at it or slides in it.
     """
     condition.object(object)
+    guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == object]
+    guests += [name for name, place in condition.preplaced.items() if place.target == object]
+    if guests:
+        raise InvalidInputError(f"{condition.id} object {object!r}", f"it holds {guests[0]}", "Remove that first")
     changed = condition.with_(
         objects=tuple(o for o in condition.objects if o.name != object),
         layout={name: slot for name, slot in condition.layout.items() if name != object},
         preplaced={name: target for name, target in condition.preplaced.items() if name != object},
+        opened={name: opening for name, opening in condition.opened.items() if name != object},
     )
     return changed, Changes(frozenset({object}))
 

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from betterbench.assets import Asset, build, looks
+from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Vector, from_yaw, rotate
 from betterbench.robots import RobotSpec, build_robot_spec, robot
 from betterbench.scenes.objects import add_asset, rest_pose, slide_of
@@ -117,7 +118,7 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
         if o.mount is not None:
             mount = chosen[o.mount.target].region(o.mount.at)
             shut[o.name] = poses[o.mount.target] @ mount.pose
-            poses[o.name] = shut[o.name] @ Pose((condition.opened.get(o.name, 0.0), 0.0, 0.0))
+            poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
     placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
@@ -126,6 +127,18 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
         return (p.spec.role, p.asset.identity, where)
 
     return tuple(sorted(placements, key=order))
+
+
+def _opening(condition: Condition, name: str, asset: Asset) -> float:
+    """Return how far a drawer is drawn out at the start [m].
+
+    Raises:
+        InvalidInputError: If that is more than its travel.
+    """
+    opening, travel = condition.opened.get(name, 0.0), slide_of(asset).travel_m
+    if not 0.0 <= opening <= travel:
+        raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
+    return opening
 
 
 def _below(condition: Condition, place: Place) -> str | None:

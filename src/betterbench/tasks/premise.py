@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from betterbench.geometry import horizontal_distance
+from betterbench.geometry import distance, horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.predicates import RELATIONS, at_rest, relation, upright
+from betterbench.tasks.thresholds import THRESHOLDS
 
 SLOT_TOLERANCE_M = 0.04
 """Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
@@ -38,6 +39,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
         ):
             where = " ".join(part for part in (place.target, place.at) if part)
             problems.append(f"{name} is not at {where} although it was placed there")
+    problems += _drawers_not_as_asked(condition, state)
     if condition.premise_broken:
         return tuple(problems)
     done = 0
@@ -53,3 +55,15 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
     if condition.expected is Expected.SUCCEED and done == len(condition.instruction.subgoals):
         problems.append("the goal is already reached")
     return tuple(problems)
+
+
+def _drawers_not_as_asked(condition: Condition, state: WorldState) -> list[str]:
+    problems = []
+    for spec in condition.objects:
+        if spec.mount is None:
+            continue
+        mount, opening = spec.mount, condition.opened.get(spec.name, 0.0)
+        shut = state.pose(mount.target).apply(state.info.object(mount.target).region(mount.at).position)
+        if abs(distance(state.pose(spec.name).position, shut) - opening) > THRESHOLDS.closed_gap:
+            problems.append(f"{spec.name} is not drawn out by {opening:.3f} m")
+    return problems

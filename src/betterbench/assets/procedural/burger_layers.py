@@ -266,7 +266,7 @@ def sponge(rng: np.random.Generator, colour: str) -> Draft:
         The draft.
     """
     side = 0.064 * float(rng.uniform(0.98, 1.0))
-    height = 0.014
+    height = 0.0135  # the cheese slice and an eighth
     scour = float(rng.uniform(0.0040, 0.0048))
     corner = float(rng.uniform(0.0030, 0.0060))
     shade = jittered(mixed((0.98, 0.72, 0.10), (0.95, 0.82, 0.28), float(rng.random())), rng, amount=0.04)
@@ -275,7 +275,7 @@ def sponge(rng: np.random.Generator, colour: str) -> Draft:
     # The sides show a strip of the picture of their own height, next to the edge of the top.
     down = ((height - upper.vertices[:, 2]) / side)[:, None]
     toward = upper.vertices[:, :2] / (0.5 * side)
-    uv = 0.5 + 0.5 * toward * (0.80 - 0.0 * down) + 0.5 * np.sign(toward) * (np.abs(toward) > 0.8) * 1.2 * down
+    uv = 0.5 + 0.5 * toward * 0.80 + 0.5 * np.sign(toward) * (np.abs(toward) > 0.8) * 1.2 * down
     upper = Mesh(upper.vertices, upper.faces, np.clip(uv, 0.0, 1.0))
     lower = prism(_slab(side, 0.0, scour, corner=corner, bevel=0.0006), crease_degrees=50.0)
     canvas = Canvas(2.0, 2.0, (192, 192), shade)

@@ -106,9 +106,9 @@ def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
         middles = [0.5 * (corners[:, a] + corners[:, b]) for a, b in ((0, 1), (1, 2), (2, 0))]
         soup = np.concatenate([corners.reshape(-1, 3), *middles])
         n = len(faces)
-        a, b, c = 3 * np.arange(n), 3 * np.arange(n) + 1, 3 * np.arange(n) + 2
-        ab, bc, ca = 3 * n + np.arange(n), 4 * n + np.arange(n), 5 * n + np.arange(n)
-        split = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+        p, q, r = 3 * np.arange(n), 3 * np.arange(n) + 1, 3 * np.arange(n) + 2
+        pq, qr, rp = 3 * n + np.arange(n), 4 * n + np.arange(n), 5 * n + np.arange(n)
+        split = np.concatenate([np.stack(t, axis=1) for t in ((p, pq, rp), (q, qr, pq), (r, rp, qr), (pq, qr, rp))])
         unique, inverse = np.unique(np.round(soup, 6) + 0.0, axis=0, return_inverse=True)
         vertices, faces = unique, inverse.reshape(-1)[split]
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces

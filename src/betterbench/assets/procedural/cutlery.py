@@ -140,7 +140,7 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
         chamfer=0.0012,
     )
     head = part("bowl", bowl, metal, picture=canvas.pixels(), specular=0.8, shininess=0.8)
-    draft = _draft(
+    return _draft(
         rng,
         "spoon",
         colour,
@@ -154,7 +154,6 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
             "ellipsoid", (half_length, half_width, 0.45 * depth), (centre, 0.0, 0.56 * depth), (1.0, 0.0, 0.0, 0.0)
         ),
     )
-    return draft
 
 
 def _draft(

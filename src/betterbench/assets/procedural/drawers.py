@@ -211,8 +211,8 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
 
     The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
     drawer 0.183 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
-    on wood or a light roller slide; a brush of the hand leaves it where it is, and a pinch of 35 N a finger pulls it. Damping
-    4 N s/m: a push dies away in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer let go stops where it was left.
+    on wood or a light roller slide; a brush of the hand leaves it where it is, and a pinch of 35 N a finger pulls it.
+    Damping 4 N s/m: a push dies away in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer let go stops where it was left.
 
     Args:
         rng: Source of the looks.

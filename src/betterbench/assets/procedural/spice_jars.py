@@ -193,7 +193,7 @@ class _Wrap(Canvas):
         self.height_on_wall = np.interp(self.y, along, [z for _, z in profile])
 
     def mesh(self) -> Mesh:
-        """Return the creased mesh; each half begins with a seam, the first at -y, so that +x is in the middle of one."""
+        """Return the creased mesh; each half begins with a seam, the first at -y: +x is in the middle of one."""
         half = _SIDES // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
         u = np.tile(np.arange(half + 1) / half, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Decision, Rest
+from betterbench.experts.mind import Bring, Decision, GraspAt, Rest, open_subgoal
 from betterbench.experts.zoo.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -12,10 +12,15 @@ class Lexical(BrokenRule):
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: one pick per word, at the next trained place of that word."""
-        step = len(history)
-        if step >= len(self.goals):
+        index = open_subgoal(state, self.condition)
+        if index is not None and self.goals[index].relation == "closed":
+            return super().decide(state, history)
+        goals = [goal for goal in self.goals if goal.relation != "closed"]
+        step = sum(isinstance(decision, Bring | GraspAt) for decision in history)
+        if step >= len(goals):
             return Rest()
-        word = self.goals[step].word
-        places = self.regime.word_slots[word]
-        earlier = sum(goal.word == word for goal in self.goals[:step])
-        return self.take_at(state, places[min(earlier, len(places) - 1)])
+        goal = goals[step]
+        places = self.regime.word_slots[goal.word]
+        earlier = sum(other.word == goal.word for other in goals[:step])
+        way = self.make_way(state, goal.target)
+        return way or self.take_at(state, places[min(earlier, len(places) - 1)], goal)

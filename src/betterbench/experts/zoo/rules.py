@@ -5,7 +5,7 @@ from __future__ import annotations
 from betterbench.experts.mind import Bring, Decision, ExpertMind, GraspAt, Situation
 from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
-from betterbench.tasks import Regime, regime_of
+from betterbench.tasks import Regime, Subgoal, regime_of
 
 STANDS_WITHIN_M = 0.06
 """Distance from a slot within which an object counts as standing in it: the jitter and a small push."""
@@ -32,8 +32,14 @@ class BrokenRule(ExpertMind):
         near = [entry for entry in near if entry[0] < STANDS_WITHIN_M]
         return min(near)[1] if near else None
 
-    def take_at(self, state: WorldState, slot: str) -> Decision:
-        """Return the decision to take whatever stands in a slot, or to grasp at it if nothing does."""
+    def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
+        """Return the decision to take whatever stands in a slot, or to grasp at it if nothing does.
+
+        Args:
+            state: State now.
+            slot: The slot.
+            goal: Where to bring it; the first subgoal's place if not given.
+        """
         name = self.standing_in(state, slot)
-        goal = self.goals[0]
+        goal = self.goals[0] if goal is None else goal
         return GraspAt(slot) if name is None else Bring(name, goal.target, goal.relation, goal.place)

@@ -37,12 +37,12 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
             and abs(foot(state, o.name)[2] - top) <= THRESHOLDS.layer_gap
             and state.touching(o.name, below)
         ]
-        if not above:
-            return None
+        if len(above) != 1:
+            return None  # nothing there, or two things share the layer
         if name in above:
-            return number if len(above) == 1 else None
+            return number
         below = above[0]
-        seen.update(above)
+        seen.add(below)
     return None
 
 

@@ -1,0 +1,31 @@
+"""Certification: the proof, trial by trial, that a failure can only come from the policy.
+
+The values (:mod:`~betterbench.certification.certificate`, :mod:`~betterbench.certification.coverage`,
+:mod:`~betterbench.certification.support`) can be read without a simulator;
+:mod:`~betterbench.certification.examine` and :mod:`~betterbench.certification.runner` run one.
+"""
+
+from betterbench.certification.certificate import (
+    CLAUSES,
+    Certificate,
+    Clause,
+    Summary,
+    TrialCertificate,
+    Versions,
+    summaries,
+)
+from betterbench.certification.coverage import Coverage, Gap, load_coverage, packaged_coverage
+
+__all__ = [
+    "CLAUSES",
+    "Certificate",
+    "Clause",
+    "Coverage",
+    "Gap",
+    "Summary",
+    "TrialCertificate",
+    "Versions",
+    "load_coverage",
+    "packaged_coverage",
+    "summaries",
+]

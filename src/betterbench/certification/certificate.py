@@ -1,0 +1,302 @@
+"""The certificate as a value: clauses and margins per trial, their summary, and the JSON form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+
+from betterbench.errors import InvalidInputError
+
+SCHEMA_VERSION = 1
+
+CLAUSES: Mapping[str, str] = {
+    "a": "the expert solves it within the step limit",
+    "b": "every pick, put and slide of the expert lies inside the training regime",
+    "c": "the initial state is at rest and free of penetration",
+    "d": "every asked object can be reached without a collision",
+    "e": "the scene shows what the instruction presupposes",
+}
+"""The five clauses of law 2 of the benchmark."""
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """The finding on one clause.
+
+    Attributes:
+        passed: True if it holds.
+        text: Why not, or what has to be said about it; empty where there is nothing to say.
+    """
+
+    passed: bool
+    text: str = ""
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class TrialCertificate:
+    """What the examination of one trial found.
+
+    Attributes:
+        task: Task id.
+        condition: Name of the variation or of the training condition.
+        training: True for a training condition.
+        seed: Seed.
+        clauses: Finding per clause, "a" to "e".
+        steps: Control steps that the expert used.
+        step_limit: Control steps allowed.
+        penetration_mm: Deepest overlap of an object with anything in the initial state [mm], 0 if nothing overlaps.
+        drift_mm: Farthest that an object moved by itself in the first 0.2 s [mm].
+        joint_margin_rad: Least distance of an arm joint to its limit in the grasps that clause (d) planned [rad]; None
+            where none was planned.
+        support_slack_mm: Least distance of a pick or a target to the border of its jitter region [mm]; None where the
+            expert touched nothing.
+        watched: True where the right answer is to leave things alone, so that every episode lasts until the limit.
+        primitives: What the expert did, one phrase each.
+        expert_s: Wall time of the expert's episode [s].
+        total_s: Wall time of the whole examination [s].
+    """
+
+    task: str
+    condition: str
+    training: bool
+    seed: int
+    clauses: Mapping[str, Clause]
+    steps: int
+    step_limit: int
+    penetration_mm: float
+    drift_mm: float
+    joint_margin_rad: float | None
+    support_slack_mm: float | None
+    watched: bool = False
+    primitives: tuple[str, ...] = ()
+    expert_s: float = 0.0
+    total_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a finding that leaves a clause out.
+
+        Raises:
+            ValueError: If the clauses are not exactly the five of law 2.
+        """
+        if set(self.clauses) != set(CLAUSES):
+            msg = f"clauses {sorted(self.clauses)} are not {sorted(CLAUSES)}"
+            raise ValueError(msg)
+
+    @property
+    def passed(self) -> bool:
+        """True if all clauses hold."""
+        return all(c.passed for c in self.clauses.values())
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Letters of the clauses that do not hold."""
+        return tuple(letter for letter in CLAUSES if not self.clauses[letter].passed)
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """Task, condition and seed."""
+        return (self.task, self.condition, self.seed)
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class Versions:
+    """What a certificate depends on besides the seeds.
+
+    Attributes:
+        package: Version of betterbench.
+        suite: Version of the suite, which decides the random streams.
+        engine: Version of MuJoCo.
+        tasks: Version of every task examined.
+    """
+
+    package: str
+    suite: str
+    engine: str
+    tasks: Mapping[str, int]
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """A finished certificate.
+
+    Attributes:
+        versions: What it depends on.
+        platform: Machine and operating system it was made on.
+        trials: All trials, in the order of the plan.
+        wall_s: Wall time of all sessions together [s].
+        workers: Worker processes of the last session.
+        schema_version: Version of this form.
+        form: Tells the file from others.
+    """
+
+    versions: Versions
+    platform: str
+    trials: tuple[TrialCertificate, ...]
+    wall_s: float
+    workers: int
+    schema_version: Literal[1] = 1
+    form: Literal["betterbench certificate"] = "betterbench certificate"
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """All seeds, sorted."""
+        return tuple(sorted({t.seed for t in self.trials}))
+
+    @property
+    def passed(self) -> bool:
+        """True if every clause of every trial holds."""
+        return all(t.passed for t in self.trials)
+
+    @property
+    def expert_s(self) -> float:
+        """Mean wall time of the expert per trial [s]."""
+        return sum(t.expert_s for t in self.trials) / len(self.trials) if self.trials else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with the summary per condition, which is derived and not read back."""
+        form = asdict(self)
+        form["seeds"] = seed_ranges(self.seeds)
+        form["clause_texts"] = dict(CLAUSES)
+        form["summary"] = [asdict(s) for s in summaries(self.trials)]
+        form["expert_s_per_trial"] = round(self.expert_s, 3)
+        return form
+
+    @classmethod
+    def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
+        """Read the JSON form.
+
+        Args:
+            form: The parsed JSON.
+            where: What to call it in errors.
+
+        Raises:
+            InvalidInputError: If it is no certificate of this schema version.
+        """
+        if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
+            raise InvalidInputError(where, "it is no certificate", "Give a certificate.json of better certify")
+        derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
+        try:
+            return _CERTIFICATE.validate_json(json.dumps({k: v for k, v in form.items() if k not in derived}))
+        except ValidationError as error:
+            raise InvalidInputError(where, first_problem(error), "Make it again with better certify") from error
+
+
+_CERTIFICATE = TypeAdapter(Certificate)
+_TRIAL = TypeAdapter(TrialCertificate)
+
+
+def trial_from_json(form: object, *, where: str) -> TrialCertificate:
+    """Read the JSON form of one trial.
+
+    Raises:
+        InvalidInputError: If a field is missing or wrong.
+    """
+    try:
+        return _TRIAL.validate_json(json.dumps(form))
+    except ValidationError as error:
+        raise InvalidInputError(where, first_problem(error), "Delete the line to examine its trial again") from error
+
+
+def first_problem(error: ValidationError) -> str:
+    """Return the first problem of a form and where it is, in one phrase."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    return f"{'.'.join(str(part) for part in first['loc']) or 'the form'}: {first['msg']}"
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The trials of one condition, and the worst of each margin.
+
+    Attributes:
+        task: Task id.
+        condition: Name of the variation or of the training condition.
+        training: True for a training condition.
+        n: Trials.
+        passed: Trials on which all clauses hold.
+        clauses: Trials on which each clause holds.
+        steps_share: Largest share of the step limit that the expert used, among trials that it solved; None where it
+            solved none, or had to be watched until the limit.
+        penetration_mm: Deepest overlap [mm].
+        drift_mm: Farthest drift [mm].
+        joint_margin_rad: Least distance to a joint limit [rad], or None.
+        support_slack_mm: Least distance to the border of a jitter region [mm], or None.
+        expert_s: Mean wall time of the expert [s].
+        notes: What was said about clauses, each once, with a seed on which it was said.
+    """
+
+    task: str
+    condition: str
+    training: bool
+    n: int
+    passed: int
+    clauses: dict[str, int]
+    steps_share: float | None
+    penetration_mm: float
+    drift_mm: float
+    joint_margin_rad: float | None
+    support_slack_mm: float | None
+    expert_s: float
+    notes: tuple[str, ...]
+
+
+def summaries(trials: Iterable[TrialCertificate]) -> tuple[Summary, ...]:
+    """Return one summary per condition, in the order in which the conditions appear."""
+    groups: dict[tuple[str, str], list[TrialCertificate]] = {}
+    for t in trials:
+        groups.setdefault((t.task, t.condition), []).append(t)
+    return tuple(_summary(group) for group in groups.values())
+
+
+def _summary(group: list[TrialCertificate]) -> Summary:
+    first = group[0]
+    solved = [t.steps / t.step_limit for t in group if t.clauses["a"].passed and not t.watched]
+    margins = [t.joint_margin_rad for t in group if t.joint_margin_rad is not None]
+    slacks = [t.support_slack_mm for t in group if t.support_slack_mm is not None]
+    notes: dict[tuple[str, str, bool], int] = {}
+    for t in group:
+        for letter, clause in t.clauses.items():
+            if clause.text:
+                notes.setdefault((letter, clause.text, clause.passed), t.seed)
+    return Summary(
+        task=first.task,
+        condition=first.condition,
+        training=first.training,
+        n=len(group),
+        passed=sum(t.passed for t in group),
+        clauses={letter: sum(t.clauses[letter].passed for t in group) for letter in CLAUSES},
+        steps_share=round(max(solved), 4) if solved else None,
+        penetration_mm=max(t.penetration_mm for t in group),
+        drift_mm=max(t.drift_mm for t in group),
+        joint_margin_rad=min(margins, default=None),
+        support_slack_mm=min(slacks, default=None),
+        expert_s=round(sum(t.expert_s for t in group) / len(group), 3),
+        notes=tuple(
+            f"({letter}) {text}" if ok else f"({letter}) fails, seed {seed}: {text}"
+            for (letter, text, ok), seed in notes.items()
+        ),
+    )
+
+
+def seed_ranges(seeds: Iterable[int]) -> str:
+    """Return seeds as text: "0-19,23"."""
+    ranges: list[list[int]] = []
+    for seed in sorted(set(seeds)):
+        if ranges and seed == ranges[-1][1] + 1:
+            ranges[-1][1] = seed
+        else:
+            ranges.append([seed, seed])
+    return ",".join(str(a) if a == b else f"{a}-{b}" for a, b in ranges)
+
+
+def certificate_path(out: Path) -> Path:
+    """Return where a folder keeps its certificate."""
+    return out / "certificate.json"

@@ -1,0 +1,231 @@
+"""Coverage: which trials a certificate vouches for, small enough to ship with the suite."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+
+from betterbench.certification.certificate import Certificate, Versions, first_problem, seed_ranges
+from betterbench.errors import InvalidInputError
+
+SOLVED_SHARE = 0.95
+"""Share of a condition's trials that the expert has to solve, so that the few which it does not solve count as its own
+slips. Clauses (b) to (e) have to hold on every single trial; a trial that the expert missed is listed."""
+MOST_SEEDS = 1_000_000
+"""Largest seed of a range in a file, so that a hostile file cannot fill the memory."""
+PACKAGED = "better60.json"
+FORM: Literal["betterbench coverage"] = "betterbench coverage"
+
+
+class Gap(NamedTuple):
+    """The first trial that a certificate does not vouch for, and why.
+
+    Attributes:
+        task: Task id.
+        condition: Name of the condition.
+        seed: Seed.
+        reason: Why not.
+        refused: True if it was examined under the versions in use and fell short: examining it again changes nothing.
+    """
+
+    task: str
+    condition: str
+    seed: int
+    reason: str
+    refused: bool = False
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class Seeds:
+    """The seeds of one condition, as ranges ("0-19,23").
+
+    Attributes:
+        certified: Seeds that the certificate vouches for.
+        unsolved: Those among them that the expert did not solve.
+        refused: Seeds that were examined and fell short, with the letters of the clauses.
+    """
+
+    certified: str = ""
+    unsolved: str = ""
+    refused: Mapping[str, str] | None = None
+
+
+@with_config(ConfigDict(extra="forbid", strict=True))
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Which seeds of which conditions are certified, and under which versions.
+
+    Attributes:
+        versions: What the certificate depends on.
+        conditions: Seeds by condition ("fast_food/L1").
+        form: Tells the file from others.
+    """
+
+    versions: Versions
+    conditions: Mapping[str, Seeds]
+    form: Literal["betterbench coverage"] = FORM
+
+    @classmethod
+    def of(cls, certificate: Certificate) -> Coverage:
+        """Return what a certificate covers.
+
+        A trial is covered if clauses (b) to (e) hold on it and the expert solves it, or solves at least 95 % of the
+        trials of its condition.
+        """
+        groups: dict[str, list[Any]] = {}
+        for t in certificate.trials:
+            groups.setdefault(f"{t.task}/{t.condition}", []).append(t)
+        conditions = {}
+        for name, trials in groups.items():
+            solved = sum(t.clauses["a"].passed for t in trials)
+            forgiven = solved >= SOLVED_SHARE * len(trials)
+            good = {t.seed for t in trials if t.passed or (forgiven and t.failed == ("a",))}
+            refused: dict[str, list[int]] = {}
+            for t in trials:
+                if t.seed not in good:
+                    refused.setdefault("".join(t.failed), []).append(t.seed)
+            conditions[name] = Seeds(
+                seed_ranges(good),
+                seed_ranges(t.seed for t in trials if t.seed in good and not t.passed),
+                {letters: seed_ranges(seeds) for letters, seeds in refused.items()} or None,
+            )
+        return cls(certificate.versions, conditions)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; empty entries are left out."""
+        form = asdict(self)
+        form["conditions"] = {
+            name: {key: value for key, value in seeds.items() if value} for name, seeds in form["conditions"].items()
+        }
+        return form
+
+    def gap(
+        self, trials: Iterable[tuple[str, str, int]], *, suite: str, engine: str, tasks: Mapping[str, int]
+    ) -> Gap | None:
+        """Return the first trial that is not covered, or None.
+
+        Args:
+            trials: Task, condition and seed of every planned trial.
+            suite: Version of the suite in use.
+            engine: Version of MuJoCo in use.
+            tasks: Versions of the tasks in use.
+        """
+        seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
+        stale = None
+        if self.versions.suite != suite:
+            stale = f"the certificate was made for suite version {self.versions.suite}, this is {suite}"
+        elif _minor(self.versions.engine) != _minor(engine):
+            stale = f"the certificate was made with MuJoCo {self.versions.engine}, this is {engine}"
+        for task, condition, seed in trials:
+            name = f"{task}/{condition}"
+            made_for = self.versions.tasks.get(task)
+            if stale is not None:
+                return Gap(task, condition, seed, stale)
+            if made_for is not None and made_for != tasks[task]:
+                reason = f"the certificate was made for version {made_for} of {task}, this is version {tasks[task]}"
+                return Gap(task, condition, seed, reason)
+            if seed not in seeds.get(name, ()):
+                return Gap(task, condition, seed, *self._why(name, seed))
+        return None
+
+    def unsolved(self, trials: Iterable[tuple[str, str, int]]) -> tuple[tuple[str, str, int], ...]:
+        """Return the planned trials that are covered although the expert did not solve them."""
+        seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
+        return tuple(t for t in trials if t[2] in seeds.get(f"{t[0]}/{t[1]}", ()))
+
+    def _why(self, name: str, seed: int) -> tuple[str, bool]:
+        known = self.conditions.get(name)
+        if known is None:
+            return "the certificate holds no seed of it", False
+        for letters, ranges in (known.refused or {}).items():
+            if seed in parse_ranges(ranges):
+                return f"it was examined and clause ({', '.join(letters)}) fails", True
+        return f"the certificate covers seeds {known.certified or 'none'}", False
+
+
+_COVERAGE = TypeAdapter(Coverage)
+
+
+def _minor(version: str) -> str:
+    """Return major and minor of a version: contacts, and with them scores, change between minor versions."""
+    return ".".join(version.split(".")[:2])
+
+
+def parse_ranges(text: str) -> frozenset[int]:
+    """Return the seeds that a text of ranges names.
+
+    Raises:
+        InvalidInputError: If it is none.
+    """
+    found: set[int] = set()
+    for part in text.split(",") if text else ():
+        low, _, high = part.partition("-")
+        ends = (low, high or low)
+        if not all(e.isdecimal() and e.isascii() and len(e) <= 7 for e in ends) or int(ends[1]) > MOST_SEEDS:
+            raise InvalidInputError("seeds", f"{part!r} is no range of seeds", "Write ranges like 0-19,23")
+        found.update(range(int(ends[0]), int(ends[1]) + 1))
+    return frozenset(found)
+
+
+def packaged_coverage() -> Coverage:
+    """Return the certificate that ships with the suite."""
+    return _load(resources.files("betterbench.certification").joinpath("data", PACKAGED), "packaged certificate")
+
+
+def load_coverage(path: Path) -> Coverage:
+    """Read a certificate or its compact form.
+
+    Args:
+        path: A ``certificate.json`` of ``better certify``, its folder, or a compact certificate.
+
+    Raises:
+        InvalidInputError: If there is none or it cannot be read.
+    """
+    return _load(path / "certificate.json" if path.is_dir() else path, str(path))
+
+
+def _load(file: Traversable | Path, where: str) -> Coverage:
+    cure = "Give a certificate.json of better certify"
+    try:
+        form = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InvalidInputError(where, f"it cannot be read ({error})", cure) from error
+    if not isinstance(form, dict) or form.get("form") != FORM:
+        return Coverage.of(Certificate.from_json(form, where=where))
+    try:
+        coverage = _COVERAGE.validate_json(json.dumps(form))
+        for seeds in coverage.conditions.values():
+            for text in (seeds.certified, seeds.unsolved, *(seeds.refused or {}).values()):
+                parse_ranges(text)
+    except ValidationError as error:
+        raise InvalidInputError(where, first_problem(error), cure) from error
+    return coverage
+
+
+def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
+    """Return what to do about a trial that is not certified.
+
+    Args:
+        gap: The first trial that is not covered.
+        tasks: Tasks to certify, all that the run holds, because one certificate has to cover the run; none for the
+            whole suite.
+        first: First seed of the run.
+        trials: Trials per variation of the run.
+    """
+    if gap.refused:
+        return "Choose other seeds with --seed and --trials, or run it with --uncertified"
+    named = " ".join(("", *tasks))
+    chosen = f" --tasks{named}" if named else ""
+    seed = f" --seed {first}" if first else ""
+    return (
+        f"Run better certify{chosen} --trials {trials}{seed} --out runs/certificate and name it with "
+        "--certificate runs/certificate, or run with --uncertified"
+    )

@@ -1,0 +1,181 @@
+"""Certifying many trials: worker processes, one journal, and a certificate at the end."""
+
+from __future__ import annotations
+
+import json
+import logging
+import multiprocessing
+import os
+import platform
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import betterbench
+from betterbench.certification.certificate import Certificate, TrialCertificate, Versions, certificate_path
+from betterbench.certification.coverage import Coverage
+from betterbench.certification.examine import Subject, examine
+from betterbench.certification.journal import CertificationJournal
+from betterbench.errors import InvalidInputError
+from betterbench.recording import write_durably
+from betterbench.scenes import engine_version
+from betterbench.tasks import SUITE_VERSION, get_task
+
+logger = logging.getLogger(__name__)
+
+MAX_RESTARTS = 5
+"""How often a broken pool of workers is replaced before the certification gives up."""
+
+
+@dataclass(frozen=True, slots=True)
+class CertificationProgress:
+    """How far a certification is.
+
+    Attributes:
+        done: Trials examined.
+        planned: Trials planned.
+        last: The trial that has just been examined, or None.
+    """
+
+    done: int
+    planned: int
+    last: TrialCertificate | None
+
+
+def versions_in_use(tasks: Sequence[str]) -> Versions:
+    """Return the versions that a certificate of some tasks depends on."""
+    numbers = {name: get_task(name).version for name in sorted(set(tasks))}
+    return Versions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
+
+
+def certify(
+    subjects: Sequence[Subject],
+    out: Path,
+    *,
+    workers: int = 1,
+    on_progress: Callable[[CertificationProgress], None] | None = None,
+) -> Certificate:
+    """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
+
+    Args:
+        subjects: The trials.
+        out: Folder of the certificate.
+        workers: Worker processes; with 1 the trials are examined in this process.
+        on_progress: Told after every trial.
+
+    Returns:
+        The certificate of exactly these trials, in their order.
+
+    Raises:
+        InvalidInputError: If there is no trial, the number of workers is out of range, or workers keep dying.
+        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RecordError: If the journal is corrupt.
+        UnknownNameError: If a task or condition is unknown.
+    """
+    if not subjects:
+        raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
+    if not 1 <= workers <= 256:
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+    for subject in {s.condition + s.task: s for s in subjects}.values():
+        subject.resolve()
+    versions = versions_in_use([s.task for s in subjects])
+    session, began = uuid.uuid4().hex, time.perf_counter()
+    with CertificationJournal(out, versions) as journal:
+        waiting = [s for s in dict.fromkeys(subjects) if _key(s) not in journal.trials]
+        planned = len(set(subjects))
+        done = planned - len(waiting)
+        if on_progress is not None:
+            on_progress(CertificationProgress(done, planned, None))
+        for trial in _examined(sorted(waiting, key=lambda s: (s.task, s.seed)), workers):
+            journal.append(trial, session=session, elapsed_s=time.perf_counter() - began)
+            done += 1
+            if on_progress is not None:
+                on_progress(CertificationProgress(done, planned, trial))
+        found = tuple(journal.trials[_key(s)] for s in dict.fromkeys(subjects))
+        certificate = Certificate(versions, platform.platform(), found, journal.wall_s, workers)
+        write_json(certificate_path(out), certificate.to_json())
+    return certificate
+
+
+def write_coverage(certificate: Certificate, path: Path) -> Path:
+    """Write the compact form of a certificate, one condition per line.
+
+    Args:
+        certificate: The certificate.
+        path: The file.
+    """
+    form = Coverage.of(certificate).to_json()
+    lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
+    head = json.dumps(form, indent=1, sort_keys=True)[:-2]
+    write_durably(path, (head + ',\n "conditions": {\n' + ",\n".join(lines) + "\n }\n}\n").encode())
+    return path
+
+
+def write_json(path: Path, form: object) -> None:
+    """Write a JSON document durably."""
+    write_durably(path, (json.dumps(form, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def _key(subject: Subject) -> tuple[str, str, int]:
+    return (subject.task, subject.condition, subject.seed)
+
+
+def _examined(subjects: list[Subject], workers: int) -> Iterator[TrialCertificate]:
+    """Yield findings as they come; a pool that breaks is replaced."""
+    if workers == 1 or len(subjects) <= 1:
+        yield from map(examine, subjects)
+        return
+    left = dict.fromkeys(subjects)
+    for _ in range(MAX_RESTARTS + 1):
+        try:
+            for subject, trial in _pooled(list(left), workers):
+                yield trial
+                del left[subject]
+        except BrokenProcessPool:
+            logger.warning("a worker process died; %d trials are left and go to new workers", len(left))
+        else:
+            return
+    raise InvalidInputError(
+        "--workers", f"worker processes died {MAX_RESTARTS + 1} times", "Run the same command again with fewer"
+    )
+
+
+def _pooled(subjects: list[Subject], workers: int) -> Iterator[tuple[Subject, TrialCertificate]]:
+    """Yield findings of a pool; two trials per worker are handed out at a time, so that little is lost."""
+    waiting = iter(subjects)
+    pending: dict[Future[TrialCertificate], Subject] = {}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker) as pool:
+        try:
+            while True:
+                while len(pending) < 2 * workers and (subject := next(waiting, None)) is not None:
+                    pending[pool.submit(examine, subject)] = subject
+                if not pending:
+                    return
+                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    yield pending.pop(future), future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _prepare_worker() -> None:
+    """Keep a worker to one thread, deaf to Ctrl-C (the first process decides), and no longer alive than its parent."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,103 @@
+"""``better certify``: prove, trial by trial, that a failure can only come from the policy."""
+
+from __future__ import annotations
+
+import os
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from betterbench.certification import CLAUSES, Certificate, summaries
+from betterbench.certification.coverage import PACKAGED
+from betterbench.certification.examine import Subject
+from betterbench.certification.runner import CertificationProgress, write_coverage
+from betterbench.certification.runner import certify as run_certification
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.cli.evaluate import prepare_robot
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation import Plan, make_plan
+from betterbench.report.certificate_page import write_certificate_page
+from betterbench.tasks import suite_tasks
+
+
+def certify(
+    *,
+    out: Path = Path("runs/certificate"),
+    suite: str = "better60",
+    tasks: tuple[str, ...] = (),
+    trials: int = 20,
+    seed: int = 0,
+    workers: int | None = None,
+    write_package: bool = False,
+    json: bool = False,
+) -> None:
+    """Certify trials: solvable, inside the training regime, at rest, reachable, and showing what is presupposed.
+
+    The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps what is done; the
+    same command goes on. The exit status is 0 even where clauses fail: they are listed, and better eval refuses them.
+
+    Example: better certify --tasks fast_food --trials 3 --out runs/certificate
+
+    Args:
+        out: Folder of the certificate.
+        suite: Suite to take the tasks from.
+        tasks: Tasks to certify; all of the suite if none is named.
+        trials: Trials per variation; the training conditions get at least as many.
+        seed: First seed.
+        workers: Worker processes; one per processor if not given.
+        write_package: Also write the compact certificate that ships with the suite; for its maintainers.
+        json: Print the certificate as one JSON document at the end.
+    """
+    if write_package and tasks and set(tasks) != set(suite_tasks(suite)):
+        raise InvalidInputError(
+            "--write-package", "it replaces the certificate of the whole suite", "Leave out --tasks"
+        )
+    prepare_robot("panda")
+    subjects = subjects_of(make_plan("expert", tasks=tasks or suite_tasks(suite), trials=trials, seed=seed))
+    with progress_bar("certify", len(subjects)) as (bar, task):
+
+        def told(progress: CertificationProgress) -> None:
+            last = progress.last
+            note = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, completed=progress.done, note=note)
+            if last is not None and not last.passed:
+                reasons = "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed)
+                say(f"{last.task}/{last.condition} seed {last.seed}: {reasons}")
+
+        certificate = run_certification(subjects, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+    page = write_certificate_page(certificate, out / "certificate.html")
+    if write_package:
+        with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
+            say(f"packaged certificate: {write_coverage(certificate, folder / PACKAGED)}")
+    if json:
+        print_json(certificate.to_json())
+        return
+    print_certificate(certificate)
+    OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
+
+
+def subjects_of(plan: Plan) -> list[Subject]:
+    """Return the trials of a plan as trials to examine."""
+    return [Subject(t.task, t.condition, t.seed) for t in plan.trials]
+
+
+def print_certificate(certificate: Certificate) -> None:
+    """Print the conditions on which a clause fails, and the figures of the whole."""
+    groups = summaries(certificate.trials)
+    short = [s for s in groups if s.passed < s.n]
+    if short:
+        rows: list[list[Any]] = [
+            [f"{s.task}/{s.condition}", f"{s.passed}/{s.n}", *(str(s.clauses[letter]) for letter in CLAUSES)]
+            for s in short
+        ]
+        print_table(["condition", "passed", *(f"({letter})" for letter in CLAUSES)], rows, title="not full")
+    else:
+        OUT.print("all clauses hold on every trial", markup=False)
+    variations = sum(not s.training for s in groups)
+    n, solved = len(certificate.trials), sum(t.clauses["a"].passed for t in certificate.trials)
+    passed = sum(t.passed for t in certificate.trials)
+    workers = f"{certificate.workers} worker{'' if certificate.workers == 1 else 's'}"
+    of_what = f"{variations} variations, {len(groups) - variations} training conditions"
+    OUT.print(f"certified   {passed} of {n} trials ({of_what})", markup=False, soft_wrap=True)
+    OUT.print(f"expert      solves {solved} of {n}, {certificate.expert_s:.2f} s per trial", markup=False)
+    OUT.print(f"total time  {certificate.wall_s:.0f} s with {workers}", markup=False)

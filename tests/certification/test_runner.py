@@ -1,0 +1,150 @@
+"""Certifying many trials: interrupted anywhere, the same command makes the same certificate."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from betterbench.certification import runner
+from betterbench.certification.examine import Subject
+from betterbench.certification.runner import certify
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
+
+SUBJECTS = [Subject("morning_coffee", "T1", s) for s in range(4)] + [Subject("morning_coffee", "train1", 0)]
+
+
+def timeless(certificate):
+    trials = tuple(dataclasses.replace(t, expert_s=0.0, total_s=0.0) for t in certificate.trials)
+    return dataclasses.replace(certificate, trials=trials, wall_s=0.0, workers=0)
+
+
+@pytest.fixture
+def examined(monkeypatch, trial):
+    """Replaces the examination by one that takes no time; lists what was examined."""
+    seen = []
+
+    def quick(subject):
+        seen.append(subject)
+        return trial(subject.task, subject.condition, subject.seed)
+
+    monkeypatch.setattr(runner, "examine", quick)
+    return seen
+
+
+def test_trials_are_certified_in_plan_order_once_each(tmp_path, examined):
+    told = []
+    certificate = certify([*SUBJECTS, SUBJECTS[0]], tmp_path, on_progress=told.append)
+    assert [t.key for t in certificate.trials] == [(s.task, s.condition, s.seed) for s in SUBJECTS]
+    assert len(examined) == len(SUBJECTS)
+    assert [p.done for p in told] == list(range(len(SUBJECTS) + 1))
+    assert {p.planned for p in told} == {len(SUBJECTS)}
+    form = json.loads((tmp_path / "certificate.json").read_text())
+    assert form["versions"]["tasks"] == {"morning_coffee": 1}
+
+
+def test_an_interrupted_certification_goes_on_and_ends_the_same(tmp_path, examined):
+    whole = certify(SUBJECTS, tmp_path / "whole")
+    for stop_at in range(1, len(SUBJECTS)):
+        out = tmp_path / str(stop_at)
+
+        def stop(progress, stop_at=stop_at):
+            if progress.done == stop_at and progress.last is not None:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            certify(SUBJECTS, out, on_progress=stop)
+        assert not (out / "certificate.json").exists()
+        examined.clear()
+        assert timeless(certify(SUBJECTS, out)) == timeless(whole)
+        assert len(examined) == len(SUBJECTS) - stop_at
+
+
+def test_a_last_line_cut_off_anywhere_is_examined_again(tmp_path, examined):
+    whole = certify(SUBJECTS, tmp_path)
+    journal = tmp_path / "journal.jsonl"
+    data = journal.read_bytes()
+    for cut in (1, 30, len(data.splitlines()[-1])):
+        journal.write_bytes(data[:-cut])
+        examined.clear()
+        assert timeless(certify(SUBJECTS, tmp_path)) == timeless(whole)
+        assert len(examined) == 1
+        assert len(journal.read_bytes().splitlines()) == len(SUBJECTS) + 1
+
+
+def test_more_trials_in_the_same_folder_add_to_what_is_there(tmp_path, examined):
+    certify(SUBJECTS[:2], tmp_path)
+    examined.clear()
+    assert len(certify(SUBJECTS, tmp_path).trials) == len(SUBJECTS)
+    assert sorted(s.seed for s in examined if s.condition == "T1") == [2, 3]
+
+
+def test_a_folder_begun_under_other_versions_is_refused(tmp_path, examined, monkeypatch):
+    certify(SUBJECTS[:1], tmp_path)
+    monkeypatch.setattr(runner, "engine_version", lambda: "3.99.0")
+    with pytest.raises(RunConflictError, match=r"mujoco 3\.\d+\.\d+, this is 3.99.0"):
+        certify(SUBJECTS[:1], tmp_path)
+
+
+def test_trials_of_another_task_version_are_examined_again(tmp_path, examined, monkeypatch):
+    certify(SUBJECTS, tmp_path)
+    examined.clear()
+    used = runner.versions_in_use
+
+    def moved(tasks):
+        return dataclasses.replace(used(tasks), tasks={"morning_coffee": 2})
+
+    monkeypatch.setattr(runner, "versions_in_use", moved)
+    certify(SUBJECTS, tmp_path)
+    assert len(examined) == len(SUBJECTS)
+
+
+@pytest.mark.parametrize("line", [b"{}", b"[]", b"nonsense", b'{"session":"a","elapsed_s":1,"trial":{}}'])
+def test_a_corrupt_line_is_named(tmp_path, examined, line):
+    certify(SUBJECTS[:2], tmp_path)
+    journal = tmp_path / "journal.jsonl"
+    lines = journal.read_bytes().splitlines()
+    journal.write_bytes(b"\n".join([lines[0], line, lines[2]]) + b"\n")
+    with pytest.raises((RecordError, InvalidInputError), match="line 2"):
+        certify(SUBJECTS[:2], tmp_path)
+
+
+def test_bad_input_is_named_before_anything_runs(tmp_path, examined):
+    with pytest.raises(UnknownNameError, match="T9"):
+        certify([Subject("morning_coffee", "T9", 0)], tmp_path)
+    with pytest.raises(InvalidInputError, match="--workers"):
+        certify(SUBJECTS, tmp_path, workers=0)
+    with pytest.raises(InvalidInputError, match="nothing"):
+        certify([], tmp_path)
+    assert not examined
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+@pytest.mark.physics
+def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_flight(tmp_path):
+    whole = certify(SUBJECTS, tmp_path / "whole")
+    script = (
+        "from pathlib import Path\nfrom betterbench.certification.examine import Subject\n"
+        "from betterbench.certification.runner import certify\n"
+        "if __name__ == '__main__':\n"
+        "    certify([Subject('morning_coffee', 'T1', s) for s in range(4)] + [Subject('morning_coffee', 'train1', 0)],"
+        f" Path({str(tmp_path / 'killed')!r}), workers=2)\n"
+    )
+    file = tmp_path / "job.py"
+    file.write_text(script)
+    job = subprocess.Popen([sys.executable, str(file)])
+    journal = tmp_path / "killed" / "journal.jsonl"
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline and (not journal.exists() or journal.read_bytes().count(b"\n") < 2):
+        time.sleep(0.05)
+    os.kill(job.pid, signal.SIGKILL)
+    job.wait()
+    assert journal.read_bytes().count(b"\n") >= 2
+    assert timeless(certify(SUBJECTS, tmp_path / "killed", workers=2)) == timeless(whole)

@@ -1,0 +1,131 @@
+"""Pictures of scenes for the documentation: what changed is outlined, and files stay small."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFilter, ImageFont
+
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.show import OUTLINE
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Condition, Task, Variation, get_task
+
+PICTURE_BYTES = 25_000
+"""Largest size of a card's picture; 70 of them shall not weigh more than the code."""
+_BEST, _WORST, _STEP = 90, 50, 4  # qualities of JPEG that are tried, from the best
+_PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
+_GAP = 4  # between two pictures that belong together [pixel]
+
+
+@functools.cache
+def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Image:
+    """Return what the front camera of a policy sees at reset, with what a variation changed outlined.
+
+    Args:
+        task_id: Task id.
+        condition: Name of a training condition; ``VARIATION`` for the test scene of a variation, and
+            ``VARIATION/before`` for the training scene it is derived from.
+        seed: Seed.
+        size: Side of the picture [pixel].
+    """
+    task = get_task(task_id)
+    name, _, before = condition.partition("/")
+    outlined: frozenset[str] = frozenset()
+    if name in {v.name for v in task.variations}:
+        test, changes = vary(task, task.variation(name))
+        shown = task.train(task.variation(name).base) if before else test
+        outlined = changes.objects
+    else:
+        shown = task.train(name)
+    return _render(task, shown, outlined, seed, size)
+
+
+def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
+    """Return a variation's training scene beside its test scene, same seed.
+
+    Args:
+        task: The task.
+        variation: The variation.
+        seed: Seed of both.
+        size: Side of each picture [pixel].
+    """
+    before, after = f"{variation.name}/before", variation.name
+    return row([front_view(task.id, before, seed, size), front_view(task.id, after, seed, size)])
+
+
+def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.Image:
+    """Return pictures of one size side by side, in rows of ``columns``."""
+    columns = columns or len(images)
+    width, height = images[0].size
+    rows = -(-len(images) // columns)
+    sheet = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), _PAPER)
+    for i, image in enumerate(images):
+        sheet.paste(image, ((i % columns) * (width + _GAP), (i // columns) * (height + _GAP)))
+    return sheet
+
+
+def contact_sheet(tasks: Sequence[Task], *, seed: int, size: int = 256, shown: int = 168) -> Image.Image:
+    """Return the pairs of all variations, one row per task, each under its id and its title.
+
+    Args:
+        tasks: The tasks.
+        seed: Seed of all scenes.
+        size: Side at which a scene is rendered [pixel].
+        shown: Side at which it is shown [pixel].
+    """
+    pad, head = 10, 38
+    cell_width, cell_height = 2 * shown + _GAP + pad, shown + head + pad
+    columns = max(len(task.variations) for task in tasks)
+    sheet = Image.new("RGB", (pad + columns * cell_width, len(tasks) * cell_height + pad), _PAPER)
+    draw = ImageDraw.Draw(sheet)
+    big, small = ImageFont.load_default(15), ImageFont.load_default(12)
+    for i, task in enumerate(tasks):
+        for j, variation in enumerate(task.variations):
+            x, y = pad + j * cell_width, pad + i * cell_height
+            draw.text((x, y), f"{task.id}/{variation.name}", fill=_INK, font=big)
+            # The built-in font has no arrows.
+            draw.text((x, y + 18), _cut(variation.title.replace("→", ">"), small, 2 * shown), fill=_SOFT, font=small)
+            both = pair(task, variation, seed=seed, size=size)
+            sheet.paste(both.resize((2 * shown + _GAP, shown), Image.Resampling.LANCZOS), (x, y + head))
+    return sheet
+
+
+def save_small(image: Image.Image, path: Path, *, limit: int = PICTURE_BYTES) -> None:
+    """Write a JPEG in the best quality that keeps the file below ``limit`` bytes."""
+    for quality in range(_BEST, _WORST, -_STEP):
+        buffer = io.BytesIO()
+        image.save(buffer, "JPEG", quality=quality, optimize=True, progressive=True)
+        if buffer.tell() < limit:
+            path.write_bytes(buffer.getvalue())
+            return
+    raise InvalidInputError(path.name, f"{limit} bytes do not hold it at quality {_WORST}", "Make the picture smaller")
+
+
+def _render(task: Task, condition: Condition, outlined: frozenset[str], seed: int, size: int) -> Image.Image:
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("standard"))
+    with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
+        view = renderer.render(scene.data, "front", masks=True)
+    if view.rgb is None or view.masks is None:
+        raise AssertionError("colours and masks were asked for")
+    bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
+    inner = np.isin(view.masks, bodies)
+    grown = np.asarray(Image.fromarray(inner).convert("L").filter(ImageFilter.MaxFilter(5))) > 0
+    picture = view.rgb.copy()
+    picture[grown & ~inner] = OUTLINE
+    return Image.fromarray(picture)
+
+
+def _cut(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
+    if font.getlength(text) <= width:
+        return text
+    while font.getlength(f"{text} ...") > width:
+        text = text.rpartition(" ")[0]
+    return f"{text} ..."

@@ -1,0 +1,328 @@
+"""Pages of the documentation that are written from the tasks themselves: an index, one page per task, the templates."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from betterbench.interventions import vary
+from betterbench.tasks import TEMPLATES, Axis, Condition, Place, Support, Task, Template, Variation, regime_of
+from betterbench.tasks.predicates import RELATIONS
+
+LETTERS = tuple(axis.letter for axis in Axis)
+HEADINGS = ("Randomizations", "Success", "Premise")
+"""The headings that every task's docstring has."""
+
+
+def index_page(tasks: Sequence[Task]) -> str:
+    """Return the index of all tasks.
+
+    Args:
+        tasks: The tasks, in the order of the table.
+    """
+    rows = []
+    for task in tasks:
+        counts = Counter(v.axis.letter for v in task.variations)
+        cells = [f"[{task.title}](tasks/{task.id}.md)", f"`{task.id}`", _template_link(task.template, "")]
+        cells += [str(len(task.training)), str(len(task.variations)), *(str(counts[c] or "–") for c in LETTERS)]
+        rows.append(_row(cells))
+    total = Counter(v.axis.letter for t in tasks for v in t.variations)
+    sums = [str(sum(len(t.training) for t in tasks)), str(sum(total.values())), *(str(total[c]) for c in LETTERS)]
+    axes = "; ".join(f"{axis.letter} is {axis.value.replace('_', ' ')}" for axis in Axis)
+    return "\n".join(
+        [
+            "# Tasks and variations",
+            "",
+            (
+                "Each task has a training regime, in which words, places and orders go together more tightly than the task"
+                " demands, and variations that take them apart. A variation is a training condition with one intervention;"
+                " with the same seed everything else is the same to the last bit. The last four columns count the"
+                f" variations by axis: {axes}."
+            ),
+            "",
+            _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
+            _row(["---"] * 3 + ["---:"] * (2 + len(LETTERS))),
+            *rows,
+            _row(["all", "", "", *sums]),
+            "",
+            "All pairs of training scene and test scene, seed 0, what changed outlined:",
+            "",
+            "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
+            "",
+            (
+                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a task of your own"
+                " stands in [Adding a task](adding-a-task.md)."
+            ),
+            "",
+        ]
+    )
+
+
+def task_page(task: Task) -> str:
+    """Return the page of one task."""
+    summary, *notes = _docstring(task)
+    described = [part for part in notes if not part.startswith(HEADINGS)]
+    headed = [part for part in notes if part.startswith(HEADINGS)]
+    lines = [
+        f"# {task.title}",
+        "",
+        f"`{task.id}`, version {task.version}, template {_template_link(task.template, '../')}.",
+        "",
+        summary if summary == task.description else f"{task.description} {summary}",
+        "",
+        *[line for part in described for line in (part, "")],
+        *[f"- **{part.partition(':')[0]}:**{part.partition(':')[2]}" for part in headed],
+        "",
+        "## Training regime",
+        "",
+        f"![the settings of the training regime](../pictures/{task.id}_training.jpg)",
+        "",
+        *_layout_table(task),
+        "",
+        *_condition_table(task),
+        "",
+        "What this regime teaches besides the task, computed from the conditions above:",
+        "",
+        *[f"- {line}" for line in _confounds(task)],
+        "",
+        "## Variations",
+        "",
+        (
+            "Each picture shows the training scene at the left and the test scene at the right, as the front camera of a"
+            " policy sees them, seed 0. What the intervention changed is outlined."
+        ),
+        "",
+    ]
+    for variation in task.variations:
+        lines += _card(task, variation)
+    return "\n".join(lines)
+
+
+def settings_of(task: Task) -> dict[str, Condition]:
+    """Return the distinct initial settings of a training regime: letter to the first condition that shows it."""
+    found: dict[tuple[object, ...], Condition] = {}
+    for condition in task.training:
+        found.setdefault(_setting(condition), condition)
+    return {chr(ord("A") + i): condition for i, condition in enumerate(found.values())}
+
+
+def templates_page(tasks: Sequence[Task]) -> str:
+    """Return the page of all templates."""
+    lines = [
+        "# Templates",
+        "",
+        (
+            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and the"
+            " protocol that goes with them. A task fills it in with objects and places; region, tolerance, settling, step"
+            " limit and expert come with it."
+        ),
+        "",
+        _row(["template", "what is hard about it", "tasks"]),
+        _row(["---"] * 3),
+    ]
+    for template in TEMPLATES.values():
+        users = ", ".join(f"[{t.title}](tasks/{t.id}.md)" for t in tasks if t.template is template)
+        lines.append(_row([_template_link(template, "", page=""), template.challenge, users or "–"]))
+    for template in TEMPLATES.values():
+        lines += ["", *_template_section(template)]
+    shown = TEMPLATES["loose_packing"]
+    lines += [
+        "",
+        "## The JSON form",
+        "",
+        (
+            "Every template has a JSON form, for tools that write scenarios. Types are categories of meaning, not names of"
+            f" assets. This is {shown.title}:"
+        ),
+        "",
+        "```json",
+        json.dumps(asdict(shown), indent=2),
+        "```",
+        "",
+        "```python",
+        "from dataclasses import asdict",
+        "",
+        "from betterbench.tasks import TEMPLATES",
+        "",
+        'form = asdict(TEMPLATES["loose_packing"])',
+        'assert form["relation"] == "inside"',
+        "```",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _template_section(template: Template) -> list[str]:
+    names = [template.relation, *template.also]
+    total = template.base_steps + template.steps_per_subgoal
+    only = " Nothing that was not asked for may be there in the end." if template.exclusive else ""
+    return [
+        f"## {template.title}",
+        "",
+        f"`{template.name}`. {template.description} {template.challenge}",
+        "",
+        _row(["group", "what it stands for", "allowed types", "count"]),
+        _row(["---"] * 4),
+        *(
+            _row([f"`{g.group_id}`", g.description, ", ".join(g.allowed_types), _span(g.count_range)])
+            for g in template.groups
+        ),
+        "",
+        *(f"- relation `{name}`: {_first_sentences(name)}" for name in names),
+        f"- success: every subgoal is done, at rest and released, for {template.dwell_s:g} s.{only}",
+        (
+            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal"
+            f" (one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the right answer is to"
+            " stay still"
+        ),
+    ]
+
+
+def _first_sentences(relation: str) -> str:
+    """Return how a predicate defines its relation: the second paragraph of its docstring, or else the first."""
+    module = importlib.import_module(f"betterbench.tasks.predicates.{RELATIONS[relation].name}")
+    paragraphs = (inspect.getdoc(getattr(module, relation)) or "").split("\n\n")
+    defining = next((p for p in paragraphs[1:] if not p.startswith(("Args", "Returns"))), paragraphs[0])
+    return " ".join(defining.replace(":data:", "").split())
+
+
+def _docstring(task: Task) -> list[str]:
+    """Return the paragraphs of a task's docstring; an indented continuation belongs to its heading."""
+    module = importlib.import_module(f"betterbench.tasks.suite.{task.id}")
+    text = inspect.getdoc(getattr(module, task.id)) or ""
+    paragraphs: list[str] = []
+    for line in text.splitlines():
+        if not line.strip():
+            paragraphs.append("")
+        elif line.startswith(HEADINGS) or not paragraphs:
+            paragraphs.append(line.strip())
+        else:
+            paragraphs[-1] = f"{paragraphs[-1]} {line.strip()}".strip()
+    return [p for p in paragraphs if p]
+
+
+def _setting(condition: Condition) -> tuple[object, ...]:
+    return (
+        tuple(sorted((condition.object(n).kind, s) for n, s in condition.layout.items())),
+        tuple(sorted((condition.object(n).kind, p.target, p.at) for n, p in condition.preplaced.items())),
+        tuple(sorted(condition.opened.items())),
+    )
+
+
+def _layout_table(task: Task) -> list[str]:
+    settings = settings_of(task)
+    lines = [
+        _row(["place", "x, y [m]", *(f"setting {letter}" for letter in settings)]),
+        _row(["---"] * (2 + len(settings))),
+    ]
+    for slot in task.slots:
+        standing = [c.object(name).kind if (name := c.occupant(slot.name)) else "–" for c in settings.values()]
+        lines.append(_row([f"`{slot.name}`", f"{slot.x:g}, {slot.y:g}", *standing]))
+    places = {p for c in settings.values() for p in c.preplaced.values()}
+    for place in sorted(places, key=lambda p: (p.target, p.at)):
+        resting = [
+            ", ".join(c.object(n).kind for n, p in c.preplaced.items() if p == place) or "–" for c in settings.values()
+        ]
+        lines.append(_row([_place(place), "", *resting]))
+    for drawer in sorted({name for c in settings.values() for name in c.opened}):
+        states = [f"open by {c.opened[drawer]:g} m" if drawer in c.opened else "shut" for c in settings.values()]
+        lines.append(_row([next(iter(settings.values())).object(drawer).kind, "", *states]))
+    return lines
+
+
+def _condition_table(task: Task) -> list[str]:
+    letters = {_setting(c): letter for letter, c in settings_of(task).items()}
+    return [
+        _row(["condition", "setting", "instruction"]),
+        _row(["---"] * 3),
+        *(_row([f"`{c.name}`", letters[_setting(c)], f"“{c.instruction.text}”"]) for c in task.training),
+    ]
+
+
+def _confounds(task: Task) -> list[str]:
+    regime = regime_of(task)
+    lines = []
+    for word, slots in regime.word_slots.items():
+        if slots:
+            where = " or ".join(f"`{slot}`" for slot in slots)
+            lines.append(f"“{word}” is {'always' if len(slots) == 1 else 'only'} picked at {where}.")
+    total = len(task.training)
+    if len(regime.first_kinds) == 1:
+        lines.append(f"Every demonstration begins with the {regime.first_kinds[0][0]}.")
+    else:
+        counts = ", ".join(f"the {kind} in {n} of {total}" for kind, n in regime.first_kinds)
+        lines.append(f"Demonstrations begin with {counts} conditions.")
+    orders = sorted({", then ".join(kinds) for kinds in regime.sequences})
+    lines.append(f"What is handled, and in which order: {'; '.join(orders)}. Nothing else was shown.")
+    for kind, places in sorted(_goes_to(task).items()):
+        if len(places) == 1:
+            lines.append(f"The {kind} always goes to the same place: {places[0]}.")
+    lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in regime.standing_kinds.items() if len(kinds) == 1]
+    if lone:
+        lines.append(f"Places where only one kind of thing ever stood: {', '.join(lone)}.")
+    lines.append(f"At most {regime.initial_items} movable things stand on the table at the start.")
+    return lines
+
+
+def _goes_to(task: Task) -> dict[str, list[str]]:
+    """Return where each kind that is picked up was put in training, for targets that offer several places."""
+    found: dict[str, set[str]] = {}
+    for condition in task.training:
+        for goal in condition.instruction.subgoals:
+            names = [n for n in condition.resolve(goal.reference) if condition.object(n).role != "drawer"]
+            for kind in {condition.object(n).kind for n in names}:
+                found.setdefault(kind, set()).add(_place(Place(goal.target, goal.place)))
+    several = len({place for places in found.values() for place in places}) > 1
+    return {kind: sorted(places) for kind, places in found.items()} if several else {}
+
+
+def _card(task: Task, variation: Variation) -> list[str]:
+    base = task.train(variation.base)
+    test, changes = vary(task, variation)
+    before, after = base.instruction.text, test.instruction.text
+    told = f"“{before}”, unchanged" if before == after else f"before “{before}”, after “{after}”"
+    support = (
+        "every place and every grasp was seen in training"
+        if variation.support is Support.SEEN
+        else "novel; it uses places that training never showed"
+    )
+    look = ["- the start looks like the middle of a demonstration"] if variation.mid_task_look else []
+    broken = ["- what the instruction presupposes is deliberately not there"] if variation.premise_broken else []
+    return [
+        f"### {variation.name}: {variation.title}",
+        "",
+        f"![{variation.base} beside {variation.name}](../pictures/{task.id}_{variation.name}.jpg)",
+        "",
+        f"- axis: {variation.axis.value.replace('_', ' ')}",
+        f"- hypothesis: {variation.hypothesis}",
+        f"- intervention on `{variation.base}`: {', '.join(f'`{i}`' for i in variation.interventions)}",
+        *([] if changes.objects else ["- the scene is that of training; only the sentence changes"]),
+        f"- instruction: {told}",
+        f"- expected: {variation.expected.value.replace('_', ' ')}",
+        f"- support: {support}",
+        *look,
+        *broken,
+        f"- can expose: {', '.join(f'`{label}`' for label in variation.exposes)}",
+        "",
+    ]
+
+
+def _template_link(template: Template, up: str, *, page: str = "templates.md") -> str:
+    return f"[{template.title}]({up if page else ''}{page}#{template.title.lower().replace(' ', '-')})"
+
+
+def _place(place: Place) -> str:
+    return f"`{place.target}`" + (f", `{place.at}`" if place.at else "")
+
+
+def _span(count: tuple[int, int]) -> str:
+    low, high = count
+    return str(low) if low == high else f"{low} to {high}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
