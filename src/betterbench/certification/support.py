@@ -2,8 +2,8 @@
 
 Three kinds of primitive are watched in the states of an episode, by what happens to the objects and not by what a
 policy says it does. A **pick** counts with the pose in which the object last stood at rest before the gripper touched
-it. A **put** counts with the relation that the object bears to a target after it was let go. A **slide** is a drawer that was
-moved along its rails.
+it. A **put** counts with the relation that the object bears to a target after it was let go. A **slide** is a drawer
+that was moved along its rails.
 """
 
 from __future__ import annotations

@@ -110,15 +110,15 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
         position, yaw = slot_pose(task, seed, slot)
         ground = Pose(position, from_yaw(yaw))
         poses[name] = ground if condition.object(name).fixed else ground @ rest_pose(chosen[name])
-    for name, place in condition.preplaced.items():
-        below = _below(condition, place) or place.target
-        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], at=place.at)
     shut: dict[str, Pose] = {}
     for o in condition.objects:
         if o.mount is not None:
             mount = chosen[o.mount.target].region(o.mount.at)
             shut[o.name] = poses[o.mount.target] @ mount.pose
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
+    for name, place in condition.preplaced.items():
+        below = _below(condition, place) or place.target
+        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], at=place.at)
     placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:

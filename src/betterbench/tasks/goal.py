@@ -232,7 +232,7 @@ def _watches(goals: tuple[Subgoal, ...], info: SceneInfo) -> tuple[_Watch, ...]:
     for name, target in tuple(targets):
         like = info.object(target)
         for o in info.objects:
-            if o.role == like.role and o.role not in ("item", "distractor") and relation(name).places(o):
+            if o.role == like.role and relation(name).places(o):
                 targets.setdefault((name, o.name))
     watches = []
     for name, target in targets:

@@ -9,11 +9,18 @@ CONSTRAINED_POSITIONING = Template(
     title="Constrained Positioning",
     description="Put the named object on the marked place of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
+    goal="The named object stands centred on the marked place, upright, with its handle clear, at rest and let go.",
+    premise="The named object stands in its slot and the marked place is free, unless there is nothing left to do.",
     groups=(
-        ObjectGroup("fixture", "What carries the marked place.", ("coffee machine", "scale", "charger"), (1, 1)),
-        ObjectGroup("items", "What may be asked for.", ("cup", "mug", "bowl"), (1, 4)),
-        ObjectGroup("distractors", "What stays on the table.", ("kitchenware",), (0, 4)),
+        ObjectGroup(
+            "fixture", "What carries the marked place.", ("coffee machine", "scale", "charger"), (1, 1), role="fixture"
+        ),
+        ObjectGroup("items", "What may be asked for.", ("cup", "mug", "bowl"), (1, 4), role="item"),
+        ObjectGroup("distractors", "What stays on the table.", ("kitchenware",), (0, 4), role="distractor"),
     ),
     relation="on_ring",
     exclusive=True,
+    order="free",
+    regions=("ring", "spout"),
+    tolerances=("ring_radius", "ring_height", "upright_tilt", "spout_margin"),
 )

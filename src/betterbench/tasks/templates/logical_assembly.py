@@ -9,11 +9,23 @@ LOGICAL_ASSEMBLY = Template(
     title="Logical Assembly",
     description="Stack the named layers on the base, from below, in the order in which they are named.",
     challenge="Strict order: a layer below cannot be added later.",
+    goal=(
+        "The named layers lie on each other in the named order, centred over the base and flat, at rest "
+        "and let go; nothing else lies there."
+    ),
+    premise="The named layers lie in their slots; what lies on the base already was put there on purpose.",
     groups=(
-        ObjectGroup("base", "What the stack stands on.", ("bun", "plate", "tray"), (1, 1)),
-        ObjectGroup("layers", "What may be asked for; several may be alike.", ("food layer", "block"), (2, 6)),
-        ObjectGroup("distractors", "What stays on the table.", ("food layer", "small object"), (0, 4)),
+        ObjectGroup("base", "What the stack stands on.", ("bun", "plate", "tray"), (1, 1), role="container"),
+        ObjectGroup(
+            "layers", "What may be asked for; several may be alike.", ("food layer", "block"), (2, 6), role="item"
+        ),
+        ObjectGroup(
+            "distractors", "What stays on the table.", ("food layer", "small object"), (0, 4), role="distractor"
+        ),
     ),
     relation="layer",
     exclusive=True,
+    order="built",
+    regions=("top",),
+    tolerances=("layer_offset", "layer_gap", "layer_tilt"),
 )

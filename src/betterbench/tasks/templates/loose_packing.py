@@ -9,11 +9,27 @@ LOOSE_PACKING = Template(
     title="Loose Packing",
     description="Put the named objects into the container, in the order in which they are named.",
     challenge="Free-form containment while tracking which of several alike objects are already packed.",
+    goal=(
+        "The named objects are inside the container, at rest and let go, packed in the named order "
+        "where the sentence gives one; nothing else is inside."
+    ),
+    premise="The named objects stand in their slots; what is inside already was put there on purpose.",
     groups=(
-        ObjectGroup("container", "What is packed into; open at the top.", ("bag", "box", "basket", "bin"), (1, 1)),
-        ObjectGroup("items", "What may be asked for; several may be alike.", ("food", "small object"), (2, 6)),
-        ObjectGroup("distractors", "What stays on the table.", ("food", "small object"), (0, 6)),
+        ObjectGroup(
+            "container",
+            "What is packed into; open at the top.",
+            ("bag", "box", "basket", "bin"),
+            (1, 1),
+            role="container",
+        ),
+        ObjectGroup(
+            "items", "What may be asked for; several may be alike.", ("food", "small object"), (1, 6), role="item"
+        ),
+        ObjectGroup("distractors", "What stays on the table.", ("food", "small object"), (0, 6), role="distractor"),
     ),
     relation="inside",
     exclusive=True,
+    order="named",
+    regions=("inside",),
+    tolerances=("inside_margin",),
 )

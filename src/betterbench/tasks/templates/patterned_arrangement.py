@@ -9,16 +9,25 @@ PATTERNED_ARRANGEMENT = Template(
     title="Patterned Arrangement",
     description="Put the named objects to the named sides of the anchor, in any order.",
     challenge="Relative placement: a side moves and turns with its anchor.",
+    goal=(
+        "Each named object stands or lies in the zone of its named side, long things along the anchor, "
+        "at rest and let go; nothing else was brought to a side."
+    ),
+    premise="The named objects stand in their slots, and the named sides are free.",
     groups=(
         ObjectGroup(
             "anchor",
             "What the others are laid around; it offers named sides.",
             ("laptop", "plate", "tray", "placemat"),
             (1, 1),
+            role="fixture",
         ),
-        ObjectGroup("items", "What may be asked for.", ("desk object", "cutlery", "cup"), (2, 4)),
-        ObjectGroup("distractors", "What stays where it is.", ("tableware", "desk object"), (0, 6)),
+        ObjectGroup("items", "What may be asked for.", ("desk object", "cutlery", "cup"), (2, 4), role="item"),
+        ObjectGroup("distractors", "What stays where it is.", ("tableware", "desk object"), (0, 6), role="distractor"),
     ),
     relation="beside",
     exclusive=True,
+    order="free",
+    regions=("left", "right", "behind", "upper_right"),
+    tolerances=("side_reach", "side_height", "side_turn", "long_ratio", "upright_tilt"),
 )

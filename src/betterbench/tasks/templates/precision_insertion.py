@@ -9,11 +9,19 @@ PRECISION_INSERTION = Template(
     title="Precision Insertion",
     description="Put the named objects into the named holes of the rack, in any order.",
     challenge="Contact-rich alignment within 3 mm a side; collisions with the rack are counted.",
+    goal=(
+        "Each named object stands on the floor of its named hole, upright, at rest and let go; nothing "
+        "else was put into a hole."
+    ),
+    premise="The named objects stand in their slots and their holes are free.",
     groups=(
-        ObjectGroup("rack", "What has the holes.", ("rack", "stand", "charger"), (1, 1)),
-        ObjectGroup("items", "What may be asked for.", ("jar", "bottle", "plug"), (1, 6)),
-        ObjectGroup("distractors", "What stays on the table.", ("jar", "bottle"), (0, 4)),
+        ObjectGroup("rack", "What has the holes.", ("rack", "stand", "charger"), (1, 1), role="fixture"),
+        ObjectGroup("items", "What may be asked for.", ("jar", "bottle", "plug"), (1, 6), role="item"),
+        ObjectGroup("distractors", "What stays on the table.", ("jar", "bottle"), (0, 4), role="distractor"),
     ),
     relation="in_hole",
     exclusive=True,
+    order="free",
+    regions=("hole_1", "hole_2", "hole_3"),
+    tolerances=("hole_depth", "hole_tilt"),
 )

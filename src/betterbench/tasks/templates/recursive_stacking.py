@@ -9,12 +9,24 @@ RECURSIVE_STACKING = Template(
     title="Recursive Stacking",
     description="Put the named plate on the named plate or stack.",
     challenge="Targets that are themselves moved: what is put on something may carry the next.",
+    goal=(
+        "Each named plate stands in the middle of the named one, flat and touching it, at rest and let "
+        "go; nothing else was put on a plate that is asked for."
+    ),
+    premise="The named plates stand in their slots or on another plate as the condition says.",
     groups=(
         ObjectGroup(
-            "plates", "What is stacked and stacked upon; told apart by colour.", ("plate", "bowl", "tray"), (2, 4)
+            "plates",
+            "What is stacked and stacked upon; told apart by colour.",
+            ("plate", "bowl", "tray"),
+            (2, 4),
+            role="item",
         ),
-        ObjectGroup("distractors", "What stays on the table.", ("bowl", "plate"), (0, 3)),
+        ObjectGroup("distractors", "What stays on the table.", ("bowl", "plate"), (0, 3), role="distractor"),
     ),
     relation="on_plate",
     exclusive=True,
+    order="built",
+    regions=("floor",),
+    tolerances=("plate_offset", "plate_gap", "upright_tilt"),
 )

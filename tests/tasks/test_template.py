@@ -1,0 +1,87 @@
+"""Templates: every condition follows its pattern, and the JSON form says all there is and refuses what it does not know."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import pytest
+
+from betterbench.errors import InvalidInputError
+from betterbench.interventions import vary
+from betterbench.tasks import TEMPLATES, THRESHOLDS, Expected, ObjectSpec, all_tasks, get_task
+from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.template import Template
+
+CONDITIONS = [c for t in all_tasks() for c in (*t.training, *(vary(t, v)[0] for v in t.variations))]
+
+
+def test_there_are_seven_and_each_is_used():
+    assert len(TEMPLATES) == 7
+    assert {t.template.name for t in all_tasks()} == set(TEMPLATES)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS, ids=[c.id for c in CONDITIONS])
+def test_every_condition_follows_its_pattern(condition):
+    assert get_task(condition.task).template.problems(condition) == ()
+
+
+def test_what_does_not_follow_the_pattern_is_named():
+    task = get_task("cheeseburger")
+    condition = task.training[0]
+    two = condition.with_(objects=(*condition.objects, ObjectSpec("tray", "tray", "place_plate", role="container")))
+    assert "group 'base' has 2 objects" in " ".join(task.template.problems(two))
+    drawer = condition.with_(objects=(*condition.objects, ObjectSpec("d", "d", "upper_drawer", role="drawer")))
+    assert "role 'drawer'" in " ".join(task.template.problems(drawer))
+    food = get_task("fast_food").training[0]
+    assert "asks for 'inside'" in " ".join(task.template.problems(condition.with_(instruction=food.instruction)))
+
+
+@pytest.mark.parametrize("template", TEMPLATES.values(), ids=TEMPLATES)
+def test_json_round_trip(template):
+    form = json.loads(json.dumps(template.to_json()))
+    assert Template.from_json(form) == template
+    assert {"meta", "object_groups"} <= set(form)
+    for group in form["object_groups"]:
+        assert {"group_id", "description", "allowed_types", "count_range"} <= set(group)
+    assert all(form["tolerances"][name] == getattr(THRESHOLDS, name) for name in template.tolerances)
+    assert set(form["relations"]) <= set(RELATIONS)
+
+
+BAD = {
+    "template.meta.title": lambda f: f["meta"].update(title=""),
+    "template.meta.colour": lambda f: f["meta"].update(colour="red"),
+    "template.object_groups": lambda f: f.update(object_groups=[]),
+    "template.object_groups[0].count_range": lambda f: f["object_groups"][0].update(count_range=[3, 1]),
+    "template.object_groups[1].allowed_types[0]": lambda f: f["object_groups"][1].update(allowed_types=[7]),
+    "template.object_groups[0].role": lambda f: f["object_groups"][0].update(role="hero"),
+    "template.object_groups[1].description": lambda f: f["object_groups"][1].pop("description"),
+    "template.relations[0]": lambda f: f.update(relations=["insidee"]),
+    "template.relations": lambda f: f.update(relations=[]),
+    "template.order": lambda f: f.update(order="random"),
+    "template.exclusive": lambda f: f.update(exclusive="yes"),
+    "template.tolerances": lambda f: f.update(tolerances={"luck": 1.0}),
+    "template.tolerances.inside_margin": lambda f: f.update(tolerances={"inside_margin": 9.0}),
+    "template.protocol.dwell_s": lambda f: f["protocol"].update(dwell_s=-1.0),
+    "template.placement.jitter_m": lambda f: f["placement"].update(jitter_m="wide"),
+    "template.schema_version": lambda f: f.update(schema_version=99),
+    "template.protocol": lambda f: f.update(protocol=None),
+}
+
+
+@pytest.mark.parametrize("path", BAD)
+def test_bad_json_is_refused_with_the_path_of_the_field(path):
+    form = copy.deepcopy(TEMPLATES["loose_packing"].to_json())
+    BAD[path](form)
+    with pytest.raises(InvalidInputError) as caught:
+        Template.from_json(form)
+    assert str(caught.value).startswith(f"{path}:") or f"{path} " in str(caught.value) or path in str(caught.value)
+
+
+def test_the_step_limit_grows_with_what_is_asked():
+    task = get_task("fast_food")
+    short = task.training[0]
+    limit = task.template.step_limit(short)
+    goals = short.instruction.subgoals
+    assert limit == task.template.base_steps + len(goals) * task.template.steps_per_subgoal
+    assert task.template.step_limit(short.with_(expected=Expected.STAY_STILL)) == task.template.still_steps
