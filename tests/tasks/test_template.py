@@ -1,4 +1,4 @@
-"""Templates: every condition follows its pattern, and the JSON form says all there is and refuses what it does not know."""
+"""Templates: every condition follows its pattern; the JSON form says all there is and refuses what it does not know."""
 
 from __future__ import annotations
 

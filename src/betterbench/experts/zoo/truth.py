@@ -6,6 +6,8 @@ where two rules act alike, the label is the one that the evidence deserves (suit
 
 from __future__ import annotations
 
+from betterbench.tasks import Expected, get_task
+
 RIGHT = "success"
 
 _FAULTS: dict[str, dict[str, str]] = {
@@ -63,8 +65,10 @@ def true_label(policy: str, task: str, name: str) -> str:
         task: Task id.
         name: Name of the variation or training condition.
     """
-    if f"{task}/{name}" == "morning_coffee/T1" and f"{task}/{name}" not in _FAULTS.get(policy, {}):
-        return "correct_freeze"
+    if f"{task}/{name}" not in _FAULTS.get(policy, {}) and not name.startswith("train"):
+        expected = get_task(task).variation(name).expected
+        if expected is not Expected.SUCCEED:
+            return "correct_freeze" if expected is Expected.STAY_STILL else "correct_refusal"
     if policy == "zoo:clumsy":
         return "execution_failure"
     return _FAULTS.get(policy, {}).get(f"{task}/{name}", RIGHT)
