@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from betterbench.geometry import yaw_of
+from betterbench.geometry import IDENTITY_QUATERNION, yaw_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.predicates.on_ring import foot
 from betterbench.tasks.predicates.rest import upright
@@ -26,18 +26,20 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
         name: Name of the object.
         anchor: Name of the anchor; its asset has some of the regions :data:`SIDES`.
     """
-    frame = state.pose(anchor)
-    x, y, z = foot(state, name)
-    ax, ay, az = frame.position
-    if (x - ax) ** 2 + (y - ay) ** 2 > THRESHOLDS.side_reach**2 or z - az > THRESHOLDS.side_height:
+    x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
+    if x * x + y * y > THRESHOLDS.side_reach**2 or z > THRESHOLDS.side_height:
         return None
     found = None
     for region in state.info.object(anchor).regions:
-        if region.name in SIDES:
-            dx, dy, _ = (frame @ region.pose).inverse().apply((x, y, z))
-            if abs(dx) <= region.half_size[0] and abs(dy) <= region.half_size[1]:
-                found = region.name
-                break
+        if region.name not in SIDES:
+            continue
+        if region.quaternion == IDENTITY_QUATERNION:
+            dx, dy = x - region.position[0], y - region.position[1]
+        else:
+            dx, dy, _ = region.pose.inverse().apply((x, y, z))
+        if abs(dx) <= region.half_size[0] and abs(dy) <= region.half_size[1]:
+            found = region.name
+            break
     if found is None or not upright(state, name) or not state.touching(name, "table"):
         return None
     return found if _aligned(state, name, anchor) else None
