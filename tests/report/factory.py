@@ -75,6 +75,7 @@ def trial(
         1.0 if right else 0.25,
         attempts,
         Evidence(label.value, f"The record shows {label.value.replace('_', ' ')}.", 2.1, 2.9, ("fries",)),
+        0,
         240,
         12.0,
         f"records/{task}/{variation or condition}/{seed}.parquet",

@@ -25,6 +25,9 @@ class Limits:
         knocked_tilt: Tilt beyond which something that nobody held has been knocked over [rad]; 45 degrees.
         drawn_out: Opening of a drawer below which it has to be drawn out before it can be loaded [m].
         pushed_in: Opening of a drawer above which it stands in the way of the one below [m].
+        collision_force: Normal force above which a touch of a fixture is a collision [N]; a jar that slides along the
+            wall of its hole presses with less.
+        collision_gap: Time without contact after which the next one is another collision [s].
         slip: Share of trials in which even a policy with one firm rule does something else, for comparing rules.
     """
 
@@ -38,6 +41,8 @@ class Limits:
     knocked_tilt: float = 0.785
     drawn_out: float = 0.12
     pushed_in: float = 0.02
+    collision_force: float = 3.0
+    collision_gap: float = 0.25
     slip: float = 0.05
 
     def to_json(self) -> dict[str, float]:

@@ -26,8 +26,12 @@ _RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
     ("reasoning_failure_rate", lambda t: t.kind is Kind.REASONING),
     ("execution_failure_rate", lambda t: t.kind is Kind.EXECUTION),
     ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
+    ("collision_rate", lambda t: bool(t.collisions)),
 )
-"""Rates over planned trials. One without a record is no success, shows no intention and stays in the denominator."""
+"""Rates over planned trials. A trial without a record is no success, shows no intention and stays in the denominator.
+
+Collisions are those with fixtures; they spoil no goal by themselves.
+"""
 
 
 def compute_metrics(trials: Trials) -> tuple[Metric, ...]:

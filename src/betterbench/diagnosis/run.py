@@ -248,6 +248,7 @@ def _without_record(planned: PlannedTrial, policy: str, reason: str | None) -> T
         progress=0.0,
         attempts=(),
         evidence=without_record(reason),
+        collisions=None,
         steps=0,
         duration_s=0.0,
         record=None,

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.course import Course, Standing, course_of
 from betterbench.diagnosis.labels import ALONE, Finding, Ruling, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import habit
@@ -144,6 +145,7 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         progress=course.progress(),
         attempts=tuple(s.attempt for s in course.steps),
         evidence=evidence,
+        collisions=count_collisions(record, course.trace),
         steps=rows - 1,
         duration_s=float(course.trace.time[-1]),
         record=path,

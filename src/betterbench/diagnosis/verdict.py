@@ -113,6 +113,7 @@ class TrialDiagnosis:
         progress: Subgoals completed in a valid order divided by subgoals asked.
         attempts: All grasp attempts, in time.
         evidence: Why the label was given.
+        collisions: How often the robot, or what it held, bumped into a fixture; None without a record.
         steps: Control steps taken.
         duration_s: Simulated time [s].
         record: Path of the record relative to the run, or None if there is none.
@@ -135,6 +136,7 @@ class TrialDiagnosis:
     progress: float
     attempts: tuple[Attempt, ...]
     evidence: Evidence
+    collisions: int | None
     steps: int
     duration_s: float
     record: str | None
@@ -165,7 +167,7 @@ class Metric:
 
     Attributes:
         name: What is measured ("success_rate", "intention_accuracy", "delta_sr", "distractor_grasp_rate",
-            "illusion_gap", "reasoning_failure_rate", "execution_failure_rate", "progress").
+            "illusion_gap", "reasoning_failure_rate", "execution_failure_rate", "collision_rate", "progress").
         scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".
