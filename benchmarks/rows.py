@@ -27,15 +27,21 @@ from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
-from betterbench.tasks import Condition, GoalTracker, get_task
+from betterbench.tasks import Condition, GoalTracker, Task, get_task
 from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, play, rehearse
 from peer import Peer, PeerUnavailableError
 
-TASKS = ("fast_food", "morning_coffee")
-"""Tasks of the camera-less rows: the one with the most movable objects and the one with the finest fixture."""
+HEAVIEST = "breakfast_table"
+"""The task with the most objects, contacts and faces."""
+
+TASKS = ("fast_food", "morning_coffee", HEAVIEST)
+"""Tasks of the camera-less rows: a common one, the one with the lightest physics, and the heaviest."""
 
 PICTURE_TASK = "fast_food"
-"""Task of the rows with pictures: the one with the most meshes."""
+"""Task of the rows that measure one task only."""
+
+PICTURE_TASKS = (PICTURE_TASK, HEAVIEST)
+"""Tasks of the rows with pictures."""
 
 BLOCK = 10
 """Control steps between two turns of the reference, half a second of the episode."""
@@ -110,8 +116,8 @@ def _columns(minds: list[PacedMind]) -> tuple[list[list[float]], list[list[float
 def pixels_row(*, quick: bool) -> Iterator[Figure]:
     """Compare the loop with two cameras with the bare physics and the bare rendering of the same views."""
     spec = observation_spec("default")
-    for quality in (QUALITIES["fast"], QUALITIES["standard"]):
-        rehearsal = rehearse(PICTURE_TASK, quality)
+    for task, quality in itertools.product(PICTURE_TASKS, (QUALITIES["fast"], QUALITIES["standard"])):
+        rehearsal = rehearse(task, quality)
         scene = rehearsal.scene
         observer, views = Observer(spec), RawViews(scene.model, quality, [c.name for c in spec.cameras])
         try:
@@ -126,7 +132,7 @@ def pixels_row(*, quick: bool) -> Iterator[Figure]:
         finally:
             views.close()
             observer.close()
-        text = f"step with two cameras / (physics + render), {quality.name}"
+        text = f"step with two cameras / (physics + render), {task}, {quality.name}"
         yield Figure("pixels", text, tuple(ratios), "x", "<=", 1.05, f"{_range(own)} / {_range(bare)} ms")
 
 
@@ -170,9 +176,13 @@ class PeerRows:
 
     def reset(self, *, quick: bool) -> Iterator[Figure]:
         """Measure the way to a new layout of a compiled scene, and compare it with the peer's."""
-        task, space, quality = get_task(PICTURE_TASK), action_space("ee_delta"), QUALITIES["standard"]
+        for name in PICTURE_TASKS:
+            yield from self._reset(name, quick=quick)
+
+    def _reset(self, name: str, *, quick: bool) -> Iterator[Figure]:
+        task, space, quality = get_task(name), action_space("ee_delta"), QUALITIES["standard"]
         observer = Observer(observation_spec("default"))
-        layouts = _layouts_of_few_scenes(6 if quick else 20)
+        layouts = _layouts_of_few_scenes(task, 6 if quick else 20)
         theirs, failure = [], ""
         own: dict[bool, list[float]] = {False: [], True: []}
         for i, (condition, seed) in enumerate(layouts * 2):
@@ -194,10 +204,12 @@ class PeerRows:
                     failure = f"peer not available: {error}"
         observer.close()
         ms = tuple(1e3 * s for s in own[False])
-        yield Figure("reset", "new layout of a compiled scene", ms, "ms", "<=", 15.0, "build, reset, check the premise")
+        yield Figure(
+            "reset", f"new layout of a compiled scene, {name}", ms, "ms", "<=", 15.0, "build, reset, check the premise"
+        )
         note = failure or f"robosuite {_range(theirs)} s, its first two pictures included, ours none"
         ratios = tuple(t / statistics.median(own[False]) for t in theirs)
-        yield Figure("reset", "robosuite's reset / ours", ratios, "x", ">=", 100.0, note)
+        yield Figure("reset", f"robosuite's reset / ours, {name}", ratios, "x", ">=", 100.0, note)
         ratios = tuple(t / statistics.median(own[True]) for t in theirs)
         note = failure or f"ours {_range([1e3 * s for s in own[True]])} ms"
         yield Figure("reset", "the same, ours with two pictures of 'standard' as well", ratios, "x", note=note)
@@ -205,11 +217,13 @@ class PeerRows:
     def _steps(self, row: str, text: str, *, everything: bool, quick: bool) -> Iterator[Figure]:
         default = observation_spec("default")
         spec = ObservationSpec("bench", default.cameras, depth=everything, masks=everything)
-        for quality, bound in ((QUALITIES["fast"], 10.0), (QUALITIES["standard"], 4.0)):
-            label = f"{text}, {quality.name}"
+        for task, (quality, bound) in itertools.product(
+            PICTURE_TASKS, ((QUALITIES["fast"], 10.0), (QUALITIES["standard"], 4.0))
+        ):
+            label = f"{text}, {task}, {quality.name}"
             try:
                 peer = self._get(everything=everything)
-                rehearsal = rehearse(PICTURE_TASK, quality)
+                rehearsal = rehearse(task, quality)
                 observer = Observer(spec)
 
                 def reference(_first: int, _last: int, peer: Peer = peer) -> float:
@@ -237,13 +251,14 @@ class PeerRows:
         return self._peer
 
 
-def _layouts_of_few_scenes(number: int) -> list[tuple[Condition, int]]:
+def _layouts_of_few_scenes(task: Task, number: int) -> list[tuple[Condition, int]]:
     """Return conditions and seeds whose layouts differ, on few compiled scenes, all of which are in the cache then.
 
     Args:
+        task: The task.
         number: Layouts to return.
     """
-    task, space, quality = get_task(PICTURE_TASK), action_space("ee_delta"), QUALITIES["standard"]
+    space, quality = action_space("ee_delta"), QUALITIES["standard"]
     scenes: set[str] = set()
     layouts: list[tuple[Condition, int]] = []
     for seed, condition in itertools.product(range(20 * number), task.training):
@@ -361,7 +376,7 @@ def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     number = 240 if quick else RECORDS
     plan = make_plan(
         "zoo:lexical",
-        tasks=TASKS,
+        tasks=TASKS[:2],
         variations=("L1", "R1", "T1"),
         trials=1,
         observation="state_only",

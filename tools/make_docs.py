@@ -107,7 +107,8 @@ def library_page(tasks: list[Task]) -> str:
             "",
             (
                 "Every object is made by a parametric generator of our own: a category is one function, and each of its"
-                " looks is the same function with another random generator. Which look an object has is drawn with the seed"
+                " looks is the same function with another random generator. Which look an object has is"
+                " drawn with the seed"
                 f" of the trial; its colour is part of the condition. There are {len(rows)} categories. The sheet shows"
                 " three looks of each in its default colour and one in another colour, where it has one."
             ),

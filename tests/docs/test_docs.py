@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,17 +13,22 @@ import pytest
 from betterbench.cli.main import VERBS
 from betterbench.diagnosis import Label
 from betterbench.experts import expert_names
-from betterbench.tasks import Thresholds, all_tasks
+from betterbench.tasks import TEMPLATES, Thresholds, get_task, suite_tasks
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(page: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page.read_text(), flags=re.DOTALL)
 
 
-SNIPPETS = [(page.name, i, code) for page in PAGES for i, code in enumerate(blocks(page, "python"))]
+SNIPPETS = [
+    (page.name, i, code)
+    for page in PAGES
+    for i, code in enumerate(blocks(page, "python"))
+    if page.name != "adding-a-task.md"
+]
 
 
 @pytest.mark.parametrize(("page", "number", "code"), SNIPPETS, ids=[f"{p}-{i}" for p, i, _ in SNIPPETS])
@@ -50,13 +58,61 @@ def test_every_label_and_zoo_policy_is_explained():
 
 
 def test_every_variation_has_a_card():
-    text = (ROOT / "docs" / "tasks.md").read_text()
-    for task in all_tasks():
+    index = (ROOT / "docs" / "tasks.md").read_text()
+    for name in suite_tasks("better60"):
+        task = get_task(name)
+        assert f"tasks/{name}.md" in index
+        text = (ROOT / "docs" / "tasks" / f"{name}.md").read_text()
         for variation in task.variations:
-            assert f"pictures/{task.id}_{variation.name}.jpg" in text
+            assert f"pictures/{name}_{variation.name}.jpg" in text
             assert variation.hypothesis in text
+            for label in variation.exposes:
+                assert f"`{label}`" in text
         for condition in task.training:
             assert condition.instruction.text.isascii()
+            assert condition.instruction.text in text
+
+
+def test_every_template_has_its_section():
+    text = (ROOT / "docs" / "templates.md").read_text()
+    for template in TEMPLATES.values():
+        assert f"## {template.title}" in text
+        assert all(f"`{group.group_id}`" in text for group in template.groups)
+
+
+NEW_TASK = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import tea_tray
+from betterbench.certification.support import Regime
+from betterbench.episodes import TrialContext, run_episode
+from betterbench.experts import make_expert
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import FAST
+from betterbench.tasks import environment_id, get_task, suite_tasks
+task = get_task("tea_tray")
+assert "tea_tray" not in suite_tasks("better60")
+assert environment_id("tea_tray") == "BeTTER/TeaTray-v0"
+assert Regime.of(task).grasped == {"cup", "spoon"}
+for condition in (task.training[0], vary(task, task.variations[0])[0]):
+    assert task.template.problems(condition) == ()
+    for seed in (0, 1):
+        scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=FAST)
+        assert run_episode(scene, make_expert("expert", scene), context=TrialContext("expert")).record.outcome.success
+import task_pages
+assert "cup right, spoon left" in task_pages.task_page(task)
+"""
+
+
+def test_the_task_of_the_contributors_page_works(tmp_path):
+    (code,) = blocks(ROOT / "docs" / "adding-a-task.md", "python")
+    (tmp_path / "tea_tray.py").write_text(code)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "tools")}
+    command = [sys.executable, "-c", NEW_TASK, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_every_threshold_states_its_reason():

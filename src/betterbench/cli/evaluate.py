@@ -18,7 +18,7 @@ from betterbench.recording import RunFolder
 from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
-from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks, task_names
+from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks
 
 
 def evaluate(
@@ -114,7 +114,7 @@ def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials
         raise InvalidInputError(
             f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
             f"it is not certified ({gap.reason})",
-            cure_for(gap, tasks=() if set(versions) == set(task_names()) else versions, first=seed, trials=trials),
+            cure_for(gap, tasks=() if set(versions) == set(suite_tasks("better60")) else versions, first=seed, trials=trials),
         )
     unsolved = coverage.unsolved(planned)
     if unsolved:

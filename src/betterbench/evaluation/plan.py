@@ -14,7 +14,7 @@ from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interventions import vary
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import SUITE_VERSION, Condition, Task, get_task, task_names
+from betterbench.tasks import SUITE_VERSION, Condition, Task, get_task, suite_tasks
 
 PLAN_VERSION = 1
 
@@ -107,7 +107,7 @@ def make_plan(
 
     Args:
         policy: Address of the policy.
-        tasks: Task ids; all tasks if empty.
+        tasks: Task ids; those of better60 if empty.
         variations: Names of variations to keep ("L1", "fast_food/T1"); all if empty.
         trials: Trials per variation.
         seed: First seed.
@@ -127,7 +127,7 @@ def make_plan(
     observation_spec(observation)
     quality_preset(quality)
     planned: list[Trial] = []
-    chosen = [get_task(name) for name in dict.fromkeys(tasks or task_names())]
+    chosen = [get_task(name) for name in dict.fromkeys(tasks or suite_tasks("better60"))]
     _check_variations(chosen, variations)
     for task in chosen:
         kept = [v for v in task.variations if not variations or {v.name, f"{task.id}/{v.name}"} & set(variations)]

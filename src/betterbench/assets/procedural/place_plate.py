@@ -71,8 +71,8 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
         regions=(
             Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),
             Region("top", (0.0, 0.0, 0.0065), (well - 0.003, well - 0.003, 0.001)),
-            Region("left", (0.035, -side, 0.0), (0.03, 0.022, 0.02)),
-            Region("right", (0.035, side, 0.0), (0.03, 0.022, 0.02)),
+            Region("left", (0.02, -side, 0.0), (0.03, 0.022, 0.02)),
+            Region("right", (0.02, side, 0.0), (0.03, 0.022, 0.02)),
             Region("upper_right", (-0.13, 0.10, 0.0), (0.03, 0.03, 0.02)),
         ),
         parameters={"radius_m": _RADIUS, "stand_m": stand, "well_m": well, "decoration": decoration},
