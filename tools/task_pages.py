@@ -12,6 +12,7 @@ from dataclasses import asdict
 from betterbench.interventions import vary
 from betterbench.tasks import TEMPLATES, Axis, Condition, Place, Support, Task, Template, Variation, regime_of
 from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.registry import notes_of
 
 LETTERS = tuple(axis.letter for axis in Axis)
 HEADINGS = ("Randomizations", "Success", "Premise")
@@ -199,10 +200,8 @@ def _first_sentences(relation: str) -> str:
 
 def _docstring(task: Task) -> list[str]:
     """Return the paragraphs of a task's docstring; an indented continuation belongs to its heading."""
-    module = importlib.import_module(f"betterbench.tasks.suite.{task.id}")
-    text = inspect.getdoc(getattr(module, task.id)) or ""
     paragraphs: list[str] = []
-    for line in text.splitlines():
+    for line in notes_of(task.id).splitlines():
         if not line.strip():
             paragraphs.append("")
         elif line.startswith(HEADINGS) or not paragraphs:

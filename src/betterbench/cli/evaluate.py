@@ -111,10 +111,11 @@ def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in plan.trials)}
     gap = coverage.gap(planned, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
     if gap is not None:
+        whole = set(versions) == set(suite_tasks("better60"))
         raise InvalidInputError(
             f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
             f"it is not certified ({gap.reason})",
-            cure_for(gap, tasks=() if set(versions) == set(suite_tasks("better60")) else versions, first=seed, trials=trials),
+            cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials),
         )
     unsolved = coverage.unsolved(planned)
     if unsolved:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable
 
 from betterbench.errors import UnknownNameError
@@ -27,6 +28,16 @@ def get_task(name: str) -> Task:
         return _BUILDERS[name]()
     except KeyError:
         raise UnknownNameError("task", name, _BUILDERS) from None
+
+
+def notes_of(name: str) -> str:
+    """Return what the file of a task says about it: randomizations, success and premise.
+
+    Raises:
+        UnknownNameError: If there is no such task.
+    """
+    get_task(name)
+    return inspect.getdoc(_BUILDERS[name]) or ""
 
 
 def task_names() -> tuple[str, ...]:
