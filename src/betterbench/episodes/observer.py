@@ -23,6 +23,8 @@ class Observer:
     def __init__(self, spec: ObservationSpec) -> None:
         """Prepare for one observation preset."""
         self.spec = spec
+        self._names = tuple(c.name for c in spec.cameras)
+        self._wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
     def look(self, scene: Scene) -> Views:
@@ -33,11 +35,10 @@ class Observer:
         """
         if not self.spec.cameras:
             return {}
-        renderer, spec, data = self._renderer(scene), self.spec, scene.data
-        return {
-            c.name: renderer.render(data, c.name, depth=spec.depth, masks=spec.masks, width=c.width, height=c.height)
-            for c in spec.cameras
-        }
+        pictures = self._renderer(scene).render_views(
+            scene.data, self._wanted, depth=self.spec.depth, masks=self.spec.masks
+        )
+        return dict(zip(self._names, pictures, strict=True))
 
     def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return what a policy sees now.

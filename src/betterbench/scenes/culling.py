@@ -1,0 +1,140 @@
+"""Leaving out what a view does not show, before it is drawn.
+
+MuJoCo hands every visible geom and the sky to OpenGL, which then throws away what lies outside the view or behind
+something. A software renderer has transformed the vertices and painted the pixels by then: a camera at the wrist, which
+has most of the robot behind it, spends a third of its time on things that it does not show. Neither a geom whose
+bounding sphere lies beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+_NOTHING = int(mujoco.mjtGeom.mjGEOM_NONE)
+_PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
+_MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
+_GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
+_MARGIN_M = 0.002
+_WORTH_FACES = 160
+"""Faces from which on drawing a mesh for nothing costs more than finding out that it cannot be seen."""
+
+_Vector = tuple[float, float, float]
+
+
+class Culling:
+    """Knows what a perspective camera of a model, which looks through the middle of its picture, cannot see.
+
+    Args:
+        model: Compiled model.
+        scene: The scene that the pictures are drawn from; filled anew for each picture.
+    """
+
+    def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
+        """Find the meshes that are worth a look."""
+        self._model, self._scene = model, scene
+        self._geoms = list(scene.geoms)
+        self._far_m = float(model.vis.map.zfar) * float(model.stat.extent)
+        self._riding = (model.cam_bodyid != 0).tolist()
+        meshes = np.flatnonzero(model.geom_type == _MESH)
+        self._worthwhile = frozenset(meshes[model.mesh_facenum[model.geom_dataid[meshes]] >= _WORTH_FACES].tolist())
+        self._angles: dict[tuple[int, float], tuple[float, float]] = {}
+        self._learn()
+
+    def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
+        """Take geoms out of the scene that a camera does not see, and tell whether it may see the sky.
+
+        Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
+        world looks at all of the table, and nearly nothing could be left out.
+
+        Args:
+            data: State that the scene was filled from.
+            camera: Number of the camera.
+            aspect: Width of the picture by its height.
+            geoms: True to take geoms out; not for pictures with shadows, which may fall into the view from outside.
+
+        Returns:
+            True unless the floor fills the view.
+        """
+        if self._scene.ngeom != self._filled:
+            self._learn()
+        angles = self._angles.get((camera, aspect))
+        if angles is None:
+            up = 0.5 * math.radians(float(self._model.cam_fovy[camera]))
+            angles = self._angles[camera, aspect] = (math.atan(math.tan(up) * aspect), up)
+        # Plain numbers: between two pictures nothing of NumPy is in the processor's caches, and a product of two small
+        # arrays takes longer than all of this.
+        axes = data.cam_xmat[camera].tolist()
+        position = data.cam_xpos[camera].tolist()
+        if geoms and self._riding[camera]:
+            self._hide(data, axes, position, *angles)
+        return not self._floor_fills(axes, position, *angles)
+
+    def _hide(self, data: mujoco.MjData, axes: list[float], position: list[float], across: float, up: float) -> None:
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = axes
+        cx, cy, cz = position
+        cos_x, sin_x, cos_y, sin_y = math.cos(across), math.sin(across), math.cos(up), math.sin(up)
+        centres = data.geom_xpos.take(self._numbers, 0).tolist()
+        for (x, y, z), (geom, number, reach) in zip(centres, self._candidates, strict=True):
+            x, y, z = x - cx, y - cy, z - cz  # noqa: PLW2901 - relative to the camera from here on
+            behind = zx * x + zy * y + zz * z
+            if (
+                behind > reach
+                or cos_x * abs(xx * x + xy * y + xz * z) + sin_x * behind > reach
+                or cos_y * abs(yx * x + yy * y + yz * z) + sin_y * behind > reach
+            ):
+                if geom.objid != number:
+                    # Other geoms are drawn than last time, though as many: none of the rest can be trusted.
+                    self._learn()
+                    self._hide(data, axes, position, across, up)
+                    return
+                geom.type = _NOTHING
+
+    def _floor_fills(self, axes: list[float], position: list[float], across: float, up: float) -> bool:
+        """Tell whether the rays through the four corners of a view hit the floor: then all in between do as well."""
+        if self._floor is None:
+            return False
+        geom, number, (fx, fy, fz), (half_x, half_y) = self._floor
+        if geom.objid != number:
+            self._learn()
+            return False
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = axes
+        cx, cy, height = position[0] - fx, position[1] - fy, position[2] - fz
+        right, top = math.tan(across), math.tan(up)
+        for a in (-right, right):
+            for b in (-top, top):
+                fall = zz - a * xz - b * yz
+                # The distance along the optical axis at which the ray comes down, which the far plane limits.
+                if fall <= 0.0 or height <= 0.0 or height >= self._far_m * fall:
+                    return False
+                t = height / fall
+                if abs(cx + t * (a * xx + b * yx - zx)) > half_x or abs(cy + t * (a * xy + b * yy - zy)) > half_y:
+                    return False
+        return float(geom.rgba[3]) == 1.0
+
+    def _learn(self) -> None:
+        """Read where in the scene the geoms are that may be worth taking out, and where the floor is."""
+        self._filled = int(self._scene.ngeom)
+        drawn = [g for g in self._geoms[: self._filled] if int(g.objtype) == _GEOM]
+        self._candidates = [
+            (geom, int(geom.objid), float(self._model.geom_rbound[geom.objid]) + _MARGIN_M)
+            for geom in drawn
+            if int(geom.objid) in self._worthwhile
+        ]
+        self._numbers = np.array([number for _, number, _ in self._candidates], int)
+        self._floor: tuple[mujoco.MjvGeom, int, _Vector, tuple[float, float]] | None = None
+        for geom in drawn:
+            number = int(geom.objid)
+            # A plane without a size is drawn as large as MuJoCo sees fit; one that rides on a body moves.
+            half_x, half_y, _ = self._model.geom_size[number].tolist()
+            if (
+                int(self._model.geom_type[number]) == _PLANE
+                and min(half_x, half_y) > _MARGIN_M
+                and int(self._model.geom_bodyid[number]) == 0
+                and np.array_equal(self._model.geom_quat[number], (1.0, 0.0, 0.0, 0.0))
+            ):
+                x, y, z = self._model.geom_pos[number].tolist()
+                self._floor = geom, number, (x, y, z), (half_x - _MARGIN_M, half_y - _MARGIN_M)
+                break
