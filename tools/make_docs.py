@@ -8,6 +8,7 @@ from pathlib import Path
 
 from PIL import Image
 
+import calibration_page
 import library_sheet
 import scene_pictures
 import task_pages
@@ -34,6 +35,7 @@ def main() -> None:
             write_task(task, arguments.out, seed=arguments.seed)
     if arguments.tasks is None:
         write_overviews(tasks, arguments.out, seed=arguments.seed)
+        calibration_page.write(arguments.out)
     sys.stdout.write(f"wrote the pages of {len(arguments.tasks or tasks)} tasks below {arguments.out}\n")
 
 

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import pytest
 
-from betterbench.diagnosis import RunDiagnosis, diagnose_run
+from betterbench.calibration import Arm, calibrate, true_label
+from betterbench.diagnosis import Calibration, Label, RunDiagnosis, diagnose_run
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.experts import expert_names, true_label
+from betterbench.experts import Address
+from betterbench.recording import RunFolder
+
+
+def calibrated(tmp_path, policy: str, tasks: tuple[str, ...], *, trials: int = 1, strength: float = 1.0) -> Calibration:
+    return calibrate([Arm(Address(policy, strength), trials, 40)], tmp_path, tasks=tasks)
 
 
 def diagnosed(tmp_path_factory, policy: str, **options) -> RunDiagnosis:
     folder = tmp_path_factory.mktemp("zoo") / policy.replace(":", "-")
     return diagnose_run(evaluate(make_plan(policy, **options), folder, workers=1))
-
-
-def mistakes(diagnosis: RunDiagnosis) -> list[str]:
-    return [
-        f"{t.key}: {t.label.value}, should be {true_label(t.policy, t.task, t.variation or t.condition)}"
-        for t in diagnosis.trials
-        if t.label.value != true_label(t.policy, t.task, t.variation or t.condition)
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -28,37 +26,56 @@ def lexical(tmp_path_factory):
 
 
 def test_lexical_fails_the_counterfactual_words_only(lexical):
-    assert mistakes(lexical) == []
     for name, wanted in {"L1": 1.0, "L2": 1.0, "L3": 0.0, "L4": 0.0, "training": 1.0}.items():
         metric = lexical.metric("intention_accuracy", f"morning_coffee/{name}")
         assert metric is not None
         assert metric.value == wanted, name
+    shortcuts = {t.variation for t in lexical.trials if t.label is Label.LEXICAL_KINEMATIC_SHORTCUT}
+    assert shortcuts == {"L3", "L4"}
 
 
-def test_clumsy_is_execution_and_not_reasoning(tmp_path_factory):
-    diagnosis = diagnosed(tmp_path_factory, "zoo:clumsy", tasks=("morning_coffee",), trials=2, seed=40)
-    assert mistakes(diagnosis) == []
-    reasoning = diagnosis.metric("reasoning_failure_rate", "overall")
-    assert reasoning is not None
-    assert reasoning.k == 0
+@pytest.mark.parametrize(
+    ("policy", "task", "found"),
+    [
+        ("zoo:clumsy", "morning_coffee", Label.EXECUTION_FAILURE),
+        ("zoo:habit-place", "desk_meeting", Label.BEHAVIORAL_INERTIA),
+    ],
+)
+def test_a_policy_is_found_out_and_nothing_else_is_said(tmp_path, policy, task, found):
+    calibration = calibrated(tmp_path, policy, (task,))
+    assert calibration.wrong == ()
+    assert calibration.counts[found, found] > 0
+
+
+def test_the_diagnosis_never_reads_the_truth(tmp_path):
+    """The remarks of the journal are taken away, and every label stays what it was."""
+    calibrated(tmp_path, "zoo:colour", ("morning_coffee",))
+    run = RunFolder.open(tmp_path / "zoo-colour-100")
+    before = [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials]
+    text = run.journal_path.read_text()
+    assert "semantic_feature_collapse" in text
+    assert any(label is Label.SEMANTIC_FEATURE_COLLAPSE for _, label, _ in before)
+    run.journal_path.write_text(text.replace("semantic_feature_collapse", "order_violation"))
+    assert [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials] == before
 
 
 def test_progress_cue_skips_the_burger_when_only_one_is_there(tmp_path_factory):
     diagnosis = diagnosed(
         tmp_path_factory, "zoo:progress-cue", tasks=("fast_food",), variations=("T1",), trials=2, seed=40
     )
-    assert mistakes(diagnosis) == []
     changed = [t for t in diagnosis.trials if t.variation == "T1"]
     assert [t.label.value for t in changed] == ["causal_confusion"] * 2
     assert all(t.first_attempt == "fries" for t in changed)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("policy", expert_names())
-def test_every_policy_gets_its_true_label(tmp_path_factory, policy):
-    diagnosis = diagnosed(tmp_path_factory, policy, trials=3, seed=60)
-    wrong = mistakes(diagnosis)
-    assert len(wrong) <= 0.05 * len(diagnosis.trials), "\n".join(wrong)
+@pytest.mark.parametrize("strength", [1.0, 0.3])
+@pytest.mark.parametrize("policy", ["zoo:lexical", "zoo:layout", "zoo:inertia", "zoo:sequence", "zoo:reorder"])
+def test_first_attempt_rules_are_told_apart_on_all_tasks(tmp_path, policy, strength):
+    calibration = calibrated(tmp_path, policy, (), strength=strength)
+    overall = calibration.overall
+    assert overall.value is not None
+    assert overall.value >= 0.97, [f"{j.trial}: {j.truth} called {j.label}" for j in calibration.wrong]
 
 
 @pytest.mark.slow
@@ -68,3 +85,7 @@ def test_inertia_loses_the_novel_composition(tmp_path_factory):
     assert delta is not None
     assert delta.value is not None
     assert delta.value <= -0.45
+
+
+def test_a_policy_outside_the_zoo_has_no_truth():
+    assert true_label({"truth": ""}, expected="succeed", success=True) is Label.SUCCESS

@@ -1,67 +1,142 @@
-"""The calibration zoo: every policy runs everywhere, decides by its one rule, and its true labels are well formed."""
+"""The calibration zoo: every policy runs everywhere, decides by its one rule, and knows its own fault."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from betterbench.diagnosis.verdict import Label
-from betterbench.experts import EXPERTS, expert_names, make_expert, true_label
-from betterbench.experts.zoo import truth
+from betterbench.calibration import true_label
+from betterbench.diagnosis import Label
+from betterbench.episodes import TrialContext, run_episode
+from betterbench.experts import EXPERTS, REPLAYS, expert_names, make_expert
+from betterbench.experts.mind import Bring, GraspAt, Rest, Situation
+from betterbench.experts.zoo import BrokenRule, Lexical
+from betterbench.interventions import vary
+from betterbench.recording import Record
 from betterbench.tasks import all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
-CONDITIONS = [(t.id, c.name) for t in all_tasks() for c in (*t.training, *t.variations)]
 VARIATIONS = [(t.id, v.name) for t in all_tasks() for v in t.variations]
 ZOO = [name for name in expert_names() if name.startswith("zoo:")]
-FAULTS = [(policy, *condition.split("/")) for policy, faults in truth._FAULTS.items() for condition in sorted(faults)]
-FAULTS += [("zoo:clumsy", t, n) for t, n in CONDITIONS if true_label("zoo:clumsy", t, n) == "execution_failure"]
-BY_POLICY = {policy: (policy, task, name) for policy, task, name in FAULTS}
-"""The last condition of the table on which each policy's rule speaks: a quick one."""
-QUICK = [BY_POLICY[policy] for policy in ZOO]
+
+KNOWN = {
+    ("zoo:lexical", "morning_coffee", "L3"): "lexical_kinematic_shortcut",
+    ("zoo:lexical", "fast_food", "O1"): "semantic_feature_collapse",
+    ("zoo:layout", "morning_coffee", "L2"): "visual_layout_bias",
+    ("zoo:inertia", "fast_food", "R1"): "behavioral_inertia",
+    ("zoo:sequence", "seasoning_rack", "R1"): "behavioral_inertia",
+    ("zoo:habit-place", "desk_meeting", "R1"): "behavioral_inertia",
+    ("zoo:progress-cue", "fast_food", "T1"): "causal_confusion",
+    ("zoo:repeat", "fast_food", "train1"): "causal_confusion",
+    ("zoo:reorder", "fruit_lunch", "train1"): "order_violation",
+    ("zoo:colour", "morning_coffee", "O1"): "semantic_feature_collapse",
+    ("zoo:shape", "office_drawer", "O1"): "semantic_feature_collapse",
+    ("zoo:halt", "morning_coffee", "L1"): "early_halt",
+    ("zoo:refuse", "morning_coffee", "O1"): "early_halt",
+    ("zoo:phase", "fruit_lunch", "T1"): "phase_conflict",
+    ("zoo:clumsy", "morning_coffee", "train1"): "execution_failure",
+    ("zoo:slow", "morning_coffee", "train1"): "timeout",
+    ("zoo:crash", "morning_coffee", "T1"): "policy_error",
+}
+"""What each rule does on one condition, by hand: the policies' own remarks are held against it."""
 
 
-def ran(record):
-    assert record.outcome.termination != "policy_error", record.outcome.error
+def run(scene, policy: str, task_id: str, name: str, seed: int = 0) -> tuple[Record, dict[str, str]]:
+    made = scene(task_id, name, seed)
+    agent = make_expert(policy, made)
+    record = run_episode(made, agent, context=TrialContext(policy)).record
+    return record, agent.remarks
+
+
+def test_every_policy_of_the_zoo_has_a_known_fault():
+    assert {policy for policy, _, _ in KNOWN} == set(ZOO)
+    assert len(ZOO) >= 10
+
+
+@pytest.mark.parametrize(("policy", "task_id", "name"), KNOWN, ids=["-".join(k) for k in KNOWN])
+def test_a_policy_knows_its_fault_and_it_costs_the_goal(scene, policy, task_id, name):
+    record, remarks = run(scene, policy, task_id, name)
     assert record.outcome.clipped_actions == 0
+    assert (record.outcome.termination == "policy_error") is (policy == "zoo:crash"), record.outcome.error
     assert np.abs(record.action[1:]).max() <= 1.0
-
-
-@pytest.mark.parametrize(("policy", "task_id", "name"), QUICK, ids=["-".join(q) for q in QUICK])
-def test_a_broken_rule_that_speaks_costs_the_goal(episode, policy, task_id, name):
-    record = episode(policy, task_id, name)
-    ran(record)
     assert not record.outcome.success
+    assert remarks["truth"] == KNOWN[policy, task_id, name], remarks
+
+
+@pytest.mark.parametrize("policy", ["zoo:lexical", "zoo:clumsy", "zoo:slow", "zoo:crash"])
+def test_a_rule_that_does_not_apply_leaves_the_expert(scene, policy):
+    record, remarks = run(scene, f"{policy}?strength=0", "morning_coffee", "L3")
+    assert record.outcome.success
+    assert remarks == {"truth": "", "fault": "", "mishap": ""}
+    expert, _ = run(scene, "expert", "morning_coffee", "L3")
+    assert np.array_equal(record.qpos, expert.qpos)
+
+
+def test_a_tremor_shakes_and_does_not_fail(scene):
+    calm, _ = run(scene, "expert", "morning_coffee", "train1")
+    shaky, _ = run(scene, "expert?tremor=0.002", "morning_coffee", "train1")
+    assert shaky.outcome.success
+    n = min(len(calm.action), len(shaky.action), 30)
+    off = np.abs(calm.action[5:n, :3] - shaky.action[5:n, :3]).mean()
+    assert 0.005 < off < 0.2
+    again, _ = run(scene, "expert?tremor=0.002", "morning_coffee", "train1")
+    assert np.array_equal(shaky.action[1:], again.action[1:])
+
+
+def test_the_strength_is_the_share_of_trials():
+    task = get_task("morning_coffee")
+    condition, _ = vary(task, task.variation("L3"))
+    for strength in (0.3, 0.6):
+        applied = sum(Lexical(Situation(task, condition, seed), strength).applies for seed in range(600))
+        assert abs(applied / 600 - strength) < 0.07
+    stronger = {s for s in range(200) if Lexical(Situation(task, condition, s), 0.6).applies}
+    weaker = {s for s in range(200) if Lexical(Situation(task, condition, s), 0.3).applies}
+    assert weaker < stronger
+
+
+def test_right_decisions_are_those_of_the_instruction(scene):
+    """An ordered instruction has one next step, a free one has any; a drawer is closed after it was loaded."""
+    cases = {
+        ("fruit_lunch", "train1"): [Bring("apple", "lunchbox", "inside", "")],
+        ("desk_meeting", "train1"): [
+            Bring("mouse", "laptop", "beside", "right"),
+            Bring("mug", "laptop", "beside", "left"),
+        ],
+        ("office_drawer", "train2"): [Bring("stapler", "upper", "inside", "")],
+        ("morning_coffee", "T1"): [],
+        ("fruit_lunch", "O1"): [Bring("orange", "lunchbox", "inside", "")],
+    }
+    for (task_id, name), wanted in cases.items():
+        made = scene(task_id, name, 0)
+        rule = BrokenRule(Situation(made.task, made.condition, 0))
+        assert list(rule.right_decisions(made.reset())) == wanted, (task_id, name)
+
+
+def test_a_wrong_decision_is_called_by_what_it_is(scene):
+    made = scene("fast_food", "O1", 0)
+    rule, state = BrokenRule(Situation(made.task, made.condition, 0)), made.reset()
+    block = next(o.name for o in made.condition.objects if o.kind == "round block")
+    decisions = {
+        Bring("burger_2", "box", "inside", ""): None,
+        Bring(block, "box", "inside", ""): "semantic_feature_collapse",
+        Bring("drink", "box", "inside", ""): "wrong_object",
+        GraspAt("first"): "behavioral_inertia",
+        Rest(): "early_halt",
+    }
+    for decision, label in decisions.items():
+        assert rule._label_of(state, (), decision) == label, decision
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("task_id", "name"), VARIATIONS, ids=[f"{t}/{v}" for t, v in VARIATIONS])
-@pytest.mark.parametrize("policy", ZOO)
-def test_every_zoo_policy_runs_on_every_variation(episode, policy, task_id, name):
-    record = episode(policy, task_id, name)
-    ran(record)
-    right = true_label(policy, task_id, name) in ("success", "correct_freeze")
-    assert record.outcome.success is right
-
-
-def test_true_labels_name_only_what_exists():
-    known = {f"{t}/{n}" for t, n in CONDITIONS}
-    assert set(truth._FAULTS) == set(ZOO)
-    for policy, faults in truth._FAULTS.items():
-        for condition, label in faults.items():
-            assert condition in known, f"{policy} {condition}"
-            assert Label(label).kind in ("reasoning", "execution"), label
-
-
-@pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=[f"{t}/{n}" for t, n in CONDITIONS])
-def test_true_label_of_the_expert_is_what_is_expected(task_id, name):
-    task = get_task(task_id)
-    expected = "succeed" if name.startswith("train") else task.variation(name).expected.value
-    right = {"succeed": "success", "stay_still": "correct_freeze", "refuse": "correct_refusal"}[expected]
-    assert true_label("expert", task_id, name) == right
-    for policy in ZOO:
-        assert Label(true_label(policy, task_id, name))
+@pytest.mark.parametrize("policy", [*ZOO, *REPLAYS, "probe:no-language"])
+def test_every_policy_runs_on_every_variation(scene, policy, task_id, name):
+    record, remarks = run(scene, policy, task_id, name)
+    if policy != "zoo:crash":
+        assert record.outcome.termination != "policy_error", record.outcome.error
+    assert record.outcome.clipped_actions == 0
+    true_label(remarks, expected=get_task(task_id).variation(name).expected.value, success=record.outcome.success)
 
 
 @pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])

@@ -9,6 +9,8 @@ import betterbench.statistics.power as power_module
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import (
     PairedTable,
+    Rate,
+    fisher_p,
     mcnemar_p,
     paired_power,
     smallest_paired_difference,
@@ -22,6 +24,12 @@ def test_power_of_twenty_trials_an_arm(a: float, b: float, power: float) -> None
     assert unpaired_power(20, a, b) == pytest.approx(power, abs=0.005)
     assert unpaired_power(20, b, a) == pytest.approx(unpaired_power(20, a, b))
     assert unpaired_power(20, 1 - a, 1 - b) == pytest.approx(unpaired_power(20, a, b))
+
+
+def test_fishers_test_finds_less_with_the_same_trials() -> None:
+    first, second = (stats.binom.pmf(range(21), 20, rate) for rate in (0.5, 0.7))
+    found = [[fisher_p(Rate(i, 20), Rate(j, 20)) <= 0.05 for j in range(21)] for i in range(21)]
+    assert first @ found @ second == pytest.approx(0.16, abs=0.005)
 
 
 @pytest.mark.parametrize(("n", "points"), [(387, 10), (169, 15), (93, 20), (38, 30)])

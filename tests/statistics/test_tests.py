@@ -53,6 +53,11 @@ def test_refspatial_cells() -> None:
     assert barnard_p(Rate(41, 100), Rate(9, 100)) == pytest.approx(2e-7, rel=0.3)
 
 
+def test_published_differences_that_carry_less_than_they_seem_to() -> None:
+    assert fisher_p(Rate(441, 1321), Rate(422, 1321)) == pytest.approx(0.46, abs=0.005)  # EgoPlan 33.38 to 31.95
+    assert fisher_p(Rate(1948, 2000), Rate(1925, 2000)) == pytest.approx(0.047, abs=5e-4)  # LIBERO 97.4 to 96.25
+
+
 @pytest.mark.parametrize(("k", "counterpart"), [(0, 4), (2, 8), (5, 12), (10, 17), (15, 20)])
 def test_first_significant_counterpart_of_twenty_trials(k: int, counterpart: int) -> None:
     assert barnard_p(Rate(counterpart, 20), Rate(k, 20)) <= 0.05 < barnard_p(Rate(counterpart - 1, 20), Rate(k, 20))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,6 +20,10 @@ from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
 from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks
+
+USUAL_OPPOSITE = 0.1
+"""Share of pairs against the difference for the second figure of :func:`what_trials_show`: policies that fail on
+different trials are usual, and one that fails on a subset of the other's failures is the best case."""
 
 
 def evaluate(
@@ -74,12 +79,7 @@ def evaluate(
     check_policy(policy, action_space=action_space)
     if not uncertified:
         require_certified(plan, certificate, seed=seed, trials=trials)
-    smallest = smallest_paired_difference(trials).value
-    if smallest is not None:
-        say(
-            f"{len(plan.trials)} trials. With {trials} pairs, a variation has to differ from its twin by "
-            f"{100 * smallest:.0f} points to be found with 80 % power."
-        )
+    say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
     run = run_with_bar(plan, out or Path("runs") / default_folder(policy), workers=workers)
     summary = _summary(run)
     if json:
@@ -122,6 +122,44 @@ def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials
         named = ", ".join(f"{task}/{condition} seed {number}" for task, condition, number in unsolved[:5])
         more = f" and {len(unsolved) - 5} more" if len(unsolved) > 5 else ""
         say(f"The expert did not solve {len(unsolved)} of the planned trials: {named}{more}.")
+
+
+def what_trials_show(plan: Plan) -> str:
+    """Return what the trials of a plan can and cannot show, per variation, per axis and overall.
+
+    Args:
+        plan: The plan, in which every trial of a variation has its twin.
+    """
+    varied = [t for t in plan.trials if t.variation is not None]
+    variations = Counter((t.task, t.variation) for t in varied)
+    axes = Counter(t.axis for t in varied)
+    levels = (("a variation", variations.values()), ("an axis", axes.values()), ("all variations", (len(varied),)))
+    best, usual, hidden = [], [], []
+    for name, counts in levels:
+        fewest, most = min(counts), max(counts)
+        pairs = (str(fewest) if fewest == most else f"{fewest} to {most}") + (" pair" if most == 1 else " pairs")
+        found = _smallest(fewest, most, opposite=0.0)
+        if not found:
+            hidden.append(f"{name} ({pairs})")
+            continue
+        best.append(f"{found} points for {name} ({pairs})")
+        usual.append(_smallest(fewest, most, opposite=USUAL_OPPOSITE) or "more than they can show")
+    sentences = []
+    if best:
+        sentences.append(
+            "At 80 % power they show a drop against the twins, or a difference from another policy on the same trials, "
+            f"of at least {', '.join(best)}; where {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, of "
+            f"{', '.join(usual)}. Smaller ones can stay unseen."
+        )
+    if hidden:
+        sentences.append(f"They are too few to show any difference for {', '.join(hidden)}; give more --trials.")
+    return " ".join(sentences)
+
+
+def _smallest(fewest: int, most: int, *, opposite: float) -> str:
+    """Return the smallest difference that the most and the fewest pairs show, in points; empty if none do."""
+    values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
+    return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))
 
 
 def default_folder(policy: str) -> str:

@@ -9,7 +9,10 @@ from collections.abc import Callable, Sequence
 
 import tyro
 
+from betterbench.cli.audit_paper import audit_paper
+from betterbench.cli.calibrate import calibrate
 from betterbench.cli.certify import certify
+from betterbench.cli.compare import compare
 from betterbench.cli.console import ERR, say
 from betterbench.cli.demo import demo
 from betterbench.cli.diagnose import diagnose
@@ -26,11 +29,14 @@ VERBS: dict[str, Callable[..., None]] = {
     "list": list_things,
     "show": show,
     "certify": certify,
+    "calibrate": calibrate,
     "eval": evaluate,
     "diagnose": diagnose,
+    "compare": compare,
     "report": report,
     "replay": replay,
     "demo": demo,
+    "audit-paper": audit_paper,
 }
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130

@@ -1,5 +1,6 @@
 """Diagnosis: from records alone, what each policy did right or wrong and for which reason."""
 
+from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, ProbeCell, packaged_calibration
 from betterbench.diagnosis.limits import LIMITS, Limits
 from betterbench.diagnosis.run import diagnose_records, diagnose_run
 from betterbench.diagnosis.trial import diagnose_record, offline_truth
@@ -16,15 +17,20 @@ from betterbench.diagnosis.verdict import (
 __all__ = [
     "LIMITS",
     "Attempt",
+    "Calibration",
     "Evidence",
+    "Judged",
     "Kind",
     "Label",
+    "LabelScore",
     "Limits",
     "Metric",
+    "ProbeCell",
     "RunDiagnosis",
     "TrialDiagnosis",
     "diagnose_record",
     "diagnose_records",
     "diagnose_run",
     "offline_truth",
+    "packaged_calibration",
 ]

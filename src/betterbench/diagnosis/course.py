@@ -9,7 +9,7 @@ import numpy as np
 
 from betterbench.diagnosis.attempts import Grasp, find_grasps
 from betterbench.diagnosis.limits import LIMITS
-from betterbench.diagnosis.trace import Trace
+from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Regime, Subgoal
 
@@ -42,6 +42,8 @@ class Step:
         standing: How that object stands to the instruction.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots in which the objects stand that were asked for.
+        taken_for: Index of the subgoal at whose place the object was put although that subgoal means another object,
+            or None.
     """
 
     grasp: Grasp
@@ -50,6 +52,7 @@ class Step:
     standing: Standing
     goal: int | None
     asked_slots: tuple[str, ...]
+    taken_for: int | None = None
 
     @property
     def missed(self) -> bool:
@@ -92,6 +95,12 @@ class Course:
         """Indices of all objects that the instruction can mean."""
         return frozenset(i for names in self.meant for i in names)
 
+    @property
+    def first_choice(self) -> Step | None:
+        """The first attempt that is not at a drawer: opening one is on the way, and chooses nothing yet."""
+        drawers = {i for i, _, _ in self.trace.drawers}
+        return next((step for step in self.steps if step.at not in drawers), None)
+
     def kind(self, i: int) -> str:
         """Return the kind of an object."""
         return self.trace.info.objects[i].kind
@@ -111,6 +120,29 @@ class Course:
     def attempted_after(self, goal: int, row: int) -> bool:
         """Tell whether an object that a subgoal means is attempted after a row."""
         return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
+
+    def let_go(self, step: Step) -> tuple[int, int] | None:
+        """Return the row at which what an attempt took has left the hand, and the row at which it has come to rest.
+
+        Returns:
+            The two rows, or None if it took nothing or still has it at the end.
+        """
+        return _let_go(self.trace, step.grasp)
+
+    def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
+        """Return where a right object was put that was not asked for, with the rows of release and of rest.
+
+        Returns:
+            The rows and the place, or None if it was put right, at no place of any target, or put right later.
+        """
+        if step.standing is not Standing.ASKED or self.completed_after(step.goal, step.grasp.end):
+            return None
+        return _wrong_place(self.trace, step.grasp)
+
+    def memorised(self, i: int, place: Whereabout) -> bool:
+        """Tell whether training put objects of this kind there."""
+        where = (self.kind(place.target), place.relation, place.place)
+        return where in self.regime.kind_places.get(self.kind(i), ())
 
     def evidence(
         self,
@@ -263,7 +295,46 @@ def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: 
         at = next(i for i in sorted(needed) if trace.info.objects[i].slot == grasp.slot)
         standing = Standing.ASKED
         goal = next(g for g in now if at in wanted[g])
-    return Step(grasp, attempt, at, standing, goal, tuple(slots))
+    return Step(grasp, attempt, at, standing, goal, tuple(slots), _taken_for(trace, instruction.subgoals, grasp))
+
+
+def _let_go(trace: Trace, grasp: Grasp) -> tuple[int, int] | None:
+    """Return the rows of release and of rest of what was taken, or None if nothing was, or it is still in the hand."""
+    i = grasp.object
+    if i is None:
+        return None
+    until = min(trace.rows, grasp.release + trace.steps(LIMITS.stop_time))
+    rows = slice(grasp.end, until)
+    gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+    if not gripped.any():
+        return None
+    gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
+    if gone >= trace.rows:
+        return None
+    return gone, min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
+
+
+def _wrong_place(trace: Trace, grasp: Grasp) -> tuple[int, int, Whereabout] | None:
+    """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None."""
+    i, rows = grasp.object, _let_go(trace, grasp)
+    if rows is None or i is None or not grasp.secured:
+        return None
+    gone, rest = rows
+    place = trace.placed(rest, i)
+    return None if place is None or trace.serves[rest, :, i].any() else (gone, rest, place)
+
+
+def _taken_for(trace: Trace, goals: tuple[Subgoal, ...], grasp: Grasp) -> int | None:
+    """Return the subgoal at whose place an object was put that the subgoal does not mean, or None."""
+    found = _wrong_place(trace, grasp)
+    if found is None or all(grasp.object not in names for names in trace.meant):
+        return None
+    _, _, place = found
+    for g, goal in enumerate(goals):
+        same = (goal.relation, trace.targets[g], goal.place) == (place.relation, place.target, place.place)
+        if same and grasp.object not in trace.meant[g]:
+            return g
+    return None
 
 
 def _pushed_away(trace: Trace, grasp: Grasp, needed: set[int]) -> bool:

@@ -80,7 +80,7 @@ def gather(record: Record, course: Course) -> tuple[Finding, ...]:
     crashed = modes.policy_error.find(record)
     if crashed is not None:
         return (Finding(Label.POLICY_ERROR, crashed),)
-    slot = course.steps[0].grasp.slot if course.steps else None
+    slot = None if course.first_choice is None else course.first_choice.grasp.slot
     found: dict[Label, Evidence | None] = {
         Label.LEXICAL_KINEMATIC_SHORTCUT: modes.lexical_kinematic_shortcut.find(course),
         Label.VISUAL_LAYOUT_BIAS: modes.visual_layout_bias.find(course, slot),
@@ -110,28 +110,32 @@ def decide(findings: Sequence[Finding], ruling: Ruling = ALONE) -> Finding:
     """Return the finding that decides a trial.
 
     The first piece of evidence in time decides; for the same attempt the order of the table does. A shortcut that is
-    neither upheld nor rejected keeps the label ``wrong_object`` with the labels that remain possible, unless inertia
-    explains the same attempt.
+    neither upheld nor rejected keeps the label ``wrong_object`` with the labels that remain possible, unless something
+    else explains the same attempt.
 
     Args:
         findings: All evidence of the trial.
         ruling: What the second pass says about it.
     """
     kept: list[tuple[float, int, Finding]] = []
-    inertia = {f.evidence.start_s for f in findings if f.label is Label.BEHAVIORAL_INERTIA}
     shortcut = {f.evidence.start_s for f in findings if f.label is Label.LEXICAL_KINEMATIC_SHORTCUT}
     for finding in findings:
         label, evidence = finding
         rank = ORDER.index(label)
         if label is Label.LEXICAL_KINEMATIC_SHORTCUT and ruling.shortcut != "upheld":
-            if ruling.shortcut == "rejected" or evidence.start_s in inertia:
-                continue
-            undecided = replace(evidence, rule="undecided", candidates=tuple(r.value for r in _FIRST_ATTEMPT_RULES))
-            kept.append((evidence.start_s, rank, Finding(Label.WRONG_OBJECT, undecided)))
+            if ruling.shortcut == "open":
+                # What is not proven gives way to whatever else is known of the same attempt.
+                undecided = replace(evidence, rule="undecided", candidates=tuple(r.value for r in _FIRST_ATTEMPT_RULES))
+                rank = ORDER.index(Label.WRONG_OBJECT)
+                kept.append((evidence.start_s, rank, Finding(Label.WRONG_OBJECT, undecided)))
             continue
         if label is Label.VISUAL_LAYOUT_BIAS and not ruling.place:
             continue
-        if label is Label.BEHAVIORAL_INERTIA and ruling.shortcut == "open" and evidence.start_s in shortcut:
+        if (
+            ruling.shortcut == "open"
+            and evidence.start_s in shortcut
+            and label not in (*_FIRST_ATTEMPT_RULES, Label.WRONG_OBJECT)
+        ):
             candidates = tuple(r.value for r in (*_FIRST_ATTEMPT_RULES, label))
             finding = Finding(label, replace(evidence, candidates=candidates))  # noqa: PLW2901 - the same finding, annotated
         kept.append((evidence.start_s, rank, finding))

@@ -13,10 +13,29 @@ from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
 from betterbench.state import SceneInfo
 from betterbench.tasks import Condition
-from betterbench.tasks.predicates import relation
+from betterbench.tasks.predicates import RELATIONS, relation
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whereabout:
+    """When an object was at one place of a target, asked for or not.
+
+    Attributes:
+        object: Index of the object.
+        relation: Name of the relation.
+        target: Index of the target.
+        place: Place of the target, "" if it offers just one.
+        rows: (T,) whether it was there.
+    """
+
+    object: int
+    relation: str
+    target: int
+    place: str
+    rows: Bools
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +54,7 @@ class Trace:
         left: (T, n) whether the left finger touches the object.
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
+        whereabouts: Per object and place of a target when it was there; shut drawers are left out.
         there: (T, n) whether the object is at some place of a target, asked for or not.
         serves: (T, g, n) whether the object is where the subgoal wants it.
         done: (T, g) whether the subgoal is done: related, released and at rest.
@@ -56,6 +76,7 @@ class Trace:
     left: Bools
     right: Bools
     held: npt.NDArray[np.int16]
+    whereabouts: tuple[Whereabout, ...]
     there: Bools
     serves: Bools
     done: Bools
@@ -77,6 +98,10 @@ class Trace:
     def on_table(self, row: int, i: int) -> bool:
         """Tell whether an object has not fallen off the table."""
         return bool(self.positions[row, i, 2] > -LIMITS.fallen_below)
+
+    def placed(self, row: int, i: int) -> Whereabout | None:
+        """Return where an object is with respect to a target at a row, or None if at no place of any."""
+        return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
         """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
@@ -152,10 +177,10 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         )
         for goal in goals
     )
+    whereabouts = _whereabouts(record, rows, items)
     there = np.zeros((rows, len(objects)), dtype=np.bool_)
-    for i in items:
-        for column in _columns(record, objects[i].name):
-            there[:, i] |= record.predicates[:rows, column]
+    for w in whereabouts:
+        there[:, w.object] |= w.rows
     serves = np.zeros((rows, len(goals), len(objects)), dtype=np.bool_)
     targets = tuple(_index_of_kind(info, condition.object(goal.target).kind) for goal in goals)
     for g, goal in enumerate(goals):
@@ -176,6 +201,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         left=left,
         right=right,
         held=record.held[:rows],
+        whereabouts=whereabouts,
         there=there,
         serves=serves,
         done=record.subgoals[:rows],
@@ -209,13 +235,20 @@ def _column(record: Record, label: str) -> int:
         raise RecordError(text) from None
 
 
-def _columns(record: Record, name: str) -> list[int]:
-    """Return the columns of all predicates that say whether an object was put somewhere."""
-    return [
-        column
-        for column, predicate in enumerate(record.metadata.predicate_names)
-        if f"({name}, " in predicate and not predicate.startswith("closed(")
-    ]
+def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
+    """Return when which object was at which place of which target, from all predicates of the record."""
+    objects = record.metadata.scene.objects
+    column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
+    names = {label.partition("(")[0] for label in column}
+    found = []
+    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
+        for t, target in enumerate(objects):
+            for place in kind.places(target):
+                for i in items:
+                    c = column.get(kind.label(objects[i].name, target.name, place))
+                    if c is not None:
+                        found.append(Whereabout(i, kind.name, t, place, record.predicates[:rows, c]))
+    return tuple(found)
 
 
 def _index_of_kind(info: SceneInfo, kind: str) -> int:

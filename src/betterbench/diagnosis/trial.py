@@ -10,6 +10,7 @@ from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.course import Course, Standing, course_of
 from betterbench.diagnosis.labels import ALONE, Finding, Ruling, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import habit
+from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.interventions import vary
@@ -183,7 +184,7 @@ def _choice(course: Course) -> Choice | None:
     """Return where the first attempt went; None for look-alikes, which have a label of their own, and for no choice."""
     trace, regime, goals = course.trace, course.regime, course.goals
     standing = dict(_standing_at_start(course))
-    first = course.steps[0] if course.steps else None
+    first = course.first_choice
     nothing_asked = course.condition.expected is Expected.STAY_STILL
     if first is None:
         if not nothing_asked:
@@ -193,9 +194,10 @@ def _choice(course: Course) -> Choice | None:
     else:
         if first.standing is Standing.FOREIGN or first.grasp.slot is None:
             return None
-        right = frozenset(first.asked_slots)
-        slot, correct = first.grasp.slot, first.standing is Standing.ASKED
-        goal = first.goal if first.goal is not None else 0
+        another = taken_for_another(course, first)
+        right = frozenset(first.asked_slots) - ({first.grasp.slot} if another is not None else set())
+        slot, correct = first.grasp.slot, first.standing is Standing.ASKED and another is None
+        goal = another if another is not None else first.goal if first.goal is not None else 0
     kind = habit(regime)
     waiting = frozenset(s for s, i in standing.items() if course.kind(i) == kind)
     habit_slots = frozenset() if kind is None else waiting or frozenset(regime.kind_slots.get(kind, ()))

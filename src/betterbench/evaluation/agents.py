@@ -8,7 +8,7 @@ from pathlib import Path
 from betterbench.episodes.episode import Mind
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.plan import Trial
-from betterbench.experts import EXPERTS, make_expert
+from betterbench.experts import EXPERTS, REPLAYS, make_expert, parse_address
 from betterbench.interface import Policy
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin
@@ -44,6 +44,7 @@ _PREFIXES = {
 def known_policies() -> tuple[PolicyEntry, ...]:
     """Return all policies that can be asked for."""
     privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
+    privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
     return (*privileged, *_PLAIN.values(), *_PREFIXES.values())
 
 
@@ -62,7 +63,7 @@ def check_policy(address: str, *, action_space: str | None = None) -> None:
     if address.startswith("replay:"):
         RunFolder.open(Path(address.removeprefix("replay:")))
         return  # Its action space is that of each record, which it compares itself.
-    if address in EXPERTS:
+    if is_privileged(address):
         declared = EE_DELTA.name
     elif address in _PLAIN or address.startswith("python:"):
         declared = _make(address).info.action_space
@@ -87,7 +88,7 @@ def _make(address: str) -> Policy:
 
 def is_privileged(address: str) -> bool:
     """Tell whether a policy sees the truth instead of observations."""
-    return address in EXPERTS
+    return parse_address(address) is not None
 
 
 class Minds:

@@ -63,6 +63,7 @@ def run_trial(setting: Setting, trial: Trial) -> JournalEntry:
     status: Status = "done"
     message: str | None = None
     wall: dict[str, float] = {}
+    remarks: dict[str, str] = {}
     try:
         task, condition, interventions = trial.resolve()
         scene = Scene(
@@ -88,13 +89,14 @@ def run_trial(setting: Setting, trial: Trial) -> JournalEntry:
         if not run.scene_path(scene.compiled.content_hash).exists():
             run.store_scene(scene.compiled.content_hash, scene.files())
         wall = result.wall
+        remarks = dict(getattr(mind, "remarks", {}))
         message = result.record.outcome.error
     except PremiseError:
         raise
     except Exception as error:  # noqa: BLE001 - a trial that breaks down is listed and run again, the run goes on
         status, message = "error", f"{type(error).__name__}: {error}"
     wall = {**wall, "total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
-    return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, status, message, wall)
+    return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, remarks)
 
 
 def _observer_for(policy: Policy, observer: Observer) -> Observer:

@@ -1,7 +1,6 @@
 """Privileged experts and the calibration zoo: skills that see the truth, minds that are right or wrong on purpose."""
 
 from betterbench.experts.privileged import PrivilegedAgent
-from betterbench.experts.registry import EXPERTS, expert_names, make_expert
-from betterbench.experts.zoo import true_label
+from betterbench.experts.registry import EXPERTS, REPLAYS, Address, expert_names, make_expert, parse_address
 
-__all__ = ["EXPERTS", "PrivilegedAgent", "expert_names", "make_expert", "true_label"]
+__all__ = ["EXPERTS", "REPLAYS", "Address", "PrivilegedAgent", "expert_names", "make_expert", "parse_address"]

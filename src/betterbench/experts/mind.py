@@ -44,11 +44,16 @@ class Freeze:
 
 
 @dataclass(frozen=True, slots=True)
+class Wander:
+    """Decision to move about for ever without grasping at anything."""
+
+
+@dataclass(frozen=True, slots=True)
 class Rest:
     """Decision that nothing is left to do."""
 
 
-Decision = Bring | Draw | GraspAt | Freeze | Rest
+Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +88,35 @@ def at_target(state: WorldState, name: str, target: str, relation_name: str, pla
     return relation(relation_name).holds(state, name, target, place)
 
 
+def reached(state: WorldState, condition: Condition, index: int) -> bool:
+    """Tell whether as many objects as a subgoal asks for are where it wants them."""
+    goal = condition.instruction.subgoals[index]
+    names = condition.resolve(goal.reference)
+    return sum(at_target(state, n, goal.target, goal.relation, goal.place) for n in names) >= goal.count
+
+
 def open_subgoal(state: WorldState, condition: Condition) -> int | None:
     """Return the index of the first subgoal that is not reached, or None."""
-    for i, goal in enumerate(condition.instruction.subgoals):
-        names = condition.resolve(goal.reference)
-        if sum(at_target(state, n, goal.target, goal.relation, goal.place) for n in names) < goal.count:
-            return i
-    return None
+    goals = condition.instruction.subgoals
+    return next((i for i in range(len(goals)) if not reached(state, condition, i)), None)
+
+
+def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
+    """Return the subgoals that may rightly be worked on now: the first open one, or any where the order is free.
+
+    A drawer is closed once what was to go into it is inside. Where an object is asked for that does not exist, the
+    others may be handled.
+    """
+    goals = condition.instruction.subgoals
+    left = [i for i in range(len(goals)) if not reached(state, condition, i) and condition.resolve(goals[i].reference)]
+    if condition.instruction.ordered:
+        return tuple(left[:1])
+    return tuple(
+        i
+        for i in left
+        if goals[i].relation != "closed"
+        or not any(goals[j].target in condition.resolve(goals[i].reference) for j in left if j < i)
+    )
 
 
 def choose(situation: Situation, state: WorldState, index: int) -> str | None:

@@ -2,48 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
+from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.experts.mind import Bring, Decision, Draw, Freeze, GraspAt, Mind, Rest, Situation
-from betterbench.experts.motion import OPEN, delta_action, hold
+from betterbench.experts.mind import Bring, Decision, Draw, Freeze, GraspAt, Rest, Wander
+from betterbench.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
 from betterbench.experts.planner import Planner
 from betterbench.experts.skills import Fumble, Skills
+from betterbench.experts.zoo.rules import BrokenRule
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
-from betterbench.tasks import Place
+from betterbench.tasks import Place, stream
 
 MAX_DECISIONS = 12
 """Decisions after which a policy gives up: twice the longest chain of the suite."""
 
 
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How a body carries out what its mind decides.
+
+    Attributes:
+        fumble: Deliberate clumsiness of the hand, or None.
+        tremor_m: Standard deviation of the noise on each control step's translation [m].
+        speed: Share of the usual speed.
+        crash_step: Control step at which the policy breaks down, or None.
+    """
+
+    fumble: Fumble | None = None
+    tremor_m: float = 0.0
+    speed: float = 1.0
+    crash_step: int | None = None
+
+
 class PrivilegedAgent:
     """Runs one mind through one episode. It acts through the same action space and limits as any policy."""
 
-    def __init__(
-        self,
-        name: str,
-        scene: Scene,
-        make_mind: Callable[[Situation], Mind],
-        *,
-        fumble: Callable[[Situation], Fumble | None] | None = None,
-    ) -> None:
+    def __init__(self, name: str, scene: Scene, mind: BrokenRule, *, manner: Manner | None = None) -> None:
         """Prepare for an episode.
 
         Args:
             name: Address of the policy.
             scene: The scene the episode runs in.
-            make_mind: Makes the mind.
-            fumble: Decides on a deliberate clumsiness of the hand.
+            mind: Decides.
+            manner: How the body carries out the decisions; well, if not given.
         """
         self._name = name
-        situation = Situation(scene.task, scene.condition, scene.seed)
-        self._mind = make_mind(situation)
+        self._mind = mind
+        self._manner = manner or Manner()
         self._skills = Skills(
-            Planner(scene), 1.0 / scene.control_rate_hz, fumble=None if fumble is None else fumble(situation)
+            Planner(scene), 1.0 / scene.control_rate_hz, fumble=self._manner.fumble, speed=self._manner.speed
         )
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
+        self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
+        self._mishap: str | None = None
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 
     @property
@@ -51,12 +65,37 @@ class PrivilegedAgent:
         """Address of the policy."""
         return self._name
 
+    @property
+    def remarks(self) -> dict[str, str]:
+        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
+
+        ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
+        decision; ``mishap`` a right decision that the hand could not carry out.
+        """
+        fault = self._mind.fault
+        return {
+            "truth": "" if fault is None else fault.label,
+            "fault": "" if fault is None else f"decision {fault.decision}: {fault.text}",
+            "mishap": self._mishap or "",
+        }
+
     def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        """Return the next action in the ``ee_delta`` action space, shape (7,).
+
+        Raises:
+            RuntimeError: If it is the policy's manner to break down, at that step.
+        """
+        if self._manner.crash_step is not None and state.step >= self._manner.crash_step:
+            raise RuntimeError("this policy of the calibration zoo breaks down on purpose")
         if self._run is None:
             self._run = self._live(state)
-            return next(self._run)
-        return self._run.send(state)
+            action = next(self._run)
+        else:
+            action = self._run.send(state)
+        if self._manner.tremor_m > 0.0 and action[:3].any():
+            action[:3] += self._noise.normal(0.0, self._manner.tremor_m / TRANSLATION_PER_UNIT_M, 3)
+            np.clip(action, -1.0, 1.0, out=action)
+        return action
 
     def _live(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         home = state.ee_pose
@@ -64,24 +103,31 @@ class PrivilegedAgent:
         while len(history) < MAX_DECISIONS:
             decision = self._mind.decide(state, history)
             history = (*history, decision)
-            if isinstance(decision, Rest):
+            if isinstance(decision, Rest | Freeze):
                 break
-            if isinstance(decision, Bring):
-                goal = Place(decision.target, decision.place)
-                state, _ = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
-                state = yield from hold(state, 2, gripper=state.gripper_command)
-            elif isinstance(decision, Draw):
-                mount = self._mounts[decision.drawer]
-                state, _ = yield from self._skills.draw(state, decision.drawer, mount, out=decision.out)
-            elif isinstance(decision, GraspAt):
-                slot = state.info.slot(decision.slot)
-                state = yield from self._skills.air_grasp(state, slot.position)
-            elif isinstance(decision, Freeze):
-                if decision.towards is not None:
-                    state = yield from self._skills.approach_and_stop(state, decision.towards)
-                break
-        if not isinstance(history[-1], Freeze):
+            state = yield from self._carry_out(state, decision)
+        if isinstance(history[-1], Freeze) and history[-1].towards is not None:
+            state = yield from self._skills.approach_and_stop(state, history[-1].towards)
+        elif not isinstance(history[-1], Freeze):
             state = yield from self._skills.go_home(state, home)
         while True:
             gripper = state.gripper_command if state.step else OPEN
             state = yield delta_action(state.commanded_pose, state.commanded_pose, gripper)
+
+    def _carry_out(self, state: WorldState, decision: Decision) -> Generator[np.ndarray, WorldState, WorldState]:
+        worked = True
+        if isinstance(decision, Bring):
+            goal = Place(decision.target, decision.place)
+            state, worked = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
+            state = yield from hold(state, 2, gripper=state.gripper_command)
+        elif isinstance(decision, Draw):
+            mount = self._mounts[decision.drawer]
+            state, worked = yield from self._skills.draw(state, decision.drawer, mount, out=decision.out)
+        elif isinstance(decision, GraspAt):
+            slot = state.info.slot(decision.slot)
+            state = yield from self._skills.air_grasp(state, slot.position)
+        elif isinstance(decision, Wander):
+            state = yield from self._skills.wander(state)
+        if not worked and self._manner.fumble is None and self._mishap is None:
+            self._mishap = f"the hand could not carry out {decision}"
+        return state

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from betterbench.experts.motion import (
     OPEN,
     RAILS,
     Motion,
+    Pace,
     close_gripper,
     follow,
     hold,
@@ -57,12 +58,25 @@ class Skills:
         period_s: Control period [s].
         attempts: How often a failed grasp is tried again.
         fumble: Deliberate clumsiness, or None.
+        speed: Share of the usual speed.
     """
 
     planner: Planner
     period_s: float
     attempts: int = 4
     fumble: Fumble | None = None
+    speed: float = 1.0
+
+    def paced(self, pace: Pace) -> Pace:
+        """Return a pace at this body's share of the usual speed."""
+        if self.speed == 1.0:
+            return pace
+        return replace(
+            pace,
+            speed=self.speed * pace.speed,
+            corner_speed=self.speed * pace.corner_speed,
+            turning=self.speed * pace.turning,
+        )
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
         """Move above an object and down to its grasp.
@@ -77,8 +91,8 @@ class Skills:
         grasp = plan.grasp
         if self.fumble is not None and self.fumble.miss_by_m is not None:
             grasp = beside(state, name, grasp, gap_m=self.fumble.miss_by_m)
-        state = yield from follow(state, plan.way, gripper=OPEN, pace=FREE, period_s=self.period_s)
-        state = yield from follow(state, (grasp,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        state = yield from follow(state, plan.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         return state, grasp
 
     def grasp(self, state: WorldState, name: str) -> Outcome:
@@ -90,14 +104,18 @@ class Skills:
         """Lift what is in the hand straight up and tell whether it came along."""
         before = state.pose(name).position[2]
         goal = state.commanded_pose.translated(z=LIFT_M)
-        state = yield from follow(state, (goal,), gripper=CLOSE, pace=CARRY, period_s=self.period_s, settle=6)
+        state = yield from follow(
+            state, (goal,), gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s, settle=6
+        )
         return state, state.pose(name).position[2] - before > 0.5 * LIFT_M
 
     def retreat(self, state: WorldState, *, up_m: float = 0.12) -> Motion:
         """Open the hand and move straight up."""
         state = yield from open_gripper(state, width_m=0.07)
         goal = state.commanded_pose.translated(z=up_m)
-        return (yield from follow(state, (goal,), gripper=OPEN, pace=FREE, period_s=self.period_s, settle=2))
+        return (
+            yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=2)
+        )
 
     def pick(self, state: WorldState, name: str) -> Outcome:
         """Take an object, again if the grasp failed.
@@ -133,10 +151,12 @@ class Skills:
             plan = self.planner.plan_place(state, name, place_goals(state, name, target, relation))
         except PlanningError:
             return state, False
-        state = yield from follow(state, plan.way, gripper=CLOSE, pace=CARRY, period_s=self.period_s)
+        state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
         if state.held != name:
             return state, False
-        state = yield from follow(state, (plan.release,), gripper=CLOSE, pace=APPROACH, period_s=self.period_s)
+        state = yield from follow(
+            state, (plan.release,), gripper=CLOSE, pace=self.paced(APPROACH), period_s=self.period_s
+        )
         arrived = state.touching("left_finger", name) and state.touching("right_finger", name)
         state = yield from hold(state, 3, gripper=CLOSE)
         state = yield from release_to(state, width_m=min(plan.release_width_m, 0.076))
@@ -144,7 +164,7 @@ class Skills:
             state,
             (state.commanded_pose.translated(z=0.12),),
             gripper=0.0,
-            pace=APPROACH,
+            pace=self.paced(APPROACH),
             period_s=self.period_s,
             settle=2,
         )
@@ -180,14 +200,16 @@ class Skills:
         except PlanningError:
             return state, False
         grasp = plan.pick.grasp
-        state = yield from follow(state, plan.pick.way, gripper=OPEN, pace=FREE, period_s=self.period_s)
-        state = yield from follow(state, (grasp,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        state = yield from follow(state, plan.pick.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         state, holds = yield from self.grasp(state, name)
         if holds:
-            state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=RAILS, period_s=self.period_s)
+            state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=self.paced(RAILS), period_s=self.period_s)
         state = yield from release_to(state, width_m=0.045)
         goal = state.commanded_pose.translated(z=0.12)
-        state = yield from follow(state, (goal,), gripper=0.0, pace=APPROACH, period_s=self.period_s, settle=2)
+        state = yield from follow(
+            state, (goal,), gripper=0.0, pace=self.paced(APPROACH), period_s=self.period_s, settle=2
+        )
         return state, holds
 
     def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> Outcome:
@@ -219,10 +241,12 @@ class Skills:
         goal = Pose((place[0], place[1], height_m), normalise(multiply(from_yaw(yaw), DOWN)))
         above = goal.translated(z=LIFT_M)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
-        state = yield from follow(state, way, gripper=OPEN, pace=FREE, period_s=self.period_s)
-        state = yield from follow(state, (goal,), gripper=OPEN, pace=APPROACH, period_s=self.period_s)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         state = yield from close_gripper(state)
-        state = yield from follow(state, (above,), gripper=CLOSE, pace=CARRY, period_s=self.period_s, settle=2)
+        state = yield from follow(
+            state, (above,), gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s, settle=2
+        )
         return (yield from open_gripper(state, width_m=0.07))
 
     def approach_and_stop(self, state: WorldState, name: str) -> Motion:
@@ -231,14 +255,24 @@ class Skills:
         start = state.commanded_pose
         half = tuple(a + 0.4 * (b - a) for a, b in zip(start.position[:2], place[:2], strict=True))
         goal = Pose((half[0], half[1], max(0.3, start.position[2] - 0.1)), start.quaternion)
-        return (yield from follow(state, (goal,), gripper=OPEN, pace=FREE, period_s=self.period_s))
+        return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
+
+    def wander(self, state: WorldState) -> Motion:
+        """Move to and fro in mid-air for ever."""
+        start = state.commanded_pose
+        while True:
+            for x, y in ((0.08, -0.15), (0.08, 0.15), (-0.05, 0.0)):
+                goal = Pose(
+                    (start.position[0] + x, start.position[1] + y, max(0.35, start.position[2])), start.quaternion
+                )
+                state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
 
     def go_home(self, state: WorldState, home: Pose) -> Motion:
         """Return to where the episode began, if it is not too far from there already."""
         if distance(state.commanded_pose.position, home.position) < 0.01:
             return state
         way = self.planner.transit(state, home) or (home,)
-        return (yield from follow(state, way, gripper=OPEN, pace=FREE, period_s=self.period_s, settle=4))
+        return (yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=4))
 
 
 PAD_HALF_WIDTH_M = 0.010

@@ -9,6 +9,7 @@ from betterbench.statistics.difference import (
     newcombe_paired_difference,
 )
 from betterbench.statistics.interval import Interval, IntervalMethod, clopper_pearson_interval, wilson_interval
+from betterbench.statistics.letters import compact_letters
 from betterbench.statistics.multiplicity import holm
 from betterbench.statistics.paired import PairedTable, mcnemar_p
 from betterbench.statistics.power import (
@@ -20,11 +21,13 @@ from betterbench.statistics.power import (
 )
 from betterbench.statistics.rate import Rate
 from betterbench.statistics.rounding import percent, round_half_up
+from betterbench.statistics.sequential import EProcess, discordant_e_process, two_rate_e_process
 from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
 
 __all__ = [
     "DetectableDifference",
     "Difference",
+    "EProcess",
     "Interval",
     "IntervalMethod",
     "PairedTable",
@@ -34,7 +37,9 @@ __all__ = [
     "boschloo_p",
     "chance_p",
     "clopper_pearson_interval",
+    "compact_letters",
     "delta_success_rate",
+    "discordant_e_process",
     "fisher_p",
     "holm",
     "mcnemar_p",
@@ -46,6 +51,7 @@ __all__ = [
     "round_half_up",
     "smallest_paired_difference",
     "smallest_unpaired_difference",
+    "two_rate_e_process",
     "unpaired_power",
     "wilson_interval",
 ]

@@ -74,10 +74,8 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
         return 0.0
     m = np.arange(1, n + 1)
     # Largest smaller count that is still significant for m discordant pairs; -1 if none is.
-    smaller = np.arange(n // 2 + 1)
-    p_values = 2.0 * special.bdtr(smaller[None, :].astype(float), m[:, None], 0.5)
-    usable = (smaller[None, :] * 2 <= m[:, None]) & (p_values <= alpha)
-    critical = usable.sum(axis=1) - 1
+    critical = stats.binom.ppf(alpha / 2.0, m, 0.5)
+    critical = np.where(2.0 * special.bdtr(critical, m, 0.5) <= alpha, critical, critical - 1.0)
     share = (difference + opposite) / discordant_share
     found = stats.binom.cdf(critical, m, share) + stats.binom.sf(m - critical - 1, m, share)
     found = np.where(critical >= 0, found, 0.0)

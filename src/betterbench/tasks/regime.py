@@ -22,6 +22,7 @@ class Regime:
         kind_slots: Kind of object to the slots it was picked from.
         standing_kinds: Slot to the kinds of object that stood there at the start.
         first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
+        kind_places: Kind of object to the places it was brought to, as kind of the target, relation and place.
         sequences: Per training condition the kinds in the order in which they were handled.
         initial_items: Largest number of movable things on the table at the start of a demonstration.
     """
@@ -30,6 +31,7 @@ class Regime:
     kind_slots: dict[str, tuple[str, ...]]
     standing_kinds: dict[str, tuple[str, ...]]
     first_kinds: tuple[tuple[str, int], ...]
+    kind_places: dict[str, tuple[tuple[str, str, str], ...]]
     sequences: tuple[tuple[str, ...], ...]
     initial_items: int
 
@@ -39,6 +41,7 @@ def regime_of(task: Task) -> Regime:
     word_slots: dict[str, set[str]] = {}
     kind_slots: dict[str, set[str]] = {}
     standing: dict[str, set[str]] = {}
+    places: dict[str, set[tuple[str, str, str]]] = {}
     first: Counter[str] = Counter()
     sequences: list[tuple[str, ...]] = []
     items = 0
@@ -53,6 +56,7 @@ def regime_of(task: Task) -> Regime:
             word_slots.setdefault(goal.word, set()).update(slots)
             kind = condition.object(names[0]).kind
             kind_slots.setdefault(kind, set()).update(slots)
+            places.setdefault(kind, set()).add((condition.object(goal.target).kind, goal.relation, goal.place))
             kinds.append(kind)
         first[kinds[0]] += 1
         sequences.append(tuple(kinds))
@@ -61,6 +65,7 @@ def regime_of(task: Task) -> Regime:
         {k: tuple(sorted(s)) for k, s in kind_slots.items()},
         {s: tuple(sorted(k)) for s, k in standing.items()},
         tuple(sorted(first.items(), key=lambda item: (-item[1], item[0]))),
+        {k: tuple(sorted(p)) for k, p in places.items()},
         tuple(sequences),
         items,
     )

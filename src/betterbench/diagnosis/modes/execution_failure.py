@@ -29,24 +29,20 @@ def _of_step(course: Course, step: Step) -> Evidence | None:
     if i is None:
         return course.at_step("missed_by_pose", f"The hand closes beside {word!r}, the right target.", step)
     if not step.grasp.secured:
+        if course.trace.left[-1, i] and course.trace.right[-1, i]:
+            return None  # the episode ended with the object between the fingers: there was no time to lift it
         text = f"The hand closes on {word!r}, the right target, but does not lift it."
         return course.at_step("slipped", text, step)
     return None if any(i == drawer for drawer, _, _ in course.trace.drawers) else _lost(course, step, i, word)
 
 
 def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
-    """Return evidence if an object left the hand and did not come to rest at its target."""
-    trace = course.trace
-    until = min(trace.rows, step.grasp.release + trace.steps(LIMITS.stop_time))
-    rows = slice(step.grasp.end, until)
-    gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
-    if not gripped.any():
+    """Return evidence if an object left the hand and came to rest at no place where a policy could want it."""
+    trace, rows = course.trace, course.let_go(step)
+    if rows is None:
         return None
-    gone = step.grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
-    if gone >= trace.rows:
-        return None
-    rest = min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
-    if trace.serves[rest, :, i].any():
+    gone, rest = rows
+    if trace.serves[rest, :, i].any() or trace.placed(rest, i) is not None:
         return None
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > LIMITS.fall_height:

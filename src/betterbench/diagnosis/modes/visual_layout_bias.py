@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.course import Course, Standing
+from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.verdict import Evidence
 
 
@@ -16,10 +17,12 @@ def find(course: Course, slot: str | None) -> Evidence | None:
     Returns:
         The evidence, or None if the first attempt is right, elsewhere, or at an object that no instruction means.
     """
-    step = course.steps[0] if course.steps else None
+    step = course.first_choice
     if slot is None or step is None or step.grasp.slot != slot:
         return None
-    if step.standing in (Standing.ASKED, Standing.FOREIGN):
+    if step.standing is Standing.FOREIGN:
+        return None
+    if step.standing is Standing.ASKED and taken_for_another(course, step) is None:
         return None
     text = (
         f"The first attempt goes to slot {slot!r}, as it does whatever the instruction: it is at "

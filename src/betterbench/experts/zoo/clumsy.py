@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Situation
+from betterbench.experts.mind import Bring, Decision
 from betterbench.experts.skills import Fumble
-from betterbench.tasks import stream
+from betterbench.experts.zoo.rules import BrokenRule, Fault
+from betterbench.state import WorldState
+from betterbench.tasks import Expected
 
 
-def clumsiness(situation: Situation) -> Fumble:
-    """Return how the hand fails in an episode: it drops the object in mid-air, or it closes beside it.
+class Clumsy(BrokenRule):
+    """Decides like the expert; the hand drops the object in mid-air, or it closes beside it.
 
     Which of the two, and how far beside, is drawn from the trial's own stream.
     """
-    draw = stream(situation.task.id, situation.seed, "clumsy")
-    if draw.random() < 0.5:
-        return Fumble(drop=True)
-    return Fumble(miss_by_m=float(draw.uniform(0.006, 0.012)))
+
+    @property
+    def fumble(self) -> Fumble | None:
+        """How the hand fails in this episode, or None if it does not."""
+        if not self.applies:
+            return None
+        if self.draw("how") < 0.5:
+            return Fumble(drop=True)
+        return Fumble(miss_by_m=0.006 + 0.006 * self.draw("gap"))
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: the expert's."""
+        decision = super().broken(state, history)
+        if self.fault is None and isinstance(decision, Bring) and self.condition.expected is Expected.SUCCEED:
+            self.fault = Fault("execution_failure", len(history), f"{decision} with a bad hand")
+        return decision

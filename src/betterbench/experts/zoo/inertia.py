@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Bring, Decision, GraspAt
+from betterbench.experts.mind import Bring, Decision, Draw, GraspAt
 from betterbench.experts.zoo.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -13,19 +13,24 @@ class Inertia(BrokenRule):
     Where training began equally often with several kinds, the instruction chooses among them.
     """
 
-    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+    label = "behavioral_inertia"
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
-        if history:
-            return super().decide(state, history)
+        if any(not isinstance(decision, Draw) for decision in history):
+            return super().broken(state, history)
         first = self.regime.first_kinds
-        goal = self.goals[0]
+        goal = next((g for g in self.goals if g.relation != "closed"), self.goals[0])
         if len(first) > 1 and first[0][1] == first[1][1]:
             names = list(self.condition.resolve(goal.reference))
-            memorised = self.regime.word_slots[goal.word]
+            memorised = self.regime.word_slots.get(goal.word, ())
         else:
             names = [o.name for o in state.info.of_kind(first[0][0])]
             memorised = self.regime.kind_slots[first[0][0]]
+        way = self.make_way(state, goal.target)
+        if way is not None:
+            return way
         waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
         if not waiting:
-            return GraspAt(memorised[0])
+            return GraspAt(memorised[0]) if memorised else super().broken(state, history)
         return Bring(waiting[min(waiting, key=str)], goal.target, goal.relation, goal.place)

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Decision
+from collections import Counter
+
+from betterbench.experts.mind import Decision, Draw
 from betterbench.experts.zoo.rules import BrokenRule
 from betterbench.state import WorldState
 
 
 class Layout(BrokenRule):
-    """Begins at the place where training picked most often, then does what is still open."""
+    """Begins at the place where demonstrations picked most often, then does what is still open."""
 
-    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+    label = empty_label = place_label = "visual_layout_bias"
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
-        if history:
-            return super().decide(state, history)
-        counts: dict[str, int] = {}
+        if any(not isinstance(decision, Draw) for decision in history):
+            return super().broken(state, history)
+        counts: Counter[str] = Counter()
         for slots in self.regime.word_slots.values():
-            for slot in slots:
-                counts[slot] = counts.get(slot, 0) + 1
+            counts.update(slots)
         favourite = min(counts, key=lambda slot: (-counts[slot], slot))
-        return self.take_at(state, favourite)
+        goal = next((g for g in self.goals if g.relation != "closed"), self.goals[0])
+        return self.make_way(state, goal.target) or self.take_at(state, favourite, goal)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.mind import Bring, Decision, Rest, at_target, choose
+from betterbench.experts.mind import Decision, Rest, at_target
 from betterbench.experts.zoo.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -10,20 +10,20 @@ from betterbench.state import WorldState
 class ProgressCue(BrokenRule):
     """Takes a table with one thing fewer than demonstrations began with for a task whose first step is done."""
 
-    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+    label = "causal_confusion"
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: the step that the count on the table stands for."""
         del history
-        goal = self.goals[0]
         left = sum(
-            o.role in ("item", "distractor") and not at_target(state, o.name, goal.target, goal.relation, goal.place)
+            o.role in ("item", "distractor")
+            and not any(at_target(state, o.name, g.target, g.relation, g.place) for g in self.goals)
             for o in state.info.objects
         )
         index = max(0, self.regime.initial_items - left)
-        if index >= len(self.goals):
-            return Rest()
-        name = choose(self.situation, state, index)
-        return (
-            Rest()
-            if name is None
-            else Bring(name, self.goals[index].target, self.goals[index].relation, self.goals[index].place)
-        )
+        steps = [i for i, goal in enumerate(self.goals) if goal.relation != "closed"]
+        if index >= len(steps):
+            closing = [i for i, goal in enumerate(self.goals) if goal.relation == "closed"]
+            waiting = [i for i in closing if self.bring(state, i) in self.right_decisions(state)]
+            return self.bring(state, waiting[0]) if waiting else Rest()
+        return self.bring(state, steps[index])

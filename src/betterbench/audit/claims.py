@@ -1,0 +1,187 @@
+"""Claims that two rates differ: whether the trials behind them can carry that."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.audit.counts import Count, count_behind
+from betterbench.audit.finding import Finding, Support, Verdict
+from betterbench.audit.form import Form
+from betterbench.audit.pooled import Pooled, recover_sizes
+from betterbench.audit.table import Table
+from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
+from betterbench.errors import InvalidInputError
+from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
+
+BARNARD_OUTCOMES = 1_000_000
+"""Possible outcomes of two arms up to which Barnard's test is taken: it looks at each of them."""
+
+_barnard = functools.lru_cache(maxsize=256)(barnard_p)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two rates from different trials.
+
+    Attributes:
+        row: Row that the finding is about.
+        claim: The claim in a few words.
+        first: The rate that counts positive.
+        second: The rate that counts negative.
+    """
+
+    row: str
+    claim: str
+    first: Rate
+    second: Rate
+
+
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
+
+    Attributes:
+        novel: Column of the novel composition.
+        seen: Columns of the seen ones.
+        trials: Trials behind each cell.
+    """
+
+    novel: str
+    seen: tuple[str, ...]
+    trials: int
+
+    @classmethod
+    def read(cls, form: Form, table: Table) -> Composition:
+        """Return the rule that a form describes."""
+        seen = form.names("seen", table.columns)
+        return cls(form.name("novel", table.columns), seen, form.count("trials"))
+
+    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+        """Yield one finding per row."""
+        compared = []
+        for row in table.row_names:
+            cells = [table.cell(row, c) for c in (self.novel, *self.seen)]
+            counts = [c for n in cells if n is not None and (c := count_behind(n, self.trials)) is not None]
+            if len(counts) < len(cells):
+                continue
+            seen = Rate(sum(c.k for c in counts[1:]), sum(c.n for c in counts[1:]))
+            compared.append(Comparison(row, f"{self.novel} against {', '.join(self.seen)}", Rate(*counts[0]), seen))
+        yield from compare(table, "composition", compared)
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """The text says that one cell differs from another of the same column.
+
+    Attributes:
+        text: The claim in a few words.
+        first: Row that counts positive.
+        second: Row that counts negative.
+        column: The column.
+        trials: Trials behind both cells, or None to recover them from the parts.
+        parts: Columns of the parts whose sizes add up to the trials.
+    """
+
+    text: str
+    first: str
+    second: str
+    column: str
+    trials: int | None
+    parts: tuple[str, ...]
+
+    @classmethod
+    def read(cls, form: Form, table: Table) -> Claim:
+        """Return the claim that a form describes."""
+        rows = table.row_names
+        if form.has("trials") == form.has("parts"):
+            raise form.wrong("trials", "give either trials or parts", "Keep one of the two")
+        trials = form.count("trials") if form.has("trials") else None
+        parts = form.names("parts", table.columns) if form.has("parts") else ()
+        names = form.name("first", rows), form.name("second", rows), form.name("column", table.columns)
+        claim = cls(form.text("claim"), *names, trials, parts)
+        form.done()
+        return claim
+
+    def count(self, table: Table, row: str) -> Count | None:
+        """Return the count behind one of the two cells, or None if it cannot be known."""
+        trials = self.trials
+        if trials is None:
+            sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))
+            trials = None if sizes is None else sizes.total
+        printed = table.cell(row, self.column)
+        return None if trials is None or printed is None else count_behind(printed, trials)
+
+
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """Claims that two cells differ; Fisher's exact test and Newcombe's interval.
+
+    Attributes:
+        claims: The claims, corrected together.
+    """
+
+    claims: tuple[Claim, ...]
+
+    @classmethod
+    def read(cls, form: Form, table: Table) -> Differences:
+        """Return the rule that a form describes."""
+        claims = tuple(Claim.read(f, table) for f in form.forms("claims"))
+        if not claims:
+            raise InvalidInputError(f"{form.where}.claims", "the list is empty", "Write at least one claim")
+        return cls(claims)
+
+    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+        """Yield one finding per claim."""
+        compared = []
+        for claim in self.claims:
+            first, second = (claim.count(table, row) for row in (claim.first, claim.second))
+            name = f"{claim.column}: {claim.text}"
+            if first is None or second is None:
+                numbers = tuple(table.cell(r, claim.column) for r in (claim.first, claim.second))
+                printed = " against ".join(map(str, numbers))
+                why = "The counts behind the two numbers cannot be recovered."
+                yield Finding(table.name, "differences", claim.first, name, printed, "", Verdict.UNKNOWN, why)
+                continue
+            compared.append(Comparison(claim.first, name, Rate(*first), Rate(*second)))
+        yield from compare(table, "differences", compared)
+
+
+def compare(table: Table, rule: str, compared: Sequence[Comparison]) -> Iterator[Finding]:
+    """Yield one finding per comparison, corrected together.
+
+    Args:
+        table: The table.
+        rule: Name of the rule: "composition" takes Barnard's test; "differences" takes Fisher's, which is a little
+            stricter and quick with thousands of trials.
+        compared: The comparisons.
+    """
+    outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
+    barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES
+    name = "Barnard's exact test" if barnard else "Fisher's exact test"
+    fisher = [fisher_p(c.first, c.second) for c in compared]
+    p_values = [_barnard(c.first, c.second) for c in compared] if barnard else fisher
+    for c, p, corrected, plain in zip(compared, p_values, holm(p_values), fisher, strict=True):
+        difference = newcombe_difference(c.first, c.second)
+        differs = corrected < ALPHA
+        trials = (c.first.n, c.second.n)
+        support = Support(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
+        also = f", Fisher p = {round_p(plain)}" if barnard else ""
+        why = (
+            f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
+            f"{p_text(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
+        )
+        why += "." if differs else "; results per trial, if published, could be paired."
+        counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
+        yield Finding(
+            table.name,
+            rule,
+            c.row,
+            c.claim,
+            f"{shown_rate(c.first)} against {shown_rate(c.second)}",
+            counts,
+            Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
+            why,
+            support=support,
+        )

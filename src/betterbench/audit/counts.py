@@ -1,0 +1,83 @@
+"""Which counts can stand behind a printed percentage; exact, in whole numbers."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import NamedTuple
+
+from betterbench.audit.table import decimals
+from betterbench.statistics import percent
+
+MOST_DROPPED = 12
+"""Largest number of missing trials that is tried as an explanation. With more, some count fits almost any percentage:
+two decimals and 400 trials leave one value in 25 free, so twelve sizes already explain every second misprint."""
+
+MOST_MULTIPLES = 20
+"""Largest multiple of the stated trials that is tried as an explanation."""
+
+
+class Count(NamedTuple):
+    """``k`` of ``n``."""
+
+    k: int
+    n: int
+
+    def __str__(self) -> str:
+        """Return the form ``13/20``."""
+        return f"{self.k}/{self.n}"
+
+
+def count_behind(printed: Decimal, n: int) -> Count | None:
+    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none.
+
+    Args:
+        printed: The percentage with its printed decimals.
+        n: Number of trials.
+    """
+    digits = decimals(printed)
+    units = int(printed.scaleb(digits))
+    whole = 100 * 10**digits
+    # Rounding half up: the printed units are the floor of k * whole / n + 1/2, so one k can fit unless n > whole.
+    k = (units * n + whole // 2) // whole
+    for candidate in (k, k - 1, k + 1):
+        if 0 <= candidate <= n and (2 * candidate * whole + n) // (2 * n) == units:
+            return Count(candidate, n)
+    return None
+
+
+def nearest_count(printed: Decimal, n: int) -> Count:
+    """Return the count out of ``n`` whose percentage comes nearest to a printed one."""
+    return Count(max(0, min(n, round(printed * n / 100))), n)
+
+
+def shown(count: Count, digits: int) -> str:
+    """Return a count with its percentage ("155/404 = 38.37")."""
+    return f"{count} = {percent(count.k, count.n, digits=digits)}"
+
+
+def with_dropped(printed: Decimal, n: int) -> Count | None:
+    """Return the count with the fewest missing trials that explains a percentage, or None.
+
+    Args:
+        printed: The percentage.
+        n: Number of trials that there should be.
+    """
+    for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
+        count = count_behind(printed, n - dropped)
+        if count is not None:
+            return count
+    return None
+
+
+def all_with_dropped(printed: Decimal, n: int) -> tuple[Count, ...]:
+    """Return all counts with up to :data:`MOST_DROPPED` missing trials that explain a percentage."""
+    tried = (count_behind(printed, n - dropped) for dropped in range(1, min(MOST_DROPPED, n - 1) + 1))
+    return tuple(count for count in tried if count is not None)
+
+
+def smallest_multiple(printed: Decimal, n: int) -> int | None:
+    """Return the smallest multiple of ``n`` trials that gives a percentage exactly, without rounding; or None."""
+    for times in range(2, MOST_MULTIPLES + 1):
+        if printed * n * times % 100 == 0:
+            return n * times
+    return None

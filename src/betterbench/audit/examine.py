@@ -1,0 +1,104 @@
+"""The audit: every rule of every table checked, and every number that no rule reads named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.audit.finding import Finding, Verdict
+from betterbench.audit.load import Source
+from betterbench.audit.table import Rule, Table, misprints
+
+
+@dataclass(frozen=True, slots=True)
+class TableAudit:
+    """What was found about one table.
+
+    Attributes:
+        table: The table.
+        findings: The findings, worst first.
+    """
+
+    table: Table
+    findings: tuple[Finding, ...]
+
+    def count(self, verdict: Verdict) -> int:
+        """Return how many findings have a verdict."""
+        return sum(f.verdict is verdict for f in self.findings)
+
+
+@dataclass(frozen=True, slots=True)
+class Audit:
+    """What was found about all tables of a source.
+
+    Attributes:
+        source: What the tables come from.
+        tables: One audit per table, in the order of the source.
+    """
+
+    source: str
+    tables: tuple[TableAudit, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All findings, table by table."""
+        return tuple(f for table in self.tables for f in table.findings)
+
+    def count(self, verdict: Verdict) -> int:
+        """Return how many findings have a verdict."""
+        return sum(table.count(verdict) for table in self.tables)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "source": self.source,
+            "summary": {verdict.value: self.count(verdict) for verdict in Verdict},
+            "checks": len(self.findings),
+            "tables": [
+                {"name": a.table.name, "title": a.table.title, "findings": [f.to_json() for f in a.findings]}
+                for a in self.tables
+            ],
+        }
+
+
+def audit_source(source: Source) -> Audit:
+    """Check everything that the tables of a source promise.
+
+    Args:
+        source: The tables with their rules.
+
+    Returns:
+        The audit: per table its findings, worst first.
+
+    Raises:
+        UnknownNameError: If a rule speaks of a table, row or column that does not exist.
+    """
+    paper = source.by_name
+    return Audit(source.name, tuple(audit_table(table, rules, paper) for table, rules in source.tables))
+
+
+def audit_table(table: Table, rules: Sequence[Rule], paper: Mapping[str, Table] | None = None) -> TableAudit:
+    """Check what one table promises.
+
+    Args:
+        table: The table.
+        rules: What it promises.
+        paper: All tables by name, for promises about other tables; this one alone if not given.
+    """
+    found = [f for rule in rules for f in rule.findings(table, paper or {table.name: table})]
+    found += _unread(table, found)
+    return TableAudit(table, tuple(sorted(found, key=lambda f: f.verdict.rank)))
+
+
+def _unread(table: Table, found: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield one finding per number that no rule reads."""
+    read = {cell for f in found for cell in f.covers}
+    for (row, column), number in table.printed():
+        if (row, column) not in read:
+            possible = len(tuple(misprints(number)))
+            why = "Nothing else in the source is tied to this number."
+            covers = ((row, column),)
+            yield Finding(
+                table.name, "unread", row, column, str(number), "", Verdict.UNKNOWN, why, covers, possible, possible
+            )

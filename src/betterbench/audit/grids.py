@@ -1,0 +1,80 @@
+"""Grids: a percentage of n trials is one of n + 1 values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+
+from betterbench.audit.counts import count_behind, nearest_count, shown, smallest_multiple, with_dropped
+from betterbench.audit.finding import Finding, Verdict
+from betterbench.audit.form import Form
+from betterbench.audit.table import Table, blindness, decimals
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Each cell is a share of the same number of trials.
+
+    Attributes:
+        rows: Rows it is promised for.
+        columns: Columns it is promised for.
+        trials: Number of trials behind each cell.
+    """
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    trials: int
+
+    @classmethod
+    def read(cls, form: Form, table: Table) -> Grid:
+        """Return the rule that a form describes."""
+        rows = form.names("rows", table.row_names, table.row_names)
+        return cls(rows, form.names("columns", table.columns, table.columns), form.count("trials"))
+
+    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+        """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
+        cells = [(r, c, n) for r in self.rows for c in self.columns if (n := table.cell(r, c)) is not None]
+        telling = [cell for cell in cells if self.trials < 100 * 10 ** decimals(cell[2])]
+        if cells and not telling:
+            yield self._mute(table, cells[0][2])
+        for row, column, printed in telling:
+            yield self._judge(table, row, column, printed)
+
+    def _mute(self, table: Table, example: Decimal) -> Finding:
+        digits = decimals(example)
+        written = f"{digits} decimal{'s' * (digits != 1)}"
+        return Finding(
+            table.name,
+            "grid",
+            "",
+            ", ".join(self.columns),
+            written,
+            f"k/{self.trials}",
+            Verdict.UNKNOWN,
+            f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing.",
+        )
+
+    def _judge(self, table: Table, row: str, column: str, printed: Decimal) -> Finding:
+        count = count_behind(printed, self.trials)
+        digits = decimals(printed)
+        cell = (row, column)
+        unnoticed, possible = blindness((printed,), lambda _, wrong: count_behind(wrong, self.trials) is not None)
+        if count is not None:
+            why = f"{printed} is {count}; {unnoticed} of {possible} wrong digits would be on the grid too."
+            found, verdict = str(count), Verdict.HOLDS
+        else:
+            found, verdict = shown(nearest_count(printed, self.trials), digits), Verdict.BROKEN
+            why = f"{printed} is no k/{self.trials}{self._explain(printed)}."
+        return Finding(table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible)
+
+    def _explain(self, printed: Decimal) -> str:
+        parts = []
+        fewer = with_dropped(printed, self.trials)
+        if fewer is not None:
+            missing = self.trials - fewer.n
+            parts.append(f"with {missing} trial{'s' * (missing > 1)} missing it would be {fewer}")
+        more = smallest_multiple(printed, self.trials)
+        if more is not None:
+            parts.append(f"{more} is the smallest multiple of the trials that gives it exactly")
+        return f"; {', and '.join(parts)}" if parts else ", nor with up to 12 trials missing"

@@ -1,0 +1,65 @@
+"""Numbers of the running text: each must be the number of the table that it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from betterbench.audit.finding import Finding, Verdict
+from betterbench.audit.form import Form
+from betterbench.audit.table import Table, misprints
+from betterbench.errors import UnknownNameError
+
+
+@dataclass(frozen=True, slots=True)
+class Quoted:
+    """A number is quoted from another table.
+
+    Attributes:
+        row: Row of the quotation.
+        column: Column of the quotation.
+        table: Name of the table that is quoted.
+        at_row: Row there.
+        at_column: Column there.
+    """
+
+    row: str
+    column: str
+    table: str
+    at_row: str
+    at_column: str
+
+    @classmethod
+    def read(cls, form: Form, table: Table) -> Quoted:
+        """Return the rule that a form describes."""
+        row, column = form.name("row", table.row_names), form.name("column", table.columns)
+        return cls(row, column, form.text("table"), form.text("at_row"), form.text("at_column"))
+
+    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:
+        """Yield the finding about the quotation.
+
+        Raises:
+            UnknownNameError: If the table quoted, its row or its column does not exist.
+        """
+        if self.table not in paper:
+            raise UnknownNameError("table", self.table, paper)
+        printed, source = table.cell(self.row, self.column), paper[self.table].cell(self.at_row, self.at_column)
+        if printed is None:
+            return
+        where = f"{self.table}, {self.at_row}, {self.at_column}"
+        right = printed == source
+        # A zero appended or left out does not change a number; any other wrong digit does.
+        unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
+        yield Finding(
+            table.name,
+            "quoted",
+            self.row,
+            self.column,
+            str(printed),
+            "nothing" if source is None else str(source),
+            Verdict.HOLDS if right else Verdict.BROKEN,
+            f"{where} says {'the same' if right else source}.",
+            ((self.row, self.column),),
+            len(unnoticed),
+            len(tuple(misprints(printed))) if right else 0,
+        )

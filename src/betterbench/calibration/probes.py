@@ -1,0 +1,44 @@
+"""Blind probes: how often a policy that cannot see or hear succeeds, and on which variations it should not have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.diagnosis import ProbeCell, TrialDiagnosis
+from betterbench.experts.mind import Situation
+from betterbench.experts.zoo.blind import sentences
+from betterbench.interventions import vary
+from betterbench.statistics import Rate, chance_p
+from betterbench.tasks import get_task
+
+
+def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
+    """Return what a probe reaches on every variation on which something has to be done.
+
+    Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
+
+    Args:
+        trials: All trials of one probe.
+    """
+    cells = []
+    for task_name, name in dict.fromkeys((t.task, t.variation) for t in trials if t.variation is not None):
+        members = [t for t in trials if (t.task, t.variation) == (task_name, name) and t.expected == "succeed"]
+        if members:
+            rate = Rate(sum(t.success for t in members), len(members))
+            chance = chance_of(task_name, name)
+            p = chance_p(rate, chance=chance) if chance < 1.0 else 1.0
+            cells.append(ProbeCell(members[0].policy, task_name, name, rate.k, rate.n, chance, p))
+    return tuple(cells)
+
+
+def chance_of(task_name: str, name: str) -> float:
+    """Return the success rate of guessing the sentence of a variation among those that make sense in its scene."""
+    task = get_task(task_name)
+    condition, _ = vary(task, task.variation(name))
+    said = condition.instruction
+    choices = sentences(Situation(task, condition, 0))
+    same = sum(
+        c.subgoals == said.subgoals or (not c.ordered and not said.ordered and set(c.subgoals) == set(said.subgoals))
+        for c in choices
+    )
+    return same / len(choices)

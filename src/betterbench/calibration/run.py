@@ -1,0 +1,110 @@
+"""Running a calibration: one run per policy of the zoo, each resumable, and what they give together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from betterbench.calibration.arms import Arm
+from betterbench.calibration.probes import probe_cells
+from betterbench.calibration.truth import true_label
+from betterbench.diagnosis import Calibration, Judged, ProbeCell, RunDiagnosis, diagnose_run
+from betterbench.evaluation import Plan, Progress, evaluate, make_plan
+from betterbench.recording import RunFolder, TrialKey
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationProgress:
+    """How far a calibration is.
+
+    Attributes:
+        done: Finished trials over all policies.
+        planned: Planned trials over all policies.
+        policy: Address of the policy at work.
+    """
+
+    done: int
+    planned: int
+    policy: str
+
+
+def plan_of(arm: Arm, tasks: Sequence[str]) -> Plan:
+    """Return the plan of one policy of a calibration; a probe has nothing to show on the training conditions."""
+    plan = make_plan(str(arm.address), tasks=tasks, trials=arm.trials, seed=arm.seed, observation="state_only")
+    return replace(plan, trials=tuple(t for t in plan.trials if t.variation is not None)) if arm.probe else plan
+
+
+def calibrate(
+    arms: Sequence[Arm],
+    out: Path,
+    *,
+    tasks: Sequence[str] = (),
+    workers: int = 1,
+    on_progress: Callable[[CalibrationProgress], None] | None = None,
+) -> Calibration:
+    """Run the zoo, diagnose it from its records, and hold the labels against the true ones.
+
+    Args:
+        arms: The policies.
+        out: Folder of the calibration; an unfinished one with the same plans is continued.
+        tasks: Task ids; all of the suite if empty.
+        workers: Worker processes.
+        on_progress: Told after every trial.
+
+    Raises:
+        RunConflictError: If a folder holds another run.
+        InvalidInputError: If a number is out of range.
+        RecordError: If a record cannot be read.
+    """
+    plans = [plan_of(arm, tasks) for arm in arms]
+    planned = sum(len(plan.trials) for plan in plans)
+    before = 0
+    runs: list[RunFolder] = []
+    for arm, plan in zip(arms, plans, strict=True):
+
+        def told(progress: Progress, arm: Arm = arm, offset: int = before) -> None:
+            if on_progress is not None:
+                on_progress(CalibrationProgress(offset + progress.done, planned, str(arm.address)))
+
+        runs.append(evaluate(plan, out / arm.folder, workers=workers, on_progress=told))
+        before += len(plan.trials)
+    return assess(runs, arms)
+
+
+def assess(runs: Sequence[RunFolder], arms: Sequence[Arm]) -> Calibration:
+    """Return the calibration that finished runs give, from their records and journals.
+
+    Args:
+        runs: The runs.
+        arms: The policy of each.
+    """
+    trials: list[Judged] = []
+    probes: list[ProbeCell] = []
+    versions: dict[str, str] = {}
+    for run, arm in zip(runs, arms, strict=True):
+        diagnosis = diagnose_run(run)
+        versions |= {k: v for k, v in diagnosis.versions.items() if not k.startswith("policy")}
+        if arm.probe:
+            probes += probe_cells(diagnosis.trials)
+        else:
+            trials += _judged(run, diagnosis)
+    return Calibration.of(trials, probes=probes, versions=versions)
+
+
+def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:
+    remarks = {e.key: e.remarks for e in run.entries() if e.status == "done"}
+    for trial in diagnosis.trials:
+        said = remarks.get(TrialKey(trial.task, trial.variation or trial.condition, trial.seed))
+        if said is None:
+            continue  # it broke down outside the policy; evaluate has said so, and runs it again
+        truth = true_label(said, expected=trial.expected, success=trial.success)
+        yield Judged(
+            diagnosis.policy,
+            trial.key,
+            truth,
+            trial.label,
+            said.get("fault", ""),
+            trial.evidence.rule,
+            trial.evidence.text,
+        )

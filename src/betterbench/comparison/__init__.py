@@ -1,0 +1,19 @@
+"""Comparison: which of several policies is better, where, and what their trials cannot tell."""
+
+from betterbench.comparison.compare import Comparison, compare
+from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
+from betterbench.comparison.matching import Matching, match_sides
+from betterbench.comparison.side import Side, load_sides, name_sides
+
+__all__ = [
+    "Comparison",
+    "Contrast",
+    "Group",
+    "Matching",
+    "SequentialContrast",
+    "Side",
+    "compare",
+    "load_sides",
+    "match_sides",
+    "name_sides",
+]

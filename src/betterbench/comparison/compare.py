@@ -1,0 +1,229 @@
+"""The comparison of several runs: every pair of policies, in success and in failures, corrected and put in words."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from betterbench.comparison.contrast import (
+    Contrast,
+    Counted,
+    Group,
+    SequentialContrast,
+    Tally,
+    could_have_shown,
+    judged,
+    rate_of,
+)
+from betterbench.comparison.matching import Matching, match_sides
+from betterbench.comparison.side import Side
+from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
+from betterbench.diagnosis import Kind, Label, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
+from betterbench.tasks import Axis
+
+Trials = Sequence[TrialDiagnosis]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What several runs say about each other.
+
+    Attributes:
+        sides: The runs.
+        matching: Which of their trials were compared.
+        alpha: Level of every family of tests.
+        groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
+            failure and the labels over all variations.
+        sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
+        verdict: The result in sentences, the most important first.
+        notes: What limits it, one sentence each.
+    """
+
+    sides: tuple[Side, ...]
+    matching: Matching
+    alpha: float
+    groups: tuple[Group, ...]
+    sequential: tuple[SequentialContrast, ...]
+    verdict: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def group(self, measure: str, scope: str = "overall") -> Group | None:
+        """Return a group, or None if the comparison does not have it."""
+        return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form that ``better compare --json`` prints."""
+        rows = zip(self.sides, self.matching.trials, self.matching.left_out, strict=True)
+        runs = [
+            {
+                "name": side.name,
+                "policy": side.diagnosis.policy,
+                "path": side.path,
+                "compared": len(trials),
+                "left_out": left_out,
+                "unfinished": sum(t.key in side.unfinished for t in trials),
+                "without_record": sum(t.record is None for t in trials),
+            }
+            for side, trials, left_out in rows
+        ]
+        return {
+            "runs": runs,
+            "alpha": self.alpha,
+            "paired": self.matching.paired,
+            "verdict": list(self.verdict),
+            "notes": list(self.notes),
+            "groups": [g.to_json() for g in self.groups],
+            "sequential": [s.to_json() for s in self.sequential],
+        }
+
+
+def compare(
+    sides: Sequence[Side], *, alpha: float = 0.05, sequential: bool = False, allow_mixed: bool = False
+) -> Comparison:
+    """Compare runs of several policies on the trials that they share.
+
+    Every planned trial counts, also one that broke down. Two policies are called different where both Holm's corrected
+    p-value is at most alpha and the interval of the difference excludes zero: the test is exact but takes pairs as
+    independent, the interval knows which of them share a scene.
+
+    Args:
+        sides: The runs, at least two, with different names.
+        alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
+        sequential: True to add the evidence that stays valid however often somebody looks while the runs go on.
+        allow_mixed: True to compare over different versions or engines.
+
+    Raises:
+        InvalidInputError: If a number is out of range, the runs share nothing, or pairs are needed and there are none.
+        RunConflictError: If versions or engines differ and that is not allowed.
+    """
+    if not 0.0 < alpha < 1.0:
+        raise InvalidInputError("--alpha", f"{alpha:g} is no level", "Give a number between 0 and 1, such as 0.05")
+    if len(sides) < 2:
+        raise InvalidInputError("runs", f"{len(sides)} is not enough to compare", "Name at least two runs")
+    matching = match_sides(sides, allow_mixed=allow_mixed)
+    if sequential and not matching.paired:
+        raise InvalidInputError(
+            "--sequential", "the runs share no trial", "Run the policies with the same --seed, or leave it out"
+        )
+    names = tuple(s.name for s in sides)
+    groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))
+    evidence = tuple(_sequential(sides, matching, alpha)) if sequential else ()
+    verdict = (*sequential_sentences(evidence, alpha), *verdict_sentences(groups, paired=matching.paired, alpha=alpha))
+    return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes)
+
+
+class _Question(NamedTuple):
+    """One group before it is judged: what is counted, and among which trials."""
+
+    measure: str
+    scope: str
+
+    def counted(self, trials: Trials) -> Counted:
+        """Return the trials of the scope, each with whether it shows what is counted."""
+        return tuple((t, self._shows(t)) for t in trials if self._holds(t))
+
+    def _holds(self, t: TrialDiagnosis) -> bool:
+        if self.scope == "training":
+            return t.variation is None
+        return t.variation is not None and self.scope in ("overall", f"axis:{t.axis}", t.task)
+
+    def _shows(self, t: TrialDiagnosis) -> bool:
+        return t.success if self.measure == "success" else self.measure in (t.kind.value, t.label.value)
+
+
+def _families(matching: Matching) -> Iterator[list[_Question]]:
+    """Yield the families within which p-values are corrected."""
+    varied = [t for side in matching.trials for t in side if t.variation is not None]
+    yield [_Question("success", "overall")]
+    yield [_Question("success", "training")]
+    yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
+    yield [_Question("success", task) for task in sorted({t.task for t in varied})]
+    yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
+    # A label that nobody shows cannot differ; leaving it out of the correction depends on no difference.
+    shown = {t.label for t in varied if t.kind is not Kind.NONE}
+    yield [_Question(label.value, "overall") for label in Label if label in shown]
+
+
+def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
+    """Yield the groups of a family, corrected together; questions without trials on a side are left out."""
+    counted = {q: [q.counted(side) for side in matching.trials] for q in family}
+    asked = [q for q, sides in counted.items() if all(sides)]
+    pairs = list(itertools.combinations(range(len(names)), 2))
+    drafts: list[tuple[_Question, Tally, Contrast]] = []
+    for q in asked:
+        for i, j in pairs:
+            tally = Tally(counted[q][i], counted[q][j])
+            found = _contrast(q, tally, (names[i], names[j]), paired=matching.paired, alpha=alpha)
+            drafts.append((q, tally, found))
+    corrected = holm([c.p_value for _, _, c in drafts])
+    contrasts: list[Contrast] = []
+    for (question, tally, c), p in zip(drafts, corrected, strict=True):
+        different = p <= alpha and c.difference.excludes_zero
+        # The size is worked out for success alone: failures of the same trials have the same one.
+        smallest = (
+            could_have_shown(tally, paired=matching.paired, alpha=alpha / len(drafts))
+            if question.measure == "success" and not different
+            else None
+        )
+        contrasts.append(replace(c, p_adjusted=p, family=len(drafts), different=different, smallest=smallest))
+    for k, question in enumerate(asked):
+        mine = contrasts[k * len(pairs) : (k + 1) * len(pairs)]
+        rates = tuple(rate_of(side) for side in counted[question])
+        yield Group(question.measure, question.scope, names, rates, _letters(rates, mine, pairs), tuple(mine))
+
+
+def _contrast(question: _Question, tally: Tally, names: tuple[str, str], *, paired: bool, alpha: float) -> Contrast:
+    """Return two sides before the correction over their family."""
+    purpose = f"{question.measure}:{question.scope}"
+    difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
+    return Contrast(
+        *question,
+        *names,
+        *tally.rates,
+        table=tally.table if paired else None,
+        difference=difference,
+        test=test,
+        p_value=p,
+        p_adjusted=p,
+        family=1,
+        different=False,
+    )
+
+
+def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:
+    """Return the compact letters of the sides; they begin with the highest rate."""
+    order = sorted(range(len(rates)), key=lambda i: -(rates[i].value or 0.0))
+    apart = {frozenset(pair) for pair, c in zip(pairs, contrasts, strict=True) if c.different}
+    letters = compact_letters([[frozenset((i, j)) in apart for j in order] for i in order])
+    return tuple(letters[order.index(i)] for i in range(len(rates)))
+
+
+def _sequential(sides: Sequence[Side], matching: Matching, alpha: float) -> Iterator[SequentialContrast]:
+    """Yield the sequential evidence of every pair of sides.
+
+    Pairs are taken in the order in which a run plays them, and only up to the first one that a side has not finished:
+    which pairs are seen then depends on no outcome, and a later look goes on where this one stopped.
+    """
+    order = sorted(
+        (k for k, t in enumerate(matching.trials[0]) if t.variation is not None),
+        key=lambda k: (matching.trials[0][k].task, matching.trials[0][k].seed),
+    )
+    found = []
+    chosen = list(itertools.combinations(range(len(sides)), 2))
+    for i, j in chosen:
+        outcomes = []
+        for k in order:
+            a, b = matching.trials[i][k], matching.trials[j][k]
+            if a.key in sides[i].unfinished or b.key in sides[j].unfinished:
+                break
+            outcomes.append((a.success, b.success))
+        process = discordant_e_process(outcomes, alpha=alpha / len(chosen))
+        table = PairedTable.from_outcomes(outcomes)
+        p = process.p_value
+        found.append(SequentialContrast(sides[i].name, sides[j].name, len(order), table, process, p, False))
+    for contrast, p in zip(found, holm([c.process.p_value for c in found]), strict=True):
+        yield replace(contrast, p_adjusted=p, different=p <= alpha)

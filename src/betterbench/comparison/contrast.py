@@ -1,0 +1,244 @@
+"""Contrasts: two policies on the same trials, with a difference, its interval and its test."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.diagnosis import TrialDiagnosis
+from betterbench.statistics import (
+    DetectableDifference,
+    Difference,
+    EProcess,
+    PairedTable,
+    Rate,
+    barnard_p,
+    boschloo_p,
+    mcnemar_p,
+    newcombe_difference,
+    newcombe_paired_difference,
+    paired_bootstrap,
+    smallest_paired_difference,
+    smallest_unpaired_difference,
+)
+from betterbench.tasks import stream
+
+BOSCHLOO_LIMIT = 300
+"""Largest number of trials a side for Boschloo's test, 2 s at this size; above it Barnard's, which agrees closely."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """One policy against another in one measure over one scope.
+
+    Attributes:
+        measure: "success", a kind of failure or a label.
+        scope: "overall" (variations), "training", "axis:temporal_extrapolation" or the id of a task (its variations).
+        first: Name of the side that counts positive.
+        second: Name of the side that counts negative.
+        first_rate: Rate of the first.
+        second_rate: Rate of the second.
+        table: Counts of the four kinds of pairs, or None if the trials are not paired.
+        difference: First minus second with its interval.
+        test: Name of the test.
+        p_value: Of the test alone.
+        p_adjusted: After Holm's correction over the family.
+        family: Number of contrasts in the family.
+        different: Whether the two are told apart: ``p_adjusted`` is at most alpha and the interval excludes zero.
+        smallest: Smallest difference that these trials could have shown, where that was worked out.
+    """
+
+    measure: str
+    scope: str
+    first: str
+    second: str
+    first_rate: Rate
+    second_rate: Rate
+    table: PairedTable | None
+    difference: Difference
+    test: str
+    p_value: float
+    p_adjusted: float
+    family: int
+    different: bool
+    smallest: DetectableDifference | None = None
+
+    @property
+    def higher(self) -> str | None:
+        """The side with the higher rate, or None if they are equal."""
+        gap = (self.first_rate.value or 0.0) - (self.second_rate.value or 0.0)
+        return None if gap == 0.0 else self.first if gap > 0.0 else self.second
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        form = {name: getattr(self, name) for name in self.__slots__}
+        for name in ("first_rate", "second_rate", "difference"):
+            form[name] = form[name].to_json()
+        for name in ("table", "smallest"):
+            form[name] = None if form[name] is None else asdict(form[name])
+        return form
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """All sides in one measure over one scope.
+
+    Attributes:
+        measure: "success", a kind of failure or a label.
+        scope: What it is measured over (see :class:`Contrast`).
+        names: Names of the sides.
+        rates: Rate of each side.
+        letters: Compact letters of each side: two share one exactly when they are not told apart. "a" belongs to the
+            side with the highest rate.
+        contrasts: Every pair of sides.
+    """
+
+    measure: str
+    scope: str
+    names: tuple[str, ...]
+    rates: tuple[Rate, ...]
+    letters: tuple[str, ...]
+    contrasts: tuple[Contrast, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        sides = [
+            {"name": name, "rate": rate.to_json(), "letters": letters}
+            for name, rate, letters in zip(self.names, self.rates, self.letters, strict=True)
+        ]
+        contrasts = [c.to_json() for c in self.contrasts]
+        return {"measure": self.measure, "scope": self.scope, "sides": sides, "contrasts": contrasts}
+
+
+@dataclass(frozen=True, slots=True)
+class SequentialContrast:
+    """One policy against another in success, by evidence that may be looked at while the runs go on.
+
+    Attributes:
+        first: Name of one side.
+        second: Name of the other.
+        planned: Pairs that both sides plan.
+        table: Counts of the pairs that were used: all before the first that a side has not finished.
+        process: The evidence after each pair, at level alpha over the number of contrasts.
+        p_adjusted: Anytime-valid p-value after Holm's correction over the pairs of sides.
+        different: Whether ``p_adjusted`` is at most alpha.
+    """
+
+    first: str
+    second: str
+    planned: int
+    table: PairedTable
+    process: EProcess
+    p_adjusted: float
+    different: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "first": self.first,
+            "second": self.second,
+            "pairs": self.process.n,
+            "planned": self.planned,
+            "table": asdict(self.table),
+            "e_value": self.process.value,
+            "p_value": self.process.p_value,
+            "p_adjusted": self.p_adjusted,
+            "different": self.different,
+            "decided_at": self.process.decided_at,
+        }
+
+
+Counted = tuple[tuple[TrialDiagnosis, bool], ...]
+"""Trials, each with whether it shows what is counted."""
+
+
+def rate_of(counted: Counted) -> Rate:
+    """Return how often trials show what is counted."""
+    return Rate(sum(happened for _, happened in counted), len(counted))
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """How often something happened on two sides.
+
+    Attributes:
+        first: Trials of one side.
+        second: Trials of the other; if paired, in the same order.
+    """
+
+    first: Counted
+    second: Counted
+
+    @property
+    def rates(self) -> tuple[Rate, Rate]:
+        """The rate of each side."""
+        return rate_of(self.first), rate_of(self.second)
+
+    @property
+    def table(self) -> PairedTable:
+        """The four kinds of pairs."""
+        return PairedTable.from_outcomes((a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True))
+
+
+def paired_difference(tally: Tally, *, purpose: str, confidence: float) -> Difference:
+    """Return the difference of pairs with the wider of two intervals.
+
+    The bootstrap knows that several variations share the twin of their seed, but has no width where all pairs agree;
+    Newcombe's interval has.
+
+    Args:
+        tally: The pairs.
+        purpose: Name of the random stream.
+        confidence: Two-sided confidence level.
+    """
+    clusters = [t.twin_key or t.key for t, _ in tally.first]
+    drawn = paired_bootstrap(
+        [float(a) for _, a in tally.first],
+        [float(b) for _, b in tally.second],
+        generator=stream("comparison", 0, f"bootstrap:{purpose}"),
+        strata=[t.task for t, _ in tally.first],
+        clusters=clusters,
+        confidence=confidence,
+    )
+    scored = newcombe_paired_difference(tally.table, confidence=confidence)
+    low, high = min(drawn.low, scored.low), max(drawn.high, scored.high)
+    return Difference(drawn.value, low, high, "paired bootstrap or Newcombe, the wider", confidence)
+
+
+def judged(tally: Tally, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
+    """Return the difference, the name of its test and the p-value."""
+    if paired:
+        difference = paired_difference(tally, purpose=purpose, confidence=confidence)
+        return difference, "exact McNemar", mcnemar_p(tally.table)
+    a, b = tally.rates
+    small = max(a.n, b.n) <= BOSCHLOO_LIMIT
+    difference = newcombe_difference(a, b, confidence=confidence)
+    return difference, "Boschloo" if small else "Barnard", (boschloo_p if small else barnard_p)(a, b)
+
+
+def could_have_shown(tally: Tally, *, paired: bool, alpha: float) -> DetectableDifference | None:
+    """Return the smallest difference that as many trials find with 80 % power, or None without trials.
+
+    For pairs, the share that differs the other way is the one seen: policies that fail on different trials need more of
+    them.
+    """
+    a, b = tally.rates
+    n = min(a.n, b.n)
+    if n == 0:
+        return None
+    if not paired:
+        pooled = round((a.k + b.k) / (a.n + b.n), 2)
+        return _smallest_unpaired(n, pooled, alpha)
+    opposite = min(tally.table.only_first, tally.table.only_second) / n
+    return _smallest_paired(n, min(0.49, round(opposite, 2)), alpha)
+
+
+@functools.lru_cache(maxsize=256)
+def _smallest_paired(n: int, opposite: float, alpha: float) -> DetectableDifference:
+    return smallest_paired_difference(n, opposite=opposite, alpha=alpha)
+
+
+@functools.lru_cache(maxsize=256)
+def _smallest_unpaired(n: int, reference: float, alpha: float) -> DetectableDifference:
+    return smallest_unpaired_difference(n, reference=reference, alpha=alpha)

@@ -1,0 +1,133 @@
+"""Matching: which trials of several runs can be compared, and what is left out."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from betterbench.comparison.side import Side
+from betterbench.diagnosis import TrialDiagnosis
+from betterbench.errors import InvalidInputError, RunConflictError
+
+_DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz")
+"""Conventions under which the same trial is another one: numbers made under different ones are not comparable."""
+
+_CAMERAS = ("camera_preset", "render_quality")
+"""Conventions that say nothing where a policy looked at no picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class Matching:
+    """The trials of several runs that are compared.
+
+    Attributes:
+        paired: Whether the trials are the same ones on every side; else only their conditions are.
+        trials: Trials of each side; if paired, the same key at the same place on every side, in plan order.
+        left_out: Per side, number of planned trials that are not compared.
+        notes: What a reader has to know about the choice, one sentence each.
+    """
+
+    paired: bool
+    trials: tuple[tuple[TrialDiagnosis, ...], ...]
+    left_out: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
+    """Return the trials that all sides share, by task, variation or condition, and seed.
+
+    Args:
+        sides: The runs.
+        allow_mixed: True to compare over different versions or engines; the difference is then a note.
+
+    Raises:
+        RunConflictError: If versions, engines, robots or control rates differ and that is not allowed.
+        InvalidInputError: If the runs share no condition.
+    """
+    notes = list(_clashes(sides, allow_mixed=allow_mixed))
+    by_key = [{t.key: t for t in s.diagnosis.trials} for s in sides]
+    common = [key for key in by_key[0] if all(key in known for known in by_key[1:])]
+    if common:
+        trials = tuple(tuple(known[key] for key in common) for known in by_key)
+    else:
+        trials = _same_conditions(sides)
+        notes.append(_unpaired_note(sides))
+    left_out = tuple(len(s.diagnosis.trials) - len(kept) for s, kept in zip(sides, trials, strict=True))
+    for side, kept, missing in zip(sides, trials, left_out, strict=True):
+        if missing:
+            other = "the other run does not plan" if len(sides) == 2 else "not every other run plans"
+            what = "them" if common else "their conditions"
+            notes.append(f"{missing} of {len(kept) + missing} trials of {side.name} are left out: {other} {what}.")
+    for side, kept in zip(sides, trials, strict=True):
+        notes += _broken(side, kept)
+    return Matching(bool(common), trials, left_out, tuple(notes))
+
+
+def _same_conditions(sides: Sequence[Side]) -> tuple[tuple[TrialDiagnosis, ...], ...]:
+    """Return the trials of the conditions that all sides share.
+
+    Raises:
+        InvalidInputError: If there is none.
+    """
+    names = [{_condition(t) for t in s.diagnosis.trials} for s in sides]
+    shared = set.intersection(*names)
+    if not shared:
+        problem = "they share no task with the same variation or training condition"
+        raise InvalidInputError("runs", problem, "Run the policies with the same --tasks, --variations and --seed")
+    return tuple(tuple(t for t in s.diagnosis.trials if _condition(t) in shared) for s in sides)
+
+
+def _condition(trial: TrialDiagnosis) -> tuple[str, str]:
+    return trial.task, trial.variation or trial.condition
+
+
+def _unpaired_note(sides: Sequence[Side]) -> str:
+    text = (
+        "The runs share no seed, so their trials are compared as independent ones, which finds less. "
+        "Run the policies with the same --seed to compare them trial by trial."
+    )
+    keys = [{t.key for t in s.diagnosis.trials} for s in sides]
+    meeting = [
+        f"{sides[i].name} and {sides[j].name}"
+        for i, j in itertools.combinations(range(len(sides)), 2)
+        if keys[i] & keys[j]
+    ]
+    if meeting:
+        return f"{text} Alone, these share trials: {', '.join(meeting)}."
+    return text
+
+
+def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
+    """Yield a note for every convention in which two sides differ.
+
+    Raises:
+        RunConflictError: If one of them is decisive and mixing is not allowed.
+    """
+    for name in sorted(set().union(*(s.conventions for s in sides))):
+        values = {s.name: s.conventions[name] for s in sides if name in s.conventions}
+        if name in _CAMERAS:
+            values = {side: value for side, value in values.items() if value != "None"}
+        if len(set(values.values())) < 2:
+            continue
+        listed = ", ".join(f"{value!r} in {side}" for side, value in values.items())
+        if name.startswith(_DECISIVE) and not allow_mixed:
+            raise RunConflictError(
+                f"{name} differs: {listed}. Run one of them again under the same conventions, "
+                "or give --allow-mixed and read the numbers with care."
+            )
+        yield f"{name} differs: {listed}."
+
+
+def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
+    """Yield a note about trials that count as failures because there is nothing to judge."""
+    unfinished = sum(t.key in side.unfinished for t in trials)
+    lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
+    stopped = sum(t.kind == "system" and t.record is not None for t in trials)
+    n = len(trials)
+    if unfinished:
+        yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; let the run go on."
+    if lost:
+        yield f"{lost}/{n} trials of {side.name} broke down without a record and count as failures."
+    if stopped:
+        yield f"{stopped}/{n} trials of {side.name} ended by an error of the policy and count as failures."

@@ -1,0 +1,99 @@
+"""Sides: the runs that are compared, each with its diagnosis and the conventions it was made under."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from betterbench.diagnosis import RunDiagnosis, diagnose_run
+from betterbench.errors import InvalidInputError
+from betterbench.recording import RunFolder
+
+_PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz")
+"""Conventions that stand in a plan as one value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One run in a comparison.
+
+    Attributes:
+        name: What it is called: the address of its policy, with the name of its folder where two are alike.
+        diagnosis: Its diagnosis.
+        path: Its folder, or an empty text.
+        unfinished: Keys of planned trials that neither ended nor broke down yet.
+        conventions: Versions and conventions by name, of its plan and of its records.
+    """
+
+    name: str
+    diagnosis: RunDiagnosis
+    path: str = ""
+    unfinished: frozenset[str] = frozenset()
+    conventions: dict[str, str] = field(default_factory=dict)
+
+
+def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Side, ...]:
+    """Read and diagnose the runs of a comparison.
+
+    Args:
+        paths: Folders of the runs, at least two different ones.
+        allow_mixed: True to accept a run whose own records are of several versions or engines.
+
+    Raises:
+        InvalidInputError: If fewer than two runs are given, or one of them twice.
+        RecordError: If a run or a record cannot be read.
+        RunConflictError: If a run mixes versions or engines and that is not allowed.
+    """
+    if len(paths) < 2:
+        raise InvalidInputError("runs", f"{len(paths)} is not enough to compare", "Name at least two run folders")
+    places = [path.resolve() for path in paths]
+    twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
+    if twice is not None:
+        raise InvalidInputError("runs", f"{twice} is given twice", "Name every run once")
+    return name_sides([_load(path, allow_mixed=allow_mixed) for path in paths])
+
+
+def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
+    """Return the sides with names that tell them apart: a folder is added where two runs are of one policy."""
+    policies = Counter(s.diagnosis.policy for s in sides)
+    named = [
+        s.diagnosis.policy
+        if policies[s.diagnosis.policy] == 1
+        else f"{s.diagnosis.policy} ({Path(s.path).name or number})"
+        for number, s in enumerate(sides, 1)
+    ]
+    again = Counter(named)
+    return tuple(
+        replace(s, name=name if again[name] == 1 else f"{name} #{number}")
+        for number, (s, name) in enumerate(zip(sides, named, strict=True), 1)
+    )
+
+
+def conventions_of(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
+    """Return the conventions that a plan and the records made under it name.
+
+    Args:
+        plan: JSON form of a plan; what it lacks is left out.
+        versions: Versions found in the records, which count where both name one.
+    """
+    found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
+    for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):
+        listed = plan.get(group)
+        if isinstance(listed, dict):
+            found |= {f"{prefix}:{name}": _shown(value) for name, value in listed.items()}
+    return found | versions
+
+
+def _load(path: Path, *, allow_mixed: bool) -> Side:
+    run = RunFolder.open(path)
+    diagnosis = diagnose_run(run, allow_mixed=allow_mixed)
+    ended = {f"{e.task}/{e.variation or e.condition}/{e.seed}" for e in run.entries()}
+    unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
+    return Side(diagnosis.policy, diagnosis, str(path), unfinished, conventions_of(run.plan, diagnosis.versions))
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)

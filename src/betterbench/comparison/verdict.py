@@ -1,0 +1,151 @@
+"""The verdict of a comparison in sentences, with what cannot be concluded said as plainly as what can."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
+from betterbench.statistics import Rate, percent
+
+MANY = 3
+"""Largest number of policies for which every pair gets its own sentence; above it, letters say it shorter."""
+
+SHOWN_PARTS = 6
+"""Largest number of parts that one sentence names."""
+
+_FAILURES = {"reasoning": "reasoning failures", "execution": "execution failures", "system": "system failures"}
+
+
+def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
+    """Return the result of a comparison, the most important sentence first.
+
+    Args:
+        groups: All groups.
+        paired: Whether the policies ran the same trials.
+        alpha: Level of each family.
+    """
+    main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
+    if main is None:
+        return ("Nothing can be concluded: there is no trial to compare.",)
+    pairs = [_sentence(c, paired=paired, alpha=alpha) for c in main.contrasts]
+    if len(main.names) > MANY:
+        return (_ranking(main),)
+    ranking = [_ranking(main)] if len(main.names) > 2 else []
+    return (*ranking, *pairs, *_parts(groups, main))
+
+
+def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
+    """Return what the sequential evidence says about each pair of policies."""
+    return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
+
+
+def shown(rate: Rate) -> str:
+    """Return a rate with its count: "45/60 (75.0 %)"."""
+    return f"{rate.k}/{rate.n} ({percent(rate.k, rate.n)} %)" if rate.n else "0/0"
+
+
+def points(value: float) -> str:
+    """Return a fraction in percentage points with one decimal."""
+    return f"{100.0 * value:.1f}".replace("-0.0", "0.0")
+
+
+def p_text(p: float) -> str:
+    """Return a p-value as it is read: "p = 0.012", "p < 0.0001"."""
+    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+
+
+def scope_text(scope: str) -> str:
+    """Return a scope in words."""
+    return {"overall": "all variations", "training": "training conditions"}.get(
+        scope, scope.removeprefix("axis:").replace("_", " ")
+    )
+
+
+def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
+    where = "the training trials" if c.scope == "training" else "the trials of variations"
+    kind = "pairs" if paired else "trials a side"
+    n = min(c.first_rate.n, c.second_rate.n)
+    corrected = f", Holm over {c.family}" if c.family > 1 else ""
+    value = c.difference.value or 0.0
+    numbers = (
+        f"{100 * (1 - alpha):g} % interval {points(c.difference.low)} to {points(c.difference.high)}, "
+        f"{c.test} {p_text(c.p_adjusted)}{corrected}, {n} {kind}"
+    )
+    if c.different:
+        swap = c.higher == c.second
+        better, worse = (c.second, c.first) if swap else (c.first, c.second)
+        high, low = (c.second_rate, c.first_rate) if swap else (c.first_rate, c.second_rate)
+        return (
+            f"{better} is better than {worse}: it succeeds in {shown(high)} of {where}, {worse} in {shown(low)}. "
+            f"The difference {c.first} minus {c.second} is {points(value)} points ({numbers})."
+        )
+    return (
+        f"Nothing can be concluded about which of {c.first} and {c.second} is better on {where}: "
+        f"{shown(c.first_rate)} against {shown(c.second_rate)}, a difference of {points(value)} points ({numbers}). "
+        f"{_limit(c, n, kind)}"
+    )
+
+
+def _limit(c: Contrast, n: int, kind: str) -> str:
+    """Return what the trials of an undecided contrast could have shown."""
+    fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
+    trials = f"{n} {kind}"
+    if fewer:
+        trials += f", of which {fewer}/{n} ({percent(fewer, n)} %) go against the others,"
+    if c.smallest is None or c.smallest.value is None:
+        return f"With {trials} no difference at all can be found at 80 % power; run more trials."
+    return f"With {trials} a true difference has to be {points(c.smallest.value)} points to be found at 80 % power."
+
+
+def _ranking(group: Group) -> str:
+    """Return all policies in order with their letters, and what the undecided pairs could have shown."""
+    order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
+    listed = ", ".join(f"{name} {shown(rate)} {letters}" for rate, name, letters in order)
+    where = "Training conditions" if group.scope == "training" else "Variations"
+    undecided = [c for c in group.contrasts if not c.different]
+    text = f"{where}: {listed}."
+    if not undecided:
+        return f"{text} All of them are told apart."
+    if len(undecided) == len(group.contrasts):
+        text += " Nothing can be concluded about any two of them."
+    else:
+        text += " Policies that share a letter are not told apart."
+    needed = [c.smallest.value for c in undecided if c.smallest is not None and c.smallest.value is not None]
+    if len(needed) < len(undecided):
+        return f"{text} For some pairs no difference at all can be found at 80 % power; run more trials."
+    return f"{text} To be found at 80 % power a true difference has to be up to {points(max(needed))} points."
+
+
+def _parts(groups: Sequence[Group], main: Group) -> Iterator[str]:
+    """Yield one sentence per pair of policies on the parts in which they differ, the clearest first."""
+    for k, pair in enumerate(main.contrasts):
+        apart = [g.contrasts[k] for g in groups if g is not main and g.contrasts[k].different]
+        if apart:
+            apart.sort(key=lambda c: c.p_adjusted)
+            listed = "; ".join(_part(c) for c in apart[:SHOWN_PARTS])
+            more = f"; and {len(apart) - SHOWN_PARTS} more, see below" if len(apart) > SHOWN_PARTS else ""
+            but = "" if pair.different else ", although not in success overall"
+            yield f"{pair.first} and {pair.second} differ in parts{but}: {listed}{more}."
+
+
+def _part(c: Contrast) -> str:
+    higher = c.second if c.higher == c.second else c.first
+    counts = f"{c.first_rate.k}/{c.first_rate.n} to {c.second_rate.k}/{c.second_rate.n}"
+    if c.measure == "success":
+        return f"{scope_text(c.scope)} ({higher} better, {counts})"
+    return f"{_FAILURES.get(c.measure, c.measure)} ({higher} more, {counts})"
+
+
+def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:
+    n = c.process.n
+    counts = f"{c.first} alone solves {c.table.only_first}/{n}, {c.second} alone {c.table.only_second}/{n}"
+    reach = f"the evidence is {c.process.value:.3g}, {contrasts / alpha:g} decides"
+    left = c.planned - n
+    if c.different:
+        better = c.first if c.table.only_first > c.table.only_second else c.second
+        worse = c.second if better == c.first else c.first
+        stop = f" The runs may stop: {left} of {c.planned} pairs are left." if left else ""
+        at = "" if c.process.decided_at is None else f" after {c.process.decided_at} pairs"
+        return f"Decided{at}, however often you looked: {better} is better than {worse} ({counts}; {reach}).{stop}"
+    rest = f"{left} of {c.planned} pairs are left to run" if left else f"all {n} pairs are used"
+    return f"Not decided between {c.first} and {c.second} after {n} pairs ({counts}; {reach}); {rest}."

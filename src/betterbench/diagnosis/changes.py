@@ -1,0 +1,227 @@
+"""Changes: what a diagnosis judges otherwise than the one that the run keeps, trial by trial, and why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeVar
+
+from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
+from betterbench.diagnosis.verdict import Label
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
+"""What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
+other "evidence" of the same rule. Or the "record" is another one, because the run went on. A trial is "new" or "gone"
+where only one of the two diagnoses has it."""
+
+_OF_SECOND_PASS = frozenset((Label.LEXICAL_KINEMATIC_SHORTCUT.value, Label.VISUAL_LAYOUT_BIAS.value))
+"""Labels that no trial gets by itself."""
+
+_SAME_TIME = 1e-6
+"""Times closer than this are the same [s]; a control step is 0.05 s."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThresholdChange:
+    """One threshold that differs.
+
+    Attributes:
+        name: Its name.
+        before: Its stored value, or None if it did not exist.
+        now: Its value now, or None if it does not exist any more.
+    """
+
+    name: str
+    before: float | None
+    now: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TrialChange:
+    """One trial that is judged otherwise.
+
+    Attributes:
+        key: The trial ("fast_food/T1/3").
+        sort: What changed.
+        before: The stored judgement, or None for a new trial.
+        now: The judgement now, or None for a trial that is gone.
+        reasons: Why, as far as the two judgements show it; sentences without a full stop.
+    """
+
+    key: str
+    sort: Sort
+    before: StoredTrial | None
+    now: StoredTrial | None
+    reasons: tuple[str, ...]
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """The label before and now, "none" where there is none."""
+        return ("none" if self.before is None else self.before.label, "none" if self.now is None else self.now.label)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        form: dict[str, Any] = {"key": self.key, "sort": self.sort, "reasons": list(self.reasons)}
+        for side, trial in (("before", self.before), ("now", self.now)):
+            form[side] = None if trial is None else asdict(trial)
+        return form
+
+
+@dataclass(frozen=True, slots=True)
+class MetricChange:
+    """One metric that differs.
+
+    Attributes:
+        name: What is measured.
+        scope: What it is measured over.
+        before: The stored number, or None if there was none.
+        now: The number now, or None if there is none any more.
+    """
+
+    name: str
+    scope: str
+    before: StoredMetric | None
+    now: StoredMetric | None
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisChanges:
+    """What a diagnosis judges otherwise than a stored one of the same run.
+
+    Attributes:
+        version_before: Version of betterbench that made the stored one.
+        version_now: Version that makes the new one.
+        thresholds: Thresholds that differ, by name.
+        trials: Trials that differ, in plan order.
+        metrics: Metrics that differ.
+    """
+
+    version_before: str
+    version_now: str
+    thresholds: tuple[ThresholdChange, ...]
+    trials: tuple[TrialChange, ...]
+    metrics: tuple[MetricChange, ...]
+
+    @property
+    def other_rules(self) -> bool:
+        """Whether the stored diagnosis is of another version or of other thresholds."""
+        return self.version_before != self.version_now or bool(self.thresholds)
+
+    @property
+    def any(self) -> bool:
+        """Whether anything differs."""
+        return self.other_rules or bool(self.trials) or bool(self.metrics)
+
+    @property
+    def counts(self) -> dict[tuple[str, str], int]:
+        """Number of trials per change of label (before, now) of the same record, the most frequent first."""
+        changed = Counter(t.labels for t in self.of_sort("label"))
+        return dict(sorted(changed.items(), key=lambda item: (-item[1], item[0])))
+
+    def of_sort(self, *sorts: Sort) -> tuple[TrialChange, ...]:
+        """Return the changes of some sorts."""
+        return tuple(t for t in self.trials if t.sort in sorts)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "version_before": self.version_before,
+            "version_now": self.version_now,
+            "thresholds": [asdict(t) for t in self.thresholds],
+            "counts": [{"before": a, "now": b, "trials": n} for (a, b), n in self.counts.items()],
+            "trials": [t.to_json() for t in self.trials],
+            "metrics": [asdict(m) for m in self.metrics],
+        }
+
+
+def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
+    """Return what changed between two diagnoses of one run.
+
+    Args:
+        before: The stored one.
+        now: The new one (see :meth:`StoredDiagnosis.of`).
+    """
+    thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
+    names = tuple(t.name for t in thresholds)
+    trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
+    metrics = tuple(MetricChange(*key, a, b) for key, a, b in _differences(before.metrics, now.metrics))
+    return DiagnosisChanges(before.package_version, now.package_version, thresholds, trials, metrics)
+
+
+def _differences(
+    before: Mapping[Key, Value], now: Mapping[Key, Value]
+) -> Iterator[tuple[Key, Value | None, Value | None]]:
+    """Yield the keys whose values differ, with both values, in the order of the new mapping."""
+    for key in (*now, *(k for k in before if k not in now)):
+        a, b = before.get(key), now.get(key)
+        if a != b:
+            yield key, a, b
+
+
+def _trial(key: str, before: StoredTrial | None, now: StoredTrial | None, thresholds: tuple[str, ...]) -> TrialChange:
+    if before is None or now is None:
+        new = before is None
+        reason = "the stored diagnosis does not have the trial" if new else "the plan does not have the trial"
+        return TrialChange(key, "new" if new else "gone", before, now, (reason,))
+    record = _of_record(before, now)
+    if record is not None:
+        return TrialChange(key, "record", before, now, (record,))
+    sort: Sort = "label" if before.label != now.label else "rule" if before.rule != now.rule else "evidence"
+    return TrialChange(key, sort, before, now, tuple(_reasons(before, now, thresholds)))
+
+
+def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
+    """Return how the record changed that is judged, or None if nothing shows that it did."""
+    if before.has_record != now.has_record:
+        return "the trial has a record now" if now.has_record else "its record is gone"
+    if (before.steps, before.success) != (now.steps, now.success):
+        return f"its record is another one ({_ended(before)} before, {_ended(now)} now)"
+    return None
+
+
+def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
+    """Yield what two judgements of the same record show about the cause of the change."""
+    if thresholds:
+        yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
+    same_attempts = before.attempts == now.attempts
+    if not same_attempts:
+        a, b = len(before.attempts), len(now.attempts)
+        yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read otherwise"
+    given = {before.label, now.label} & _OF_SECOND_PASS or before.candidates != now.candidates
+    if same_attempts and given and (before.label, before.rule) != (now.label, now.rule):
+        yield f"the second pass rules otherwise on the attempt at {min(before.start_s, now.start_s):.2f} s"
+    else:
+        yield _of_rules(before, now)
+
+
+def _of_rules(before: StoredTrial, now: StoredTrial) -> str:
+    """Return how the rule that decides changed."""
+    same = before.rule == now.rule
+    later = now.start_s - before.start_s
+    if later < -_SAME_TIME:
+        there = "" if same else f" {before.rule}"
+        return f"rule {now.rule} fires earlier, at {now.start_s:.2f} s before{there} at {before.start_s:.2f} s"
+    if later > _SAME_TIME:
+        if same:
+            return f"rule {now.rule} fires later, at {now.start_s:.2f} s and not at {before.start_s:.2f} s"
+        return (
+            f"rule {before.rule} no longer decides at {before.start_s:.2f} s; rule {now.rule} does at "
+            f"{now.start_s:.2f} s"
+        )
+    if not same:
+        return f"at {now.start_s:.2f} s rule {now.rule} decides instead of {before.rule}"
+    if before.label != now.label:
+        return f"rule {now.rule} gives another label"
+    if abs(before.end_s - now.end_s) > _SAME_TIME:
+        return f"the evidence of rule {now.rule} ends at {now.end_s:.2f} s and not at {before.end_s:.2f} s"
+    if before.text != now.text:
+        return f"rule {now.rule} says the same in other words"
+    return f"rule {now.rule} decides as before; only the attempts or candidates beside it differ"
+
+
+def _ended(trial: StoredTrial) -> str:
+    return f"{trial.steps} steps and {'success' if trial.success else 'no success'}"

@@ -1,0 +1,212 @@
+"""The confusion matrix of the diagnosis, and what it is worth per label."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from importlib import resources
+from typing import Any
+
+from betterbench.diagnosis.verdict import Kind, Label
+from betterbench.errors import RecordError
+from betterbench.statistics import Rate
+
+PACKAGED = "calibration.json"
+"""File of the packaged calibration, beside this module in ``data``."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeCell:
+    """One probe on one variation.
+
+    Attributes:
+        probe: Name of the probe.
+        task: Task id.
+        variation: Name of the variation.
+        k: Successes.
+        n: Trials.
+        chance: Success rate of a policy that sees everything and guesses the sentence.
+        p_value: Two-sided exact binomial test against the chance rate.
+    """
+
+    probe: str
+    task: str
+    variation: str
+    k: int
+    n: int
+    chance: float
+    p_value: float
+
+    @property
+    def above_chance(self) -> bool:
+        """Whether the probe succeeds more often than guessing explains, at the 5 % level of this one test."""
+        return self.p_value < 0.05 and self.k > self.chance * self.n
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One trial of the zoo with its true label and the one that it was given.
+
+    Attributes:
+        policy: Address of the policy, with strength and tremor.
+        trial: Key of the trial ("fast_food/T1/3").
+        truth: Label that it deserves.
+        label: Label that the diagnosis gave.
+        fault: What was decided wrongly, in the policy's own words.
+        rule: Rule of the diagnosis that fired.
+        text: Its evidence, one sentence.
+    """
+
+    policy: str
+    trial: str
+    truth: Label
+    label: Label
+    fault: str
+    rule: str
+    text: str
+
+    @property
+    def right(self) -> bool:
+        """Whether the diagnosis found the truth."""
+        return self.truth is self.label
+
+    @property
+    def crossed(self) -> bool:
+        """Whether reasoning was called execution, or the other way round."""
+        return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
+
+
+@dataclass(frozen=True, slots=True)
+class LabelScore:
+    """How well one label is found.
+
+    Attributes:
+        label: The label.
+        recall: Of the trials that deserve it, those that were given it.
+        precision: Of the trials that were given it, those that deserve it.
+    """
+
+    label: Label
+    recall: Rate
+    precision: Rate
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a diagnosis is worth, measured.
+
+    Attributes:
+        counts: Trials by true label and given label.
+        policies: Per policy of the zoo its right trials and all its trials.
+        wrong: The trials whose label is wrong.
+        crossed: Trials in which reasoning was called execution or the other way round.
+        probes: What the blind probes reach on every variation.
+        versions: Versions found in the records.
+    """
+
+    counts: dict[tuple[Label, Label], int]
+    policies: dict[str, Rate]
+    wrong: tuple[Judged, ...]
+    crossed: int
+    probes: tuple[ProbeCell, ...]
+    versions: dict[str, str]
+
+    @classmethod
+    def of(
+        cls, trials: Iterable[Judged], *, probes: Iterable[ProbeCell] = (), versions: dict[str, str] | None = None
+    ) -> Calibration:
+        """Return the calibration that judged trials give."""
+        judged = list(trials)
+        per_policy: dict[str, list[bool]] = {}
+        for j in judged:
+            per_policy.setdefault(j.policy, []).append(j.right)
+        return cls(
+            dict(Counter((j.truth, j.label) for j in judged)),
+            {policy: Rate(sum(found), len(found)) for policy, found in per_policy.items()},
+            tuple(j for j in judged if not j.right),
+            sum(j.crossed for j in judged),
+            tuple(probes),
+            dict(versions or {}),
+        )
+
+    @property
+    def total(self) -> int:
+        """Number of judged trials."""
+        return sum(self.counts.values())
+
+    @property
+    def overall(self) -> Rate:
+        """Trials with the right label, of all."""
+        return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
+
+    @property
+    def crossed_rate(self) -> Rate:
+        """Trials in which reasoning was called execution or the other way round, of all that failed for either."""
+        kinds = (Kind.REASONING, Kind.EXECUTION)
+        return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """All labels that occur, in the order of the suite's table."""
+        met = {label for pair in self.counts for label in pair}
+        return tuple(label for label in Label if label in met)
+
+    def scores(self) -> tuple[LabelScore, ...]:
+        """Return recall and precision of every label that some trial deserves."""
+        scores = []
+        for label in self.labels:
+            deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
+            given = sum(n for (_, found), n in self.counts.items() if found is label)
+            both = self.counts.get((label, label), 0)
+            if deserved:
+                scores.append(LabelScore(label, Rate(both, deserved), Rate(both, given)))
+        return tuple(scores)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "counts": [
+                {"truth": truth.value, "label": label.value, "n": n}
+                for (truth, label), n in sorted(self.counts.items(), key=lambda item: [x.value for x in item[0]])
+            ],
+            "policies": {name: {"k": rate.k, "n": rate.n} for name, rate in sorted(self.policies.items())},
+            "wrong": [{**asdict(j), "truth": j.truth.value, "label": j.label.value} for j in self.wrong],
+            "crossed": self.crossed,
+            "probes": [asdict(cell) for cell in self.probes],
+            "versions": self.versions,
+        }
+
+    @classmethod
+    def from_json(cls, form: object) -> Calibration:
+        """Read the JSON form.
+
+        Raises:
+            RecordError: If a field is missing or malformed.
+        """
+        if not isinstance(form, dict):
+            raise RecordError("calibration: the file holds no object. Run better calibrate again.")
+        try:
+            return cls(
+                {(Label(c["truth"]), Label(c["label"])): int(c["n"]) for c in form["counts"]},
+                {name: Rate(int(rate["k"]), int(rate["n"])) for name, rate in form["policies"].items()},
+                tuple(Judged(**{**j, "truth": Label(j["truth"]), "label": Label(j["label"])}) for j in form["wrong"]),
+                int(form["crossed"]),
+                tuple(ProbeCell(**cell) for cell in form["probes"]),
+                dict(form["versions"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise RecordError(f"calibration: {error!r} is missing or malformed. Run better calibrate again.") from error
+
+
+def packaged_calibration() -> Calibration | None:
+    """Return the calibration that ships with the package, or None if this build has none.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED)
+    if not file.is_file():
+        return None
+    return Calibration.from_json(json.loads(file.read_text(encoding="utf-8")))

@@ -1,0 +1,100 @@
+"""Open-loop probes: the motion of a demonstration, played without looking.
+
+A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays the demonstration of the
+trial's own twin, ``probe:no-images`` one that goes with the sentence, from another draw of the scene. Both start the
+same arm at the same place; whatever stands elsewhere than in the demonstration, they miss.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from difflib import SequenceMatcher
+
+import numpy as np
+
+from betterbench.experts.motion import OPEN
+from betterbench.scenes import Scene
+from betterbench.state import PrivilegedPolicy, WorldState
+from betterbench.tasks import Condition, GoalTracker, stream
+
+ANOTHER_DRAW = 1_000_003
+"""Added to a seed for a scene of the same condition that stands a little differently."""
+
+
+class OpenLoop:
+    """Plays given actions one after the other and then holds still."""
+
+    def __init__(self, name: str, actions: np.ndarray) -> None:
+        """Prepare for an episode.
+
+        Args:
+            name: Address of the policy.
+            actions: (T, 7) actions to play.
+        """
+        self._name, self._actions = name, actions
+        self.remarks = {"truth": "", "fault": "", "mishap": ""}
+
+    @property
+    def name(self) -> str:
+        """Address of the policy."""
+        return self._name
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        if state.step < len(self._actions):
+            return np.array(self._actions[state.step])
+        still = np.zeros(7)
+        still[-1] = self._actions[-1][-1] if len(self._actions) else OPEN
+        return still
+
+
+def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPolicy]) -> OpenLoop:
+    """Return an open-loop probe for one episode.
+
+    Args:
+        name: "probe:replay" or "probe:no-images".
+        scene: The scene the episode runs in.
+        play: Makes the policy whose motion is played, for a scene.
+    """
+    if name == "probe:replay":
+        condition, seed = twin_of(scene), scene.seed
+    else:
+        condition, seed = by_sentence(scene), scene.seed + ANOTHER_DRAW
+    return OpenLoop(name, demonstration(scene, condition, seed, play))
+
+
+def twin_of(scene: Scene) -> Condition:
+    """Return the training condition that a scene's condition is derived from, or that it is."""
+    names = {v.name: v.base for v in scene.task.variations}
+    return scene.task.train(names.get(scene.condition.name, scene.condition.name))
+
+
+def by_sentence(scene: Scene) -> Condition:
+    """Return a training condition whose sentence is closest to the trial's; one of several by the trial's stream."""
+    said = scene.condition.instruction.text
+    closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
+    best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]
+    pick = stream(scene.task.id, scene.seed, f"probe:{scene.condition.name}").integers(len(best))
+    return best[int(pick)]
+
+
+def demonstration(
+    scene: Scene, condition: Condition, seed: int, play: Callable[[Scene], PrivilegedPolicy]
+) -> np.ndarray:
+    """Return the (T, 7) actions with which a policy solves a training condition.
+
+    Args:
+        scene: A scene of the task, whose action space and quality are taken.
+        condition: The training condition.
+        seed: Seed of the demonstration.
+        play: Makes the policy for a scene.
+    """
+    other = Scene(scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality)
+    tracker = GoalTracker(condition, other.info, template=scene.task.template, control_rate_hz=other.control_rate_hz)
+    policy, state = play(other), other.reset()
+    actions: list[np.ndarray] = []
+    while not tracker.update(state).success and state.step < scene.task.step_limit(condition):
+        actions.append(policy.act_on_state(state))
+        other.step(actions[-1])
+        state = other.state()
+    return np.array(actions).reshape(-1, 7)

@@ -1,0 +1,167 @@
+"""The page of a calibration: the confusion matrix as picture and table, every mistake with its evidence, the probes."""
+
+from __future__ import annotations
+
+import io
+from base64 import b64encode
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+
+from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
+from betterbench.statistics import Rate, percent
+
+KINDS = {
+    Kind.NONE: "right",
+    Kind.REASONING: "reasoning",
+    Kind.EXECUTION: "execution",
+    Kind.SYSTEM: "system",
+}
+
+
+def write_calibration_page(calibration: Calibration, out: Path) -> Path:
+    """Write the page, the matrix as SVG and PNG, and the tables as Markdown for the documentation.
+
+    Args:
+        calibration: The calibration.
+        out: Folder; it is made if need be.
+
+    Returns:
+        The path of ``calibration.html``.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    figure = confusion_figure(calibration)
+    svg = _drawn(figure, "svg")
+    _write(out / "confusion.svg", svg)
+    _write(out / "confusion.png", _drawn(figure, "png"))
+    _write(out / "calibration.md", calibration_markdown(calibration).encode())
+    environment = Environment(
+        loader=PackageLoader("betterbench.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(rate=rate_text, name=label_name)
+    page = environment.get_template("calibration.html.jinja").render(
+        calibration=calibration,
+        matrix=f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}",
+        scores=calibration.scores(),
+        suspicious=suspicious(calibration.probes),
+        kinds=KINDS,
+    )
+    return _write(out / "calibration.html", page.encode())
+
+
+def confusion_figure(calibration: Calibration) -> Figure:
+    """Return the confusion matrix: a row per true label, shares of the row as shade, counts as numbers."""
+    labels = calibration.labels
+    n = len(labels)
+    totals = {t: sum(c for (truth, _), c in calibration.counts.items() if truth is t) for t in labels}
+    shares = [[calibration.counts.get((t, g), 0) / max(1, totals[t]) for g in labels] for t in labels]
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "betterbench", "font.size": 9}):
+        figure = Figure(figsize=(2.9 + 0.52 * n, 2.3 + 0.42 * n), layout="constrained")
+        axes = figure.subplots()
+        axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+        for row, truth in enumerate(labels):
+            for column, given in enumerate(labels):
+                count = calibration.counts.get((truth, given), 0)
+                if count:
+                    wrong = row != column
+                    dark = shares[row][column] > 0.55
+                    colour = "#b3261e" if wrong else "white" if dark else "#1b1b1b"
+                    axes.text(
+                        column,
+                        row,
+                        str(count),
+                        ha="center",
+                        va="center",
+                        color=colour,
+                        weight="bold" if wrong else "normal",
+                    )
+        axes.set_xticks(range(n), [label_name(g) for g in labels], rotation=40, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(n), [f"{label_name(t)}  (n = {totals[t]})" for t in labels])
+        axes.set_xlabel("label given by the diagnosis")
+        axes.set_ylabel("true label")
+        for before, after, at in zip(labels, labels[1:], range(n), strict=False):
+            if before.kind is not after.kind:  # a line between right, reasoning, execution and system
+                axes.axhline(at + 0.5, color="#777777", linewidth=0.8)
+                axes.axvline(at + 0.5, color="#777777", linewidth=0.8)
+        axes.set_title(f"{calibration.overall.k} of {calibration.overall.n} trials get their true label", loc="left")
+        axes.tick_params(length=0)
+        for side in axes.spines.values():
+            side.set_visible(False)
+    return figure
+
+
+def calibration_markdown(calibration: Calibration) -> str:
+    """Return the tables of a calibration as Markdown."""
+    verdict = (
+        f"{rate_text(calibration.overall)} of the trials got their true label; reasoning was called execution or the "
+        f"other way round in {rate_text(calibration.crossed_rate)} of the failed ones."
+    )
+    lines = [
+        verdict,
+        "",
+        "| true label | kind | found (recall) | right when given (precision) |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| `{s.label.value}` | {KINDS[s.label.kind]} | {rate_text(s.recall)} | {rate_text(s.precision)} |"
+        for s in calibration.scores()
+    ]
+    lines += ["", "| policy | right |", "|---|---|"]
+    lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in calibration.policies.items()]
+    if calibration.probes:
+        found = suspicious(calibration.probes)
+        lines += ["", _probe_sentence(calibration.probes, found), ""]
+        if found:
+            lines += ["| probe | variation | solved | by guessing | p |", "|---|---|---|---|---|"]
+            lines += [
+                f"| `{c.probe}` | {c.task}/{c.variation} | {rate_text(Rate(c.k, c.n))} | {100 * c.chance:.0f} % "
+                f"(1/{round(1 / c.chance)}) | {c.p_value:.2g} |"
+                for c in found
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def suspicious(cells: Sequence[ProbeCell]) -> list[ProbeCell]:
+    """Return the probes that are above chance, the least likely first."""
+    return sorted((c for c in cells if c.above_chance), key=lambda c: (c.p_value, c.task, c.variation))
+
+
+def rate_text(rate: Rate) -> str:
+    """Return a rate with its count: "98.3 % (118/120)"."""
+    return "–" if rate.n == 0 else f"{percent(rate.k, rate.n)} % ({rate.k}/{rate.n})"
+
+
+def label_name(label: Label) -> str:
+    """Return a label in words."""
+    return label.value.replace("_", " ")
+
+
+def _probe_sentence(cells: Sequence[ProbeCell], found: Sequence[ProbeCell]) -> str:
+    probes = len({c.probe for c in cells})
+    variations = len({(c.task, c.variation) for c in cells})
+    named = len({(c.task, c.variation) for c in found})
+    text = f"{probes} blind probes ran on {variations} variations on which something has to be done; "
+    return text + (
+        f"{named} of them can be solved blind more often than by guessing:" if named else "all stay at chance."
+    )
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    buffer = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "betterbench"}):
+        figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    return buffer.getvalue()
+
+
+def _write(path: Path, data: bytes) -> Path:
+    """Write a file beside its place and rename it."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_bytes(data)
+    return beside.replace(path)

@@ -1,0 +1,226 @@
+"""The paper's two diagnostic matrices: what happens when a target or its neighbour is there, done, or absent."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.trial import setting_of
+from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
+from betterbench.report.matrix_place import Horizon, Place, State, known_conditions, place_of
+from betterbench.report.table import Scalar, Table
+from betterbench.statistics import Rate
+from betterbench.tasks import Condition, Expected
+
+PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
+    Horizon.SHORT: (
+        ("success: grasps the target",) * 3,
+        ("correct freeze: sees that it is done",) * 3,
+        ("ambiguous: grasps the distractor", "ambiguous: freezes or air grasp", "ambiguous: air grasp"),
+    ),
+    Horizon.LONG: (
+        ("success: packs both", "success: packs the first, ends", "behavioral inertia: packs the first, air grasp"),
+        ("phase conflict I: freezes or skips", "success: sees that it is done", "phase conflict II: oscillates"),
+        ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
+    ),
+}
+"""What the paper saw on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
+
+SHOWN = 4
+"""Conditions that the note of an empty cell names."""
+
+_HEADINGS = {
+    Horizon.SHORT: (
+        "Short horizon: one target and a distractor",
+        "One object is asked for. Rows: where it is at the start; columns: where another one is.",
+        ("target", "distractor"),
+    ),
+    Horizon.LONG: (
+        "Long horizon: two targets",
+        "Two objects are asked for. Rows: where the first one is at the start; columns: where the second one is.",
+        ("first target", "second target"),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One condition behind a cell.
+
+    Attributes:
+        id: Task and variation or training condition ("fruit_lunch/T1").
+        expected: What a right policy does.
+        success: Success rate of its trials.
+        labels: How its trials ended, the most frequent first.
+    """
+
+    id: str
+    expected: Expected
+    success: Rate
+    labels: tuple[tuple[Label, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of a matrix.
+
+    Attributes:
+        row: State of the first target.
+        column: State of the distractor or of the second target.
+        sources: The conditions behind it; none if the run has none.
+        success: Success rate over all their trials; no trials if there are none.
+        labels: How the trials ended, the most frequent first.
+        note: Why the cell is empty; an empty text if it is not.
+        paper: What the paper saw, for reference.
+    """
+
+    row: State
+    column: State
+    sources: tuple[Source, ...]
+    success: Rate
+    labels: tuple[tuple[Label, int], ...]
+    note: str
+    paper: str
+
+    @property
+    def empty(self) -> bool:
+        """Whether the run says nothing about it."""
+        return self.success.n == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """One of the paper's diagnostic matrices, filled from a run.
+
+    Attributes:
+        name: File name without its ending.
+        title: Heading.
+        caption: What rows and columns are.
+        policy: Address of the policy.
+        axes: What the rows and what the columns tell the state of.
+        cells: Three rows of three cells, in the order of :class:`State`.
+    """
+
+    name: str
+    title: str
+    caption: str
+    policy: str
+    axes: tuple[str, str]
+    cells: tuple[tuple[Cell, ...], ...]
+
+    @property
+    def measured(self) -> bool:
+        """Whether a run fills at least one cell."""
+        return any(not cell.empty for row in self.cells for cell in row)
+
+    def cell(self, row: State, column: State) -> Cell:
+        """Return a cell."""
+        states = list(State)
+        return self.cells[states.index(row)][states.index(column)]
+
+
+def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
+    """Return the short-horizon and the long-horizon matrix of a run.
+
+    Conditions are found by what they are and not by their names. The cell in which everything stands on the table is
+    training's own and holds training conditions only; every other cell holds each condition whose objects begin so.
+
+    Args:
+        diagnosis: The run.
+
+    Raises:
+        UnknownNameError: If a trial's task, variation or training condition is unknown.
+    """
+    trials: dict[str, list[TrialDiagnosis]] = {}
+    for trial in diagnosis.trials:
+        trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
+    groups: dict[Place, list[Source]] = {}
+    for name, members in trials.items():
+        setting = setting_of(*name.split("/"))
+        place = place_of(setting.condition, training=setting.axis is None)
+        if place is not None:
+            groups.setdefault(place, []).append(_source(name, setting.condition, members))
+    return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
+
+
+def to_plain(matrices: Sequence[Matrix]) -> Table:
+    """Return matrices of one kind as a plain table: one row per policy and cell, rates as fractions.
+
+    Args:
+        matrices: The same matrix of one or more policies.
+    """
+    rows: list[tuple[Scalar, ...]] = []
+    for matrix in matrices:
+        for cell in (cell for row in matrix.cells for cell in row):
+            rate = cell.success
+            ends = (None, None) if cell.empty else (rate.low, rate.high)
+            rows.append(
+                (
+                    matrix.policy,
+                    cell.row.value,
+                    cell.column.value,
+                    rate.k,
+                    rate.n,
+                    rate.value,
+                    *ends,
+                    outcomes_text(cell.labels),
+                    " ".join(source.id for source in cell.sources),
+                    cell.note,
+                    cell.paper,
+                )
+            )
+    first = matrices[0] if matrices else None
+    axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
+    columns = ("policy", *axes, "k", "n", "success_rate", "low", "high", "outcomes", "conditions", "note", "paper")
+    name, caption = ("matrix", "No run.") if first is None else (first.name, first.caption)
+    return Table(name, caption, columns, tuple(rows))
+
+
+def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
+    """Return outcomes with their counts ("success 12, early_halt 8")."""
+    return ", ".join(f"{label.value} {count}" for label, count in labels)
+
+
+def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> Source:
+    """Return what the trials of one condition show."""
+    success = Rate(sum(t.success for t in trials), len(trials))
+    return Source(name, condition.expected, success, _ranked(Counter(t.label for t in trials)))
+
+
+def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
+    """Return labels by frequency, equal ones in the order of the labels."""
+    order = list(Label)
+    return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
+
+
+def _matrix(policy: str, horizon: Horizon, groups: Mapping[Place, Sequence[Source]]) -> Matrix:
+    """Return one matrix."""
+    title, caption, axes = _HEADINGS[horizon]
+    cells = tuple(
+        tuple(
+            _cell(Place(horizon, row, column), groups.get(Place(horizon, row, column), ()), PAPER[horizon][i][j])
+            for j, column in enumerate(State)
+        )
+        for i, row in enumerate(State)
+    )
+    return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
+
+
+def _cell(place: Place, sources: Sequence[Source], paper: str) -> Cell:
+    """Return one cell."""
+    success = Rate(sum(s.success.k for s in sources), sum(s.success.n for s in sources))
+    labels: Counter[Label] = Counter()
+    for source in sources:
+        labels.update(dict(source.labels))
+    note = "" if sources else _why_empty(place)
+    return Cell(place.row, place.column, tuple(sources), success, _ranked(labels), note, paper)
+
+
+def _why_empty(place: Place) -> str:
+    """Return why a run has no trial in a cell."""
+    known = known_conditions().get(place, ())
+    if not known:
+        return "No condition of the registered tasks begins so."
+    more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
+    return f"Not in this run: {', '.join(known[:SHOWN])}{more}."

@@ -1,0 +1,153 @@
+"""The confusion matrix: counted right, read back, and silent about what it cannot know."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from betterbench.calibration import Arm, default_arms, true_label
+from betterbench.calibration.probes import chance_of
+from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.experts import EXPERTS, REPLAYS, parse_address
+from betterbench.report.calibration_page import calibration_markdown, suspicious, write_calibration_page
+
+S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION
+
+
+def judged(truth: Label, label: Label, *, policy: str = "zoo:x", trial: str = "fast_food/T1/0") -> Judged:
+    return Judged(policy, trial, truth, label, "decision 0: something", "a_rule", "It did something.")
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    trials = [judged(S, S)] * 6 + [judged(R, R)] * 3 + [judged(R, E)] + [judged(E, E, policy="zoo:y")] * 2
+    trials.append(judged(C, R, policy="zoo:y"))
+    cells = [
+        ProbeCell("probe:replay", "fast_food", "T1", 5, 5, 0.25, 0.001),
+        ProbeCell("p", "t", "L1", 1, 5, 0.25, 1.0),
+    ]
+    return Calibration.of(trials, probes=cells, versions={"package_version": "1"})
+
+
+def test_rates_are_counts_over_counts(calibration):
+    assert (calibration.overall.k, calibration.overall.n) == (11, 13)
+    assert (calibration.crossed_rate.k, calibration.crossed_rate.n) == (1, 7)
+    scores = {s.label: s for s in calibration.scores()}
+    assert (scores[R].recall.k, scores[R].recall.n) == (3, 4)
+    assert (scores[R].precision.k, scores[R].precision.n) == (3, 4)
+    assert (scores[E].recall.k, scores[E].recall.n, scores[E].precision.n) == (2, 2, 3)
+    assert (scores[C].recall.k, scores[C].recall.n, scores[C].precision.n) == (0, 1, 0)
+    assert {p: (r.k, r.n) for p, r in calibration.policies.items()} == {"zoo:x": (9, 10), "zoo:y": (2, 3)}
+    assert len(calibration.wrong) == 2
+    assert sum(calibration.counts.values()) == calibration.total == 13
+
+
+def test_only_reasoning_against_execution_is_crossed():
+    crossed = {(a, b) for a in Label for b in Label if judged(a, b).crossed}
+    assert crossed == {(a, b) for a in Label for b in Label if {a.kind, b.kind} == {Kind.REASONING, Kind.EXECUTION}}
+    assert (S, E) not in crossed
+
+
+def test_the_json_form_reads_back(calibration):
+    again = Calibration.from_json(json.loads(json.dumps(calibration.to_json())))
+    assert again == calibration
+
+
+@pytest.mark.parametrize("spoil", ["counts", "policies", "wrong", "crossed", "probes", "versions"])
+def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
+    form = calibration.to_json()
+    for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
+        with pytest.raises(RecordError, match="better calibrate"):
+            Calibration.from_json(bad)
+    with pytest.raises(RecordError):
+        Calibration.from_json([])
+
+
+def test_the_truth_is_what_was_decided_unless_the_goal_was_met():
+    fault = {"truth": "causal_confusion", "fault": "decision 1", "mishap": ""}
+    clean = {"truth": "", "fault": "", "mishap": ""}
+    assert true_label(fault, expected="succeed", success=False) is C
+    assert true_label(fault, expected="succeed", success=True) is S
+    assert true_label(clean, expected="succeed", success=False) is E
+    assert true_label(clean, expected="refuse", success=True) is Label.CORRECT_REFUSAL
+    assert true_label(clean, expected="stay_still", success=True) is Label.CORRECT_FREEZE
+    with pytest.raises(RecordError, match="no true label"):
+        true_label({}, expected="succeed", success=False)
+
+
+def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
+    arms = default_arms(trials=2, seed=10)
+    zoo = [n for n in EXPERTS if n.startswith("zoo:")]
+    assert len(zoo) >= 10
+    for name in zoo:
+        mine = [a for a in arms if a.address.name == name]
+        assert [a.address.strength for a in mine] == [1.0, 0.6, 0.3]
+        assert [a.seed for a in mine] == [10, 12, 14]
+        assert mine[0].address.tremor_m == 0.0 < mine[1].address.tremor_m < mine[2].address.tremor_m
+    assert {a.address.name for a in arms if a.probe} == {"probe:no-language", *REPLAYS}
+    assert len({a.folder for a in arms}) == len(arms)
+    assert not [a for a in default_arms(probe_trials=0) if a.probe]
+    assert {a.address.name for a in default_arms(policies=("zoo:halt",))} == {"zoo:halt"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"policies": ("zoo:hal",)}, {"strengths": ()}, {"strengths": (0.0,)}, {"strengths": (1.2,)}, {"trials": 0}],
+)
+def test_bad_arms_are_named(options):
+    with pytest.raises(InvalidInputError, match="--"):
+        default_arms(**options)
+
+
+def test_an_address_reads_back():
+    for arm in default_arms():
+        assert isinstance(arm, Arm)
+        assert parse_address(str(arm.address)) == arm.address
+
+
+@pytest.mark.parametrize(
+    ("address", "names"),
+    [
+        ("zoo:lexical?strength=2", "strength"),
+        ("zoo:lexical?strength=x", "strength"),
+        ("zoo:lexical?strength=nan", "strength"),
+        ("zoo:lexical?tremor=0.5", "tremor"),
+        ("zoo:lexical?size=1", "size"),
+    ],
+)
+def test_bad_options_of_an_address_are_named(address, names):
+    with pytest.raises(InvalidInputError, match=names):
+        parse_address(address)
+    assert parse_address("openpi://localhost:8000") is None
+
+
+def test_probes_above_chance_are_named(calibration):
+    assert [c.variation for c in suspicious(calibration.probes)] == ["T1"]
+    below = ProbeCell("p", "t", "L1", 0, 40, 0.25, 0.001)
+    assert not below.above_chance
+
+
+def test_chance_is_one_in_the_sentences_that_make_sense():
+    assert chance_of("morning_coffee", "L3") == 0.25  # red, blue, top, bottom
+    assert 0.0 < chance_of("fast_food", "R1") < 1.0
+
+
+def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):
+    page = write_calibration_page(calibration, tmp_path).read_text()
+    for text in ("84.6 % (11/13)", "14.3 % (1/7)", "zoo:y", "It did something.", "fast_food/T1", "causal confusion"):
+        assert text in page
+    assert "<script" not in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert (tmp_path / "confusion.svg").read_text().count("<text") > 10
+    assert (tmp_path / "confusion.png").read_bytes().startswith(b"\x89PNG")
+    assert "| `behavioral_inertia` | reasoning | 75.0 % (3/4) | 75.0 % (3/4) |" in calibration_markdown(calibration)
+
+
+def test_the_page_is_a_pure_function_of_the_calibration(calibration, tmp_path):
+    one, two = tmp_path / "1", tmp_path / "2"
+    for out in (one, two):
+        write_calibration_page(calibration, out)
+    for file in one.iterdir():
+        assert file.read_bytes() == (two / file.name).read_bytes(), file.name

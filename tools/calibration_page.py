@@ -1,0 +1,38 @@
+"""The documentation's page of the packaged calibration, with the confusion matrix as a picture."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from betterbench.diagnosis import packaged_calibration
+from betterbench.report.calibration_page import calibration_markdown, write_calibration_page
+
+HEAD = """# Calibration
+
+A diagnosis is an instrument, and an instrument is worth what it has been measured at. Every policy of
+[the zoo](diagnosis.md#the-zoo) decides by one broken rule, at several strengths and with a hand that shakes; it notes
+its own first wrong decision, and the diagnosis, which reads the records alone, has to find it out.
+
+```sh
+better calibrate --out runs/calibration
+```
+
+makes the numbers below again, with a page that lists every mistake beside its evidence. It can be interrupted and goes
+on; a task takes a few minutes with `--tasks fast_food`.
+
+![confusion matrix](pictures/confusion.png)
+
+"""
+
+
+def write(out: Path) -> None:
+    """Write ``calibration.md`` and its picture below the folder of the documentation."""
+    found = packaged_calibration()
+    if found is None:
+        raise SystemExit("no packaged calibration; run better calibrate --write-package")
+    with tempfile.TemporaryDirectory() as folder:
+        write_calibration_page(found, Path(folder))
+        shutil.copy(Path(folder) / "confusion.png", out / "pictures" / "confusion.png")
+    (out / "calibration.md").write_text(HEAD + calibration_markdown(found), encoding="utf-8")
