@@ -38,6 +38,17 @@ _FAULTS: dict[str, dict[str, tuple[Label, float]]] = {
         "morning_coffee/T1": (Label.PHASE_CONFLICT, 0.3),
     },
 }
+_ELSEWHERE: dict[str, dict[str, tuple[Label, float]]] = {
+    "zoo:lexical": {
+        "L": (Label.LEXICAL_KINEMATIC_SHORTCUT, 0.8),
+        "R": (Label.WRONG_OBJECT, 0.2),
+        "O": (Label.SEMANTIC_FEATURE_COLLAPSE, 0.7),
+        "T": (Label.EARLY_HALT, 0.3),
+    },
+    "zoo:inertia": {"R": (Label.BEHAVIORAL_INERTIA, 0.9)},
+    "zoo:progress-cue": {"T": (Label.CAUSAL_CONFUSION, 0.8)},
+}
+"""Faults on the tasks that ``_FAULTS`` does not name, by the letter of the axis."""
 _CLUMSY = {"expert": 0.0, "zoo:lexical": 0.03, "zoo:inertia": 0.04, "zoo:progress-cue": 0.05}
 
 
@@ -124,7 +135,9 @@ def _played(
         for operation in known.interventions:
             instruction = operation.arguments.get("instruction", instruction)
     still = known is not None and known.expected.value == "stay_still"
-    fault, rate = _FAULTS.get(policy, {}).get(f"{task.id}/{variation}", (Label.SUCCESS, 0.0))
+    faults = _FAULTS if task.id in ("fast_food", "morning_coffee") else _ELSEWHERE
+    cell = f"{task.id}/{variation}" if faults is _FAULTS else (variation or " ")[0]
+    fault, rate = faults.get(policy, {}).get(cell, (Label.SUCCESS, 0.0))
     label = Label.CORRECT_FREEZE if still else Label.SUCCESS
     if generator.random() < rate:
         label = fault

@@ -15,6 +15,7 @@ from betterbench.evaluation import Shot, render_shots
 from betterbench.recording import RunFolder
 from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
 from betterbench.report.page import write_report
+from betterbench.report.trust import trust_of
 
 SOLVED_FILMS = 2
 """Largest number of solved trials that are filmed per run: what goes right looks much the same."""
@@ -62,7 +63,7 @@ def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: in
             shown |= _films(run, _choice(diagnosis, share))
     except MissingDependencyError as error:
         say(f"no film strips: {error}")
-    return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs))
+    return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
 
 
 def _choice(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:

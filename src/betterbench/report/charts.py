@@ -1,132 +1,200 @@
-"""Charts as data for the page: what stands in which row, and at which share of the width."""
+"""The charts of a report: what the runs show at a glance, each with counts and intervals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Sequence
 
-from betterbench.diagnosis.verdict import RunDiagnosis
-from betterbench.report.legend import AXIS_NAMES
-from betterbench.report.outcomes import ConditionRow, task_title, training_rows, variation_rows
-from betterbench.report.wording import Figure, minus
-from betterbench.statistics import round_half_up
+from betterbench.diagnosis.metrics import twins
+from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
+from betterbench.report.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
+from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.outcomes import task_title
+from betterbench.report.wording import Figure
+from betterbench.statistics import Rate
 
-GRID = 0.25
-"""Distance of the grid lines of a chart, as a fraction."""
+MODES_SHOWN = 6
+"""Failure modes that the chart shows per policy; the CSV file of the trials has them all."""
 
+_PAIR = (("training", "Training"), ("variation", "Variation"))
 
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """The horizontal scale of a chart, from ``low`` to ``high`` (fractions); positions are in percent of the width."""
-
-    low: float
-    high: float
-
-    def at(self, value: float) -> str:
-        """Return the position of a value, for an SVG attribute."""
-        share = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
-        return f"{100 * share:.2f}%"
-
-    def span(self, low: float, high: float) -> str:
-        """Return the width of a range."""
-        return f"{100 * max(0.0, high - low) / (self.high - self.low):.2f}%"
-
-    @property
-    def ticks(self) -> tuple[tuple[str, str], ...]:
-        """Position and text of every grid line."""
-        count = round((self.high - self.low) / GRID)
-        values = [self.low + GRID * i for i in range(count + 1)]
-        return tuple((self.at(v), minus(round_half_up(100 * v, 0))) for v in values)
+Keep = Callable[[TrialDiagnosis], bool]
 
 
-UNIT = Scale(0.0, 1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class GapGroup:
-    """The illusion gaps of all policies within one scope: a title and one (policy, figure) pair per policy."""
-
-    title: str
-    rows: tuple[tuple[str, Figure], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class GapChart:
-    """Illusion gaps over all variations and per axis."""
-
-    scale: Scale
-    groups: tuple[GapGroup, ...]
-
-    @property
-    def measured(self) -> bool:
-        """Whether there is any gap to show."""
-        return any(not figure.missing for group in self.groups for _, figure in group.rows)
-
-
-@dataclass(frozen=True, slots=True)
-class ConditionGroup:
-    """One variation, or the training conditions of a task, with one (policy, row) pair per policy that ran it."""
-
-    first: ConditionRow
-    rows: tuple[tuple[str, ConditionRow], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TaskGroup:
-    """One task with its conditions, the training conditions first."""
-
-    task: str
-    title: str
-    training: ConditionGroup | None
-    variations: tuple[ConditionGroup, ...]
-
-    @property
-    def conditions(self) -> tuple[ConditionGroup, ...]:
-        """All conditions, the training ones first."""
-        return self.variations if self.training is None else (self.training, *self.variations)
-
-
-def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> GapChart:
-    """Return the illusion gaps over all variations and per axis that any run has.
+def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
+    """Return every chart that the runs can fill.
 
     Args:
         diagnoses: The runs.
     """
+    made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
+    return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
+
+
+def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the success on training twins and on variations, over all variations and per axis."""
+    scopes: list[tuple[str, str, Keep]] = [("overall", "All variations", lambda _: True)]
+    scopes += [(f"axis:{a}", name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
+    return Chart(
+        "axes",
+        "Success in training and under each axis of variation",
+        "Success rate in percent with its 95 % interval. Training: the trials from which the variations above are "
+        "derived, each counted once.",
+        tuple(g for scope, title, keep in scopes if (g := _pairs(diagnoses, title, scope, keep)) is not None),
+        key=_PAIR,
+    )
+
+
+def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the success on training twins and on variations per task."""
+    names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
+    groups = (_pairs(diagnoses, task_title(n), n, lambda t, n=n: t.task == n) for n in names)  # type: ignore[misc]
+    return Chart(
+        "tasks",
+        "Success in training and under variation, by task",
+        "Success rate in percent with its 95 % interval. Training: the trials from which the variations are derived.",
+        tuple(group for group in groups if group is not None),
+        key=_PAIR,
+    )
+
+
+def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the illusion gaps over all variations and per axis."""
+    single = len(diagnoses) == 1
     groups = []
-    for scope, title in (("overall", "All variations"), *((f"axis:{a}", name) for a, name in AXIS_NAMES.items())):
-        rows = tuple(
-            (d.policy, Figure.of(d.metric("illusion_gap", scope), difference=True, noun="pairs")) for d in diagnoses
-        )
-        if any(not figure.missing for _, figure in rows):
-            groups.append(GapGroup(title, rows))
+    for scope, title in _scopes():
+        rows = [
+            Bar(title if single else d.policy, figure, "dot")
+            for d in diagnoses
+            if not (figure := _gap(d, scope)).missing
+        ]
+        if rows:
+            groups.append(BarGroup("" if single else title, tuple(rows)))
     ends = [
-        end for group in groups for _, f in group.rows for end in (f.value, f.low, f.high) if end is not None
+        e for g in groups for r in g.rows for e in (r.figure.value, r.figure.low, r.figure.high) if e is not None
     ]  # fmt: skip
     low = math.floor(min([0.0, *ends]) / GRID + 1e-9) * GRID
     high = math.ceil(max([GRID, *ends]) / GRID - 1e-9) * GRID
-    return GapChart(Scale(low, high), tuple(groups))
+    return Chart(
+        "gap",
+        "Illusion gap",
+        "Success of the training twin minus success of the variation, in percentage points, with 95 % intervals and "
+        "the exact McNemar test (Holm over the axes of a policy). Right of zero: the variation breaks what training "
+        "success seemed to show.",
+        tuple(groups),
+        Scale(low, high),
+    )
 
 
-def task_groups(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskGroup, ...]:
-    """Return tasks with their conditions and how every policy did on them.
+def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return how trials ended, by family: training, all variations and every axis."""
+    scopes: list[tuple[str, Keep]] = [
+        ("Training", lambda t: t.variation is None),
+        ("All variations", lambda t: t.variation is not None),
+    ]
+    scopes += [(name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
+    groups: list[StackGroup] = []
+    for title, keep in scopes:
+        rows = [
+            Stack(title if len(diagnoses) == 1 else d.policy, _families([t for t in d.trials if keep(t)]))
+            for d in diagnoses
+            if any(map(keep, d.trials))
+        ]
+        if rows:
+            groups.append(StackGroup("" if len(diagnoses) == 1 else title, tuple(rows)))
+    return Chart(
+        "outcomes",
+        "How the trials ended",
+        "Counts of trials. Reasoning: it went for the wrong thing. Execution: the right thing at the right time, and "
+        "the hand failed. System: the policy did not run.",
+        tuple(groups),
+        key=tuple(FAMILIES.items()),
+    )
+
+
+def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the most frequent failure modes of the variation trials."""
+    groups = []
+    for d in diagnoses:
+        varied = [t for t in d.trials if t.variation is not None]
+        counts = Counter(t.label for t in varied if t.kind is not Kind.NONE)
+        ranked = sorted(counts, key=lambda label: (-counts[label], list(LEGEND).index(label)))[:MODES_SHOWN]
+        rows = tuple(
+            Bar(LEGEND[label].short, rate_figure(counts[label], len(varied)), LEGEND[label].family) for label in ranked
+        )
+        if rows:
+            groups.append(BarGroup("" if len(diagnoses) == 1 else d.policy, rows))
+    return Chart(
+        "modes",
+        "Failure modes",
+        "Share of all variation trials that ended with each label, in percent, with its 95 % interval.",
+        tuple(groups),
+        key=tuple((f, n) for f, n in FAMILIES.items() if any(r.style == f for g in groups for r in g.rows)),
+    )
+
+
+def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the distractor grasp rates: in training, over all variations and per axis."""
+    single = len(diagnoses) == 1
+    groups = []
+    for scope, title in (("training", "Training"), *_scopes()):
+        rows = []
+        for d in diagnoses:
+            figure = Figure.of(d.metric("distractor_grasp_rate", scope), noun="grasps")
+            if not figure.missing:
+                style = "training" if scope == "training" else "reasoning"
+                rows.append(Bar(title if single else d.policy, figure, style))
+        if rows:
+            groups.append(BarGroup("" if single else title, tuple(rows)))
+    return Chart(
+        "grasps",
+        "Distractor grasp rate",
+        "Grasp attempts at an object that was not asked for, out of grasp attempts at any object, in percent, with the "
+        "95 % interval. Air grasps are not counted. Attempts of one trial depend on each other.",
+        tuple(groups),
+    )
+
+
+def rate_figure(k: int, n: int) -> Figure:
+    """Return the figure of a count out of trials; without trials it has no value."""
+    rate = Rate(k, n)
+    if rate.value is None:
+        return Figure(None, None, None, k, n)
+    return Figure(rate.value, rate.low, rate.high, k, n)
+
+
+def twin_figure(diagnosis: RunDiagnosis, keep: Keep) -> Figure:
+    """Return the success rate of the distinct training trials from which variation trials are derived.
 
     Args:
-        diagnoses: The runs.
+        diagnosis: The run.
+        keep: Which variation trials count.
     """
-    by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
-    for diagnosis in diagnoses:
-        for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):
-            by_id.setdefault(row.id, []).append((diagnosis.policy, row))
-    tasks: dict[str, list[ConditionGroup]] = {}
-    for rows in by_id.values():
-        tasks.setdefault(rows[0][1].task, []).append(ConditionGroup(rows[0][1], tuple(rows)))
-    return tuple(
-        TaskGroup(
-            task,
-            task_title(task),
-            next((group for group in groups if group.first.variation is None), None),
-            tuple(group for group in groups if group.first.variation is not None),
-        )
-        for task, groups in sorted(tasks.items())
-    )
+    found = {twin.key: twin.success for twin, trial in twins(diagnosis.trials) if keep(trial)}
+    return rate_figure(sum(found.values()), len(found))
+
+
+def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str, keep: Keep) -> BarGroup | None:
+    """Return two bars per policy: the training twins and the variations of a scope."""
+    rows: list[Bar] = []
+    for d in diagnoses:
+        variation = Figure.of(d.metric("success_rate", scope))
+        if variation.missing:
+            continue
+        names = ("training", "variation") if len(diagnoses) == 1 else (d.policy, "")
+        rows += [Bar(names[0], twin_figure(d, keep), "training"), Bar(names[1], variation, "variation")]
+    return BarGroup(title, tuple(rows)) if rows else None
+
+
+def _families(trials: Sequence[TrialDiagnosis]) -> tuple[tuple[str, int], ...]:
+    counts = Counter(LEGEND[t.label].family for t in trials)
+    return tuple((family, counts[family]) for family in FAMILIES)
+
+
+def _gap(diagnosis: RunDiagnosis, scope: str) -> Figure:
+    return Figure.of(diagnosis.metric("illusion_gap", scope), difference=True, noun="pairs")
+
+
+def _scopes() -> tuple[tuple[str, str], ...]:
+    return (("overall", "All variations"), *((f"axis:{a}", name) for a, name in AXIS_NAMES.items()))

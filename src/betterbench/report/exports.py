@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.report.latex import paper_table_to_latex, table_to_latex
+from betterbench.report.matrices import matrices_of
+from betterbench.report.matrices import to_plain as matrices_to_plain
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.paper import PaperTable, to_plain
 from betterbench.report.table import Table, to_csv
+from betterbench.report.task_views import task_views
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +45,41 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
     for table in paper_tables:
         plain = to_plain(table)
         exports.append(Export(table.name, table.title, to_csv(plain), paper_table_to_latex(table), len(table.rows)))
+    for pair in zip(*map(matrices_of, diagnoses), strict=True):
+        if any(m.measured for m in pair):
+            plain = matrices_to_plain(pair)
+            exports.append(Export(plain.name, pair[0].title, to_csv(plain), table_to_latex(plain), len(plain.rows)))
     for title, plain, short in (
+        ("Tasks: success, illusion gap, leading failure", task_table(diagnoses), None),
         ("Variations: success of trials and twins, outcomes", variation_table(diagnoses), None),
         ("All metrics with their intervals", metric_table(diagnoses), None),
         ("All trials with label and evidence", trial_table(diagnoses), short_trial_table(diagnoses)),
     ):
         exports.append(Export(plain.name, title, to_csv(plain), table_to_latex(short or plain), len(plain.rows)))
     return tuple(exports)
+
+
+def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
+    """Return one row per task and policy: success in training and under variation, the gap and the leading failure."""
+    rows = []
+    for view in task_views(diagnoses):
+        for line in view.lines:
+            training, variation, gap, grasps = line.training, line.variation, line.gap, line.grasps
+            failure = line.failure
+            rows.append(
+                (
+                    line.policy, view.task, training.k, training.n, training.value, variation.k, variation.n,
+                    variation.value, variation.low, variation.high, gap.value, gap.low, gap.high, gap.p_value,
+                    grasps.k, grasps.n, grasps.value, None if failure is None else failure.label.value,
+                    None if failure is None else failure.count,
+                )
+            )  # fmt: skip
+    columns = (
+        "policy", "task", "training_k", "training_n", "training_success_rate", "k", "n", "success_rate", "low", "high",
+        "illusion_gap", "gap_low", "gap_high", "p_value", "distractor_grasps", "grasps", "distractor_grasp_rate",
+        "leading_failure", "leading_failure_trials",
+    )  # fmt: skip
+    return Table("tasks", "Success rates per task with 95 % intervals.", columns, tuple(rows))
 
 
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import Kind, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.report.legend import LEGEND
+from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure, listed, plural, points
 
 RARE_SHARE = 0.05
@@ -15,6 +17,43 @@ RARE_SHARE = 0.05
 WEAK_SHARE = 0.5
 """Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
 by its success; what it attempts first can still be judged."""
+
+
+PLACE_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
+"""Labels of rules that send the hand to a place, whatever stands there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """The leading failure mode of some variation trials.
+
+    Attributes:
+        label: The label.
+        count: Trials that ended with it.
+        failures: All failures among the trials.
+        trials: All trials.
+    """
+
+    label: Label
+    count: int
+    failures: int
+    trials: int
+
+    @property
+    def name(self) -> str:
+        """Full name of the label."""
+        return LEGEND[self.label].name
+
+    @property
+    def family(self) -> str:
+        """Colour family of the label."""
+        return LEGEND[self.label].family
+
+    @property
+    def share(self) -> str:
+        """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials")."""
+        percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
+        return f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +69,9 @@ class Headline:
         variations: Success rate on the variations.
         gap: Illusion gap.
         intention: Intention accuracy on the variations.
+        grasps: Distractor grasp rate on the variations.
+        failure: The leading failure mode, or None.
+        segments: Outcomes of the variation trials.
     """
 
     policy: str
@@ -40,6 +82,9 @@ class Headline:
     variations: Figure
     gap: Figure
     intention: Figure
+    grasps: Figure
+    failure: Failure | None
+    segments: tuple[Segment, ...]
 
 
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
@@ -68,11 +113,31 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         variations,
         gap,
         intention,
+        Figure.of(diagnosis.metric("distractor_grasp_rate", "overall"), noun="grasps"),
+        leading_failure(varied),
+        segments_of(varied),
     )
 
 
+def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
+    """Return the leading failure mode of variation trials with its counts, or None without failures.
+
+    Args:
+        trials: The trials.
+    """
+    failed = [trial for trial in trials if trial.kind is not Kind.NONE]
+    label = main_failure(failed)
+    if label is None:
+        return None
+    return Failure(label, sum(trial.label is label for trial in failed), len(failed), len(trials))
+
+
 def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
-    """Return the most frequent label within the most frequent kind of failure, or None without failures."""
+    """Return the most frequent label within the most frequent kind of failure, or None without failures.
+
+    A policy that goes where a rule sends it takes what stands there, look-alikes included. Where such a rule is proven
+    and most look-alikes that were taken stood in a trained place of the target, the rule explains them and is named.
+    """
     kinds = Counter(trial.kind for trial in trials if trial.kind is not Kind.NONE)
     if not kinds:
         return None
@@ -80,7 +145,13 @@ def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
     kind = min(kinds, key=lambda k: (-kinds[k], order.index(k)))
     labels = Counter(trial.label for trial in trials if trial.kind is kind)
     ranks = list(LEGEND)
-    return min(labels, key=lambda label: (-labels[label], ranks.index(label)))
+    main = min(labels, key=lambda label: (-labels[label], ranks.index(label)))
+    if main is not Label.SEMANTIC_FEATURE_COLLAPSE:
+        return main
+    in_place = sum("slot" in t.evidence.shared for t in trials if t.label is main)
+    rule = max(PLACE_RULES, key=lambda label: labels[label])
+    explained = 3 * in_place >= 2 * labels[main] and 2 * labels[rule] >= labels[main]
+    return rule if explained else main
 
 
 def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.film import film_key
-from betterbench.report.legend import AXIS_NAMES, LEGEND
+from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 
 
 class StringTable:
@@ -37,12 +37,13 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> d
         films: Number of each film on the page, by its key.
 
     Returns:
-        ``strings``, ``labels``, ``axes`` and ``trials``; page.js names the columns of a trial.
+        ``strings``, ``labels``, ``kinds``, ``axes`` and ``trials``; page.js names the columns of a trial.
     """
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     return {
         "labels": {e.label.value: [e.name, e.family, e.definition] for e in LEGEND.values()},
+        "kinds": FAMILIES,
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,

@@ -14,17 +14,20 @@ from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
-from betterbench.report.charts import UNIT, gap_chart, task_groups
+from betterbench.report.charts import charts_of
+from betterbench.report.drawing import UNIT, Chart, draw, file_style
 from betterbench.report.exports import Export, exports_of
 from betterbench.report.film import Film, Frame
-from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, headline_of
+from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
+from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
+from betterbench.report.task_views import task_views
 from betterbench.report.wording import listed, p_text, plural
 
-FILMS_IN_SIGHT = 4
-"""Films that are shown without asking; the others unfold."""
+STRIP_FRAMES = 3
+"""Frames of the strip on the first screen: the reach, the moment of the evidence and what follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +52,25 @@ class ShownFilm:
     trial: TrialDiagnosis
 
 
+@dataclass(frozen=True, slots=True)
+class ShownChart:
+    """A chart on the page: drawn wide, drawn narrow, and as a file."""
+
+    chart: Chart
+    wide: Markup
+    narrow: Markup
+    file: str
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """The one film of the first screen: the frames around its evidence, and those of its twin."""
+
+    shown: ShownFilm
+    frames: tuple[Frame, ...]
+    twin_frames: tuple[Frame, ...]
+
+
 def write_report(
     diagnoses: Sequence[RunDiagnosis],
     out: Path,
@@ -56,11 +78,12 @@ def write_report(
     films: Mapping[str, Film] | None = None,
     latex: bool = True,
     machine: Mapping[str, str] | None = None,
+    trust: Mapping[str, str] | None = None,
 ) -> Path:
     """Write the report of one policy, or of several side by side.
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
-    wanted, ``tables/NAME.tex``. Each file is written beside its place and renamed.
+    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. Each file is written beside its place and renamed.
 
     Args:
         diagnoses: One diagnosis per policy; the order is the order on the page.
@@ -68,6 +91,8 @@ def write_report(
         films: Films to show, by :func:`~betterbench.report.film.film_key`; those of unknown trials are refused.
         latex: Whether to write the tables as LaTeX too.
         machine: What to say about the machine, by name ("processor", "renderer").
+        trust: What is known about the instrument itself, by name ("Certified trials", "Calibration"): how far the
+            scenes and the labels can be trusted.
 
     Returns:
         The path of ``index.html``.
@@ -85,9 +110,13 @@ def write_report(
     shown = _shown_films(diagnoses, films or {})
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
     exports = exports_of(diagnoses, tables)
-    page = render_page(diagnoses, exports, films=shown, latex=latex, machine=machine or {})
-    folder = out / "tables"
+    charts = _shown_charts(charts_of(diagnoses))
+    page = render_page(diagnoses, exports, charts, films=shown, latex=latex, machine=machine, trust=trust)
+    folder, figures = out / "tables", out / "figures"
     folder.mkdir(parents=True, exist_ok=True)
+    figures.mkdir(parents=True, exist_ok=True)
+    for shown_chart in charts:
+        _write(figures / f"{shown_chart.chart.name}.svg", shown_chart.file)
     for export in exports:
         _write(folder / f"{export.name}.csv", export.csv)
         if latex:
@@ -98,19 +127,23 @@ def write_report(
 def render_page(
     diagnoses: Sequence[RunDiagnosis],
     exports: Sequence[Export],
+    charts: Sequence[ShownChart],
     *,
     films: Sequence[ShownFilm] = (),
     latex: bool = True,
     machine: Mapping[str, str] | None = None,
+    trust: Mapping[str, str] | None = None,
 ) -> str:
     """Return the page as HTML.
 
     Args:
         diagnoses: One diagnosis per policy.
         exports: Tables to offer for download.
+        charts: Charts to show.
         films: Films to show.
         latex: Whether to offer the LaTeX form of the tables.
         machine: What to say about the machine.
+        trust: What to say about the instrument.
     """
     environment = Environment(
         loader=PackageLoader("betterbench.report", "templates"),
@@ -133,11 +166,13 @@ def render_page(
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
-        gaps=gap_chart(diagnoses),
-        tasks=task_groups(diagnoses),
+        charts=charts,
+        tasks=task_views(diagnoses),
         unit=UNIT,
         films=films,
-        films_in_sight=FILMS_IN_SIGHT,
+        opening=_opening(headlines, films),
+        trust=dict(trust or {}),
+        matrices=_matrices(diagnoses),
         legend=list(LEGEND.values()),
         labels=LEGEND,
         families=FAMILIES,
@@ -151,11 +186,17 @@ def render_page(
         seeds=_seeds(trials),
         rare=round(100 * RARE_SHARE),
         weak=round(100 * WEAK_SHARE),
-        style=Markup(_asset("page.css")),  # noqa: S704 - our own file
+        style=Markup(_asset("page.css") + _asset("figure.css")),  # noqa: S704 - our own file
         script=Markup(script),  # noqa: S704 - our own file
         script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         data=Markup(script_json(listing_of(diagnoses, numbers))),  # noqa: S704 - made safe for a script element
     )
+
+
+def _matrices(diagnoses: Sequence[RunDiagnosis]) -> list[Matrix]:
+    """Return the diagnostic matrices that the runs fill, the short ones first."""
+    made = [matrices_of(diagnosis) for diagnosis in diagnoses]
+    return [m for m in (*(short for short, _ in made), *(long for _, long in made)) if m.measured]
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
@@ -175,6 +216,42 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
             shown.append(ShownFilm(len(shown), film, trial))
     solved = sorted(shown, key=lambda s: s.trial.kind is Kind.NONE)
     return [ShownFilm(number, s.film, s.trial) for number, s in enumerate(solved)]
+
+
+def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
+    """Return charts drawn for both widths and for a file."""
+    style = file_style(_asset("figure.css"), _asset("page.css"))
+    return [
+        ShownChart(
+            chart,
+            Markup(draw(chart)),  # noqa: S704 - every text in it is escaped by the drawing
+            Markup(draw(chart, narrow=True)),  # noqa: S704 - likewise
+            draw(chart, style=style),
+        )
+        for chart in charts
+    ]
+
+
+def _opening(headlines: Sequence[Headline], films: Sequence[ShownFilm]) -> Opening | None:
+    """Return the film that shows the leading failure of a single policy, or None."""
+    failure = headlines[0].failure if len(headlines) == 1 else None
+    if failure is None:
+        return None
+    found = [shown for shown in films if shown.trial.label is failure.label and shown.trial.variation is not None]
+    shown = max(found, key=lambda s: bool(s.film.twin_frames), default=None)
+    if shown is None:
+        return None
+    start = shown.trial.evidence.start_s
+    acts = [frame.time_s for frame in shown.film.twin_frames if frame.caption in ("attempt", "evidence")]
+    return Opening(
+        shown, _around(shown.film.frames, start), _around(shown.film.twin_frames, acts[0] if acts else start)
+    )
+
+
+def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
+    """Return the few frames nearest to a moment, in time."""
+    nearest = sorted(frames, key=lambda frame: abs(frame.time_s - time_s))[:STRIP_FRAMES]
+    return tuple(sorted(nearest, key=lambda frame: frame.time_s))
 
 
 def _title(policies: Sequence[str]) -> str:

@@ -76,7 +76,7 @@ class Figure:
             return f"no {self.noun}"
         if self.k is not None:
             return f"{self.k}/{self.n}"
-        return f"{self.n} {self.noun}"
+        return f"{self.n} {self.noun.removesuffix('s') if self.n == 1 else self.noun}"
 
     def interval(self, digits: int = 0) -> str:
         """Return the ends of the 95 % interval ("31 to 45"), or an empty string."""

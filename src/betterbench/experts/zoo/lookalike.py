@@ -13,7 +13,7 @@ class _LookAlike(BrokenRule):
     """Looks for one feature of what is asked for, first where training picked it."""
 
     feature: ClassVar[str]
-    label = "lexical_kinematic_shortcut"
+    label = place_label = "lexical_kinematic_shortcut"
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

@@ -153,14 +153,16 @@ class BrokenRule(ExpertMind):
                 return "phase_conflict" if isinstance(decision, Wander) else None
             touched = any(isinstance(d, Bring | GraspAt | Draw) for d in history)
             return "phase_conflict" if self.condition.mid_task_look and not touched else "early_halt"
+        taken = decision.object if isinstance(decision, Bring) else None
         if isinstance(decision, GraspAt):
-            return self.empty_label
-        if isinstance(decision, Bring):
-            if not self.known(state.info.object(decision.object).kind):
-                return "semantic_feature_collapse"
-            if any(isinstance(o, Bring) and o.object == decision.object for o in options):
-                return "behavioral_inertia" if self._trained_there(state, decision) else self.place_label
-        return self.label
+            taken = self.standing_in(state, decision.slot)
+            if taken is None:
+                return self.empty_label
+        if taken is not None and not self.known(state.info.object(taken).kind):
+            return "semantic_feature_collapse"
+        if not isinstance(decision, Bring) or all(getattr(o, "object", None) != decision.object for o in options):
+            return self.label
+        return "behavioral_inertia" if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
         """Tell whether training brought things of this kind there: then every rule that does so looks like habit."""

@@ -22,6 +22,7 @@
     COLUMNS.forEach((name, i) => { trial[name] = TEXTS.has(name) ? text(row[i]) : row[i]; });
     trial.place = trial.variation === null ? trial.condition : trial.variation;
     trial.key = `${trial.task}/${trial.place}/${trial.seed}`;
+    trial.kind = (data.labels[trial.label] || [null, "system"])[1];
     return trial;
   });
   const id = (policy, key) => JSON.stringify([policy, key]);
@@ -50,9 +51,11 @@
       of: (t) => `${t.task}/${t.place}`, name: (v) => v,
       also: (t, v) => t.variation === null && v === `${t.task}/training`,
     },
+    kind: { of: (t) => t.kind, name: (v) => data.kinds[v] || v },
     label: { of: (t) => t.label, name: (v) => (data.labels[v] || [v])[0] },
-    success: { of: (t) => String(t.success), name: (v) => (v === "1" ? "yes" : "no") },
+    seed: { of: (t) => String(t.seed), name: (v) => v },
   };
+  const ORDERS = { kind: Object.keys(data.kinds), label: Object.keys(data.labels), axis: ["", ...Object.keys(data.axes)] };
   const ALL = "\u0000";
   const selects = {};
   const option = (value, name) => { const o = make("option", "", name); o.value = value; return o; };
@@ -60,11 +63,11 @@
     const filter = FILTERS[select.dataset.filter];
     const counts = new Map();
     trials.forEach((t) => { const v = filter.of(t); counts.set(v, (counts.get(v) || 0) + 1); });
-    let values = [...counts.keys()];
-    if (select.dataset.filter === "label") {
-      const order = Object.keys(data.labels);
-      values.sort((a, b) => order.indexOf(a) - order.indexOf(b));
-    } else if (select.dataset.filter !== "policy") values.sort();
+    const values = [...counts.keys()];
+    const order = ORDERS[select.dataset.filter];
+    if (order) values.sort((a, b) => order.indexOf(a) - order.indexOf(b));
+    else if (select.dataset.filter === "seed") values.sort((a, b) => a - b);
+    else if (select.dataset.filter !== "policy") values.sort();
     select.append(option(ALL, "all"));
     if (select.dataset.filter === "condition") {
       new Set(trials.filter((t) => t.variation === null).map((t) => `${t.task}/training`))
@@ -72,7 +75,27 @@
     }
     values.forEach((v) => select.append(option(v, `${filter.name(v)} (${counts.get(v)})`)));
     select.addEventListener("change", show);
+    select.parentElement.hidden = counts.size < 2;
     selects[select.dataset.filter] = select;
+  });
+
+  const early = (a, b) => (a === null ? Infinity : a) - (b === null ? Infinity : b) || 0;
+  const rank = (t) => Object.keys(data.labels).indexOf(t.label);
+  const SORTS = {
+    "plan order": null,
+    "outcome, failures first": (a, b) => (a.kind === "right") - (b.kind === "right") || rank(a) - rank(b),
+    "seed": (a, b) => a.seed - b.seed,
+    "time of the evidence": (a, b) => early(a.start, b.start),
+    "duration, longest first": (a, b) => (b.duration || 0) - (a.duration || 0),
+    "progress, least first": (a, b) => early(a.progress, b.progress),
+  };
+  const sort = document.getElementById("sort");
+  Object.keys(SORTS).forEach((name) => sort.append(option(name, name)));
+  sort.addEventListener("change", show);
+  const search = document.getElementById("search");
+  search.addEventListener("input", show);
+  trials.forEach((t) => {
+    t.words = [t.policy, t.key, t.instruction, t.first, t.intended, t.slot, t.rule, t.why, label(t)[0]].join(" ").toLowerCase();
   });
 
   const list = document.getElementById("list");
@@ -83,7 +106,10 @@
 
   function show() {
     const wanted = Object.entries(selects).filter(([, s]) => s.value !== ALL).map(([n, s]) => [FILTERS[n], s.value]);
-    found = trials.filter((t) => wanted.every(([f, v]) => f.of(t) === v || (f.also && f.also(t, v))));
+    const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    found = trials.filter((t) => wanted.every(([f, v]) => f.of(t) === v || (f.also && f.also(t, v)))
+      && words.every((w) => t.words.includes(w)));
+    if (SORTS[sort.value]) found.sort(SORTS[sort.value]);
     const solved = found.filter((t) => t.success).length;
     count.textContent = `${found.length} of ${trials.length} trials, ${solved} successful.`;
     list.replaceChildren();
@@ -96,6 +122,13 @@
     drawn = Math.min(found.length, drawn + CHUNK);
     list.append(part);
   }
+  function clear() {
+    Object.values(selects).forEach((s) => { s.value = ALL; });
+    search.value = "";
+    sort.value = "plan order";
+  }
+  const link = (href, content) => { const a = make("a", "", content); a.href = href; return a; };
+  const routeOf = (t) => `#trial=${encodeURIComponent(t.policy)}/${t.key}`;
   function rowOf(t) {
     const row = make("div", "trial");
     const button = make("button");
@@ -130,6 +163,11 @@
     const twin = t.variation === null ? null : byKey.get(id(t.policy, `${t.task}/${t.condition}/${t.seed}`));
     if (twin) times.append(timeline(twin, `Its training twin: ${label(twin)[0].toLowerCase()}`));
     box.append(times);
+    const go = make("p", "go");
+    go.append(link(routeOf(t), "Link to this trial"), link(`#task=${t.task}`, "Its task"));
+    if (twin) go.append(link(routeOf(twin), "Open the twin"));
+    if (t.film >= 0) go.append(link(`#film-${t.film}`, "Its film"));
+    box.append(go);
     if (t.film >= 0) {
       const strips = document.querySelector(`#film-${t.film} .strips`);
       if (strips) box.append(strips.cloneNode(true));
@@ -141,16 +179,35 @@
     part.append(make("h4", "", title));
     const length = Math.max(t.duration || 0, 0.001);
     const at = (s) => `${Math.min(100, Math.max(0, (100 * s) / length))}%`;
-    const svg = draw("svg", { width: "100%", height: 30, role: "img", "aria-label": "time line" });
-    if (t.start !== null && t.end !== null && label(t)[1] !== "right") {
-      svg.append(draw("rect", { class: "span", x: at(t.start), width: at(Math.max(t.end - t.start, length / 100)), y: 0, height: 30 }));
+    const said = t.attempts.length === 1 ? "1 grasp attempt" : `${t.attempts.length} grasp attempts`;
+    const svg = draw("svg", { width: "100%", height: 46, role: "img", "aria-label": `Time line of ${t.key}: ${said} in ${seconds(t.duration)}` });
+    const step = [1, 2, 5, 10, 20, 50, 100].find((s) => length / s <= 8) || 500;
+    for (let s = 0; s <= length; s += step) {
+      svg.append(draw("line", { class: "sec", x1: at(s), x2: at(s), y1: 4, y2: 32 }));
+      const tick = draw("text", { x: at(s), y: 44, style: s === 0 ? "text-anchor:start" : s > 0.95 * length ? "text-anchor:end" : "" });
+      tick.textContent = `${s} s`;
+      svg.append(tick);
     }
-    svg.append(draw("line", { class: "base", x1: "0", x2: "100%", y1: 15, y2: 15 }));
-    t.attempts.forEach(([a, b, , , result]) => {
+    if (t.start !== null && t.end !== null && t.kind !== "right") {
+      svg.append(draw("rect", { class: "span", x: at(t.start), width: at(Math.max(t.end - t.start, length / 100)), y: 0, height: 34 }));
+    }
+    svg.append(draw("line", { class: "base", x1: "0", x2: "100%", y1: 18, y2: 18 }));
+    t.attempts.forEach(([a, b, object, , result]) => {
       if (a === null || b === null) return;
-      svg.append(draw("rect", { class: `a ${text(result)}`, x: at(a), width: at(Math.max(b - a, length / 120)), y: 8, height: 14, rx: 2 }));
+      const kind = text(result);
+      const mark = draw("svg", { x: at(a), y: 11, width: 14, height: 14, overflow: "visible" });
+      const shape = kind === "distractor" ? draw("path", { d: "M1 13 7 1 13 13Z" })
+        : kind === "null" ? draw("circle", { cx: 7, cy: 7, r: 5.5 })
+          : draw("rect", { x: 1, y: 1, width: 11, height: 12 });
+      shape.setAttribute("class", `a ${kind}`);
+      const hint = draw("title", {});
+      hint.textContent = `${seconds(a)}: ${text(object) === null ? "air grasp" : text(object)}`;
+      shape.append(hint);
+      mark.append(shape);
+      svg.append(draw("rect", { class: `a ${kind}`, x: at(a), width: at(Math.max(b - a, length / 200)), y: 28, height: 4 }), mark);
     });
-    part.append(svg, make("p", "detail", `0 to ${seconds(t.duration)}; shaded: the evidence, from ${seconds(t.start)} to ${seconds(t.end)}`));
+    const evidence = t.kind === "right" || t.start === null ? "" : `; shaded: the evidence, from ${seconds(t.start)} to ${seconds(t.end)}`;
+    part.append(svg, make("p", "detail", `0 to ${seconds(t.duration)}${evidence}`));
     const items = make("ol");
     t.attempts.forEach(([a, b, object, slot, result, secured]) => {
       const what = text(object) === null ? "air grasp" : `grasp at ${text(object)}`;
@@ -162,15 +219,77 @@
     return part;
   }
 
-  document.getElementById("clear").addEventListener("click", () => {
-    Object.values(selects).forEach((s) => { s.value = ALL; });
-    show();
-  });
+  document.getElementById("clear").addEventListener("click", () => { clear(); show(); });
   document.querySelectorAll("a.seg").forEach((segment) => segment.addEventListener("click", () => {
-    Object.values(selects).forEach((s) => { s.value = ALL; });
-    ["policy", "condition", "label"].forEach((name) => { selects[name].value = segment.dataset[name]; });
+    clear();
+    const { policy, condition, label: outcome } = segment.dataset;
+    selects.policy.value = policy;
+    selects.label.value = outcome;
+    if (condition.includes("/")) selects.condition.value = condition;
+    else if (condition) selects.task.value = condition;
     show();
   }));
+  const rows = () => [...list.querySelectorAll(".trial > button")];
+  list.addEventListener("keydown", (event) => {
+    const button = event.target.closest(".trial")?.firstElementChild;
+    if (!button) return;
+    if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      const all = rows();
+      const next = all[all.indexOf(button) + (event.key === "ArrowDown" ? 1 : -1)];
+      if (next) { next.focus(); event.preventDefault(); }
+    } else if (event.key === "Escape" && button.parentElement.hasAttribute("data-open")) {
+      button.click();
+      button.focus();
+    }
+  });
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "/" || event.ctrlKey || event.metaKey || /INPUT|SELECT|TEXTAREA/.test(document.activeElement.tagName)) return;
+    if (document.getElementById("trials").hasAttribute("data-away")) location.hash = "#trials";
+    search.focus();
+    event.preventDefault();
+  });
+
+  const sections = [...document.querySelectorAll("main > section")];
+  function route() {
+    let wanted = "";
+    try { wanted = decodeURIComponent(location.hash.slice(1)); } catch { /* a broken address shows the overview */ }
+    const target = document.getElementById(wanted);
+    const view = target ? target.closest("section.taskview") : null;
+    sections.forEach((s) => s.toggleAttribute("data-away", view ? s !== view : s.classList.contains("taskview")));
+    if (wanted.startsWith("trial=")) openTrial(wanted.slice(6).split("/"));
+    else if (target) target.scrollIntoView({ behavior: "instant" });
+  }
+  function openTrial(parts) {
+    const wanted = byKey.get(id(parts.slice(0, -3).join("/"), parts.slice(-3).join("/")));
+    document.getElementById("trials").scrollIntoView({ behavior: "instant" });
+    if (!wanted) return;
+    clear();
+    show();
+    const at = found.indexOf(wanted);
+    while (drawn <= at) more();
+    const row = list.children[at];
+    if (!row.hasAttribute("data-open")) row.firstElementChild.click();
+    row.firstElementChild.focus({ preventScroll: true });
+    row.scrollIntoView({ behavior: "instant" });
+  }
+  window.addEventListener("hashchange", route);
+
+  document.querySelectorAll("button[data-png]").forEach((button) => {
+    button.hidden = false;
+    button.addEventListener("click", () => {
+      const picture = new Image();
+      picture.addEventListener("load", () => {
+        const canvas = document.createElement("canvas");
+        canvas.width = 3 * picture.naturalWidth;
+        canvas.height = 3 * picture.naturalHeight;
+        canvas.getContext("2d").drawImage(picture, 0, 0, canvas.width, canvas.height);
+        const save = link(canvas.toDataURL("image/png"), "");
+        save.download = `${button.dataset.png}.png`;
+        save.click();
+      });
+      picture.src = button.parentElement.querySelector("a").href;
+    });
+  });
   document.getElementById("browser").hidden = false;
   const sentinel = document.getElementById("sentinel");
   const watch = new IntersectionObserver((seen) => {
@@ -181,4 +300,5 @@
   }, { rootMargin: "800px" });
   watch.observe(sentinel);
   show();
+  route();
 })();

@@ -1,0 +1,116 @@
+"""One view per task: how every policy did on it, what the trials prove, and its films."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.report.charts import twin_figure
+from betterbench.report.headline import Failure, leading_failure
+from betterbench.report.outcomes import ConditionRow, Segment, segments_of, task_title, training_rows, variation_rows
+from betterbench.report.wording import Figure
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionGroup:
+    """One variation, or the training conditions of a task, with one (policy, row) pair per policy that ran it."""
+
+    first: ConditionRow
+    rows: tuple[tuple[str, ConditionRow], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TaskLine:
+    """How one policy did on the variations of a task.
+
+    Attributes:
+        policy: Address of the policy.
+        training: Success rate of the training trials that the variations are derived from.
+        variation: Success rate on the variations.
+        gap: Illusion gap.
+        grasps: Distractor grasp rate on the variations.
+        segments: Outcomes of the variation trials.
+        failure: The leading failure mode, or None.
+        findings: What its trials prove together about this task.
+    """
+
+    policy: str
+    training: Figure
+    variation: Figure
+    gap: Figure
+    grasps: Figure
+    segments: tuple[Segment, ...]
+    failure: Failure | None
+    findings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TaskView:
+    """One task with its conditions, the training conditions first."""
+
+    task: str
+    title: str
+    lines: tuple[TaskLine, ...]
+    training: ConditionGroup | None
+    variations: tuple[ConditionGroup, ...]
+
+    @property
+    def conditions(self) -> tuple[ConditionGroup, ...]:
+        """All conditions, the training ones first."""
+        return self.variations if self.training is None else (self.training, *self.variations)
+
+    @property
+    def anchor(self) -> str:
+        """Identifier of the view on the page, and its route."""
+        return f"task={self.task}"
+
+
+def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
+    """Return tasks with their conditions and how every policy did on them.
+
+    Args:
+        diagnoses: The runs.
+    """
+    by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
+    for diagnosis in diagnoses:
+        for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):
+            by_id.setdefault(row.id, []).append((diagnosis.policy, row))
+    tasks: dict[str, list[ConditionGroup]] = {}
+    for rows in by_id.values():
+        tasks.setdefault(rows[0][1].task, []).append(ConditionGroup(rows[0][1], tuple(rows)))
+    return tuple(
+        TaskView(
+            task,
+            task_title(task),
+            _lines(diagnoses, task),
+            next((group for group in groups if group.first.variation is None), None),
+            tuple(group for group in groups if group.first.variation is not None),
+        )
+        for task, groups in sorted(tasks.items())
+    )
+
+
+def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:
+    lines = []
+    for d in diagnoses:
+        mine = [t for t in d.trials if t.task == task]
+        if mine:
+            lines.append(_line(d, task, [t for t in mine if t.variation is not None]))
+    return tuple(lines)
+
+
+def _line(d: RunDiagnosis, task: str, varied: list[TrialDiagnosis]) -> TaskLine:
+    about = re.compile(rf" trials of {re.escape(task)} ")
+    training = twin_figure(d, lambda t: t.task == task)
+    return TaskLine(
+        d.policy,
+        Figure.of(d.metric("success_rate", f"{task}/training")) if training.missing else training,
+        Figure.of(d.metric("success_rate", task)),
+        Figure.of(d.metric("illusion_gap", task), difference=True, noun="pairs"),
+        Figure.of(d.metric("distractor_grasp_rate", task), noun="grasps"),
+        segments_of(varied),
+        leading_failure(varied),
+        tuple(sentence for sentence in d.findings if about.search(sentence)),
+    )

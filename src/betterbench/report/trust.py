@@ -1,0 +1,58 @@
+"""How far a report can be trusted: what is certified of its scenes, and what its diagnosis has been measured at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.certification.coverage import packaged_coverage, parse_ranges
+from betterbench.diagnosis import RunDiagnosis, packaged_calibration
+from betterbench.report.calibration_page import rate_text, suspicious
+from betterbench.report.wording import listed
+from betterbench.statistics import Rate
+from betterbench.tasks import SUITE_VERSION
+
+
+def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
+    """Return what is known about the instrument, by name, a sentence or two each.
+
+    Args:
+        diagnoses: The runs of the report.
+    """
+    trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
+    facts = {"Certificate": _certified(trials)}
+    calibration = packaged_calibration()
+    if calibration is None:
+        facts["Calibration"] = "This build ships none; run better calibrate."
+        return facts
+    facts["Calibration"] = (
+        f"{rate_text(calibration.overall)} of the trials of policies with one known fault got their true label; "
+        f"reasoning was called execution or the other way round in {rate_text(calibration.crossed_rate)} of those that "
+        "failed. Command: better calibrate."
+    )
+    ran = {name for name, _ in trials}
+    blind: dict[str, list[str]] = {}
+    for cell in suspicious(calibration.probes):
+        if f"{cell.task}/{cell.variation}" in ran:
+            blind.setdefault(cell.probe.removeprefix("probe:"), []).append(
+                f"{cell.task}/{cell.variation} ({cell.k}/{cell.n})"
+            )
+    if calibration.probes:
+        facts["Blind probes"] = (
+            "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
+            + " more often than by guessing the sentence: a success there proves less."
+            if blind
+            else "No variation of this run is solved blind, or deaf, more often than by guessing."
+        )
+    return facts
+
+
+def _certified(trials: set[tuple[str, int]]) -> str:
+    coverage = packaged_coverage()
+    if coverage.versions.suite != SUITE_VERSION:
+        return f"The packaged certificate is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."
+    seeds = {name: parse_ranges(s.certified) for name, s in coverage.conditions.items()}
+    covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
+    return (
+        f"{rate_text(covered)} of the trials are covered by the packaged certificate: solved by the expert with "
+        "trained motions only, at rest, reachable, and showing what the sentence says."
+    )

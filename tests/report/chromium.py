@@ -1,0 +1,143 @@
+"""A headless Chromium, driven over a pipe by its own debugging protocol: no package and no port is needed."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+COMMAND = next((c for c in ("chromium", "chromium-browser", "google-chrome") if shutil.which(c)), None)
+TIMEOUT_S = 60.0
+
+
+class Browser:
+    """One page of one browser."""
+
+    def __init__(self, profile: Path) -> None:
+        to_child, self._out = os.pipe()
+        self._in, from_child = os.pipe()
+        # The browser reads commands from descriptor 3 and answers on 4; ours must be out of the way first.
+        read, write = (fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in (to_child, from_child))
+
+        def wire() -> None:
+            os.dup2(read, 3)
+            os.dup2(write, 4)
+
+        self._process = subprocess.Popen(
+            [
+                str(COMMAND),
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+                "--remote-debugging-pipe",
+                f"--user-data-dir={profile}",
+                "about:blank",
+            ],
+            preexec_fn=wire,  # noqa: PLW1509 - a test of one thread
+            close_fds=False,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for fd in (to_child, from_child, read, write):
+            os.close(fd)
+        os.set_blocking(self._in, False)
+        self._number, self._rest, self._session = 0, b"", None
+        self.events: list[dict[str, Any]] = []
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for fd in (self._in, self._out):
+            os.close(fd)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Send a command and return its answer; events that come in between are kept."""
+        self._number += 1
+        form: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
+        if self._session and not method.startswith("Target."):
+            form["sessionId"] = self._session
+        os.write(self._out, json.dumps(form).encode() + b"\0")
+        until = time.monotonic() + TIMEOUT_S
+        while time.monotonic() < until:
+            answer = self._next()
+            if answer is None:
+                time.sleep(0.005)
+            elif answer.get("id") == self._number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return answer["result"]
+            else:
+                self.events.append(answer)
+        raise TimeoutError(method)
+
+    def _next(self) -> dict[str, Any] | None:
+        while b"\0" not in self._rest:
+            try:
+                data = os.read(self._in, 1 << 20)
+            except BlockingIOError:
+                return None
+            if not data:
+                raise RuntimeError("the browser has ended")
+            self._rest += data
+        first, _, self._rest = self._rest.partition(b"\0")
+        return json.loads(first)
+
+    def open(self, page: Path, width: int, height: int, *, scheme: str = "light") -> None:
+        """Show a page at a size [px] in a colour scheme, and wait until it is loaded."""
+        self.events.clear()
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+        )
+        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url=page.resolve().as_uri())
+        until = time.monotonic() + TIMEOUT_S
+        wanted = page.resolve().as_uri()
+        while time.monotonic() < until:
+            if self.value("location.href.split('#')[0] + document.readyState") == wanted + "complete":
+                return
+            time.sleep(0.02)
+        raise TimeoutError(str(page))
+
+    def value(self, expression: str) -> Any:
+        """Return what an expression evaluates to in the page."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in answer:
+            raise RuntimeError(answer["exceptionDetails"].get("exception", {}).get("description", "the script failed"))
+        return answer["result"].get("value")
+
+    def complaints(self) -> list[str]:
+        """Return what the browser complained about since the page was opened: errors, refused resources."""
+        self.value("1")
+        return [
+            json.dumps(e["params"])[:300]
+            for e in self.events
+            if e.get("method") == "Runtime.exceptionThrown"
+            or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] in ("error", "warning"))
+        ]
+
+    def pdf(self) -> bytes:
+        """Return the page as it prints."""
+        return base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+
+
+@contextlib.contextmanager
+def browser(profile: Path) -> Iterator[Browser]:
+    made = Browser(profile)
+    try:
+        yield made
+    finally:
+        made.close()

@@ -1,0 +1,150 @@
+"""The page as its readers meet it: in a browser, at a desk and on a phone, by day and by night, and on paper."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from chromium import COMMAND, browser
+from factory import run_of
+
+from betterbench.report.page import write_report
+from betterbench.report.trust import trust_of
+from betterbench.tasks import suite_tasks
+
+pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
+
+LAPTOP, PHONE = (1440, 900), (390, 844)
+SIZES = [(size, scheme) for size in (LAPTOP, PHONE) for scheme in ("light", "dark")]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return run_of("zoo:lexical", tasks=suite_tasks("better60"), seeds=22)
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):
+    return write_report([run], tmp_path_factory.mktemp("report"), trust=trust_of([run]))
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("profile")) as made:
+        yield made
+
+
+@pytest.mark.parametrize(("size", "scheme"), SIZES)
+def test_the_first_screen_says_what_is_wrong(chromium, page, size, scheme):
+    """The verdict, the gap with its interval, and the leading failure with its share need no scrolling."""
+    chromium.open(page, *size, scheme=scheme)
+    for text in ("It maps words to motions", "Illusion gap", " pairs", "Most often", "of all failures ("):
+        below = chromium.value(
+            f"""(() => {{
+              const has = e => e.textContent.includes({text!r});
+              const all = [...document.querySelectorAll('#verdict *')];
+              const found = all.filter(e => has(e) && ![...e.children].some(has));
+              const boxes = found.map(e => e.getBoundingClientRect()).filter(b => b.width && b.right <= innerWidth + 1);
+              return Math.min(...boxes.map(b => b.bottom - innerHeight));
+            }})()"""
+        )
+        assert below <= 0, f"{text!r} ends {below:.0f} px below the first screen"
+    assert chromium.complaints() == []
+
+
+@pytest.mark.parametrize(("size", "scheme"), SIZES)
+def test_nothing_is_wider_than_the_screen(chromium, page, size, scheme):
+    chromium.open(page, *size, scheme=scheme)
+    assert chromium.value("document.documentElement.scrollWidth") <= size[0]
+    for task in ("#task=fast_food", "#task=office_drawer"):
+        chromium.value(f"location.hash = '{task}'; 1")
+        assert chromium.value("document.documentElement.scrollWidth") <= size[0]
+    background, ink = chromium.value(
+        "[getComputedStyle(document.body).backgroundColor, getComputedStyle(document.body).color]"
+    )
+    light = sum(map(int, re.findall(r"\d+", background)[:3])) > sum(map(int, re.findall(r"\d+", ink)[:3]))
+    assert light is (scheme == "light")
+
+
+def test_filters_find_the_trials_and_are_fluid(chromium, page, run):
+    """2,400 trials, as many as a full run has: a filter answers within a frame or a few."""
+    assert len(run.trials) >= 2400
+    chromium.open(page, *LAPTOP)
+    wanted = [t for t in run.trials if t.task == "fast_food" and t.label.value == "semantic_feature_collapse"]
+    assert wanted
+    count, slowest = chromium.value(
+        """(() => {
+          let slowest = 0;
+          const pick = (name, value) => {
+            const box = document.querySelector(`[data-filter="${name}"]`);
+            const option = [...box.options].find(o => o.value === value || o.textContent === value);
+            box.value = option.value;
+            const began = performance.now();
+            for (const kind of ['change', 'input']) box.dispatchEvent(new Event(kind, {bubbles: true}));
+            slowest = Math.max(slowest, performance.now() - began);
+          };
+          for (const [name, value] of [['task', 'fast_food'], ['label', 'semantic_feature_collapse']]) {
+            const box = document.querySelector(`[data-filter="${name}"]`);
+            if (!box) throw new Error('no filter ' + name);
+            pick(name, value);
+          }
+          return [document.querySelector('#count').textContent, slowest];
+        })()"""
+    )
+    assert count.startswith(f"{len(wanted)} of "), count
+    assert slowest < 300.0, f"{slowest:.0f} ms"  # a hundred on a free machine
+    assert chromium.complaints() == []
+
+
+@pytest.mark.parametrize("size", [LAPTOP, PHONE])
+def test_a_trial_opens_and_shows_its_time_line(chromium, page, size):
+    chromium.open(page, *size)
+    chromium.value("location.hash = 'trials'; document.querySelector('#list .trial button').click(); 1")
+    text = chromium.value("document.querySelector('#list .trial[data-open]').innerText")
+    assert "Put" in text
+    assert chromium.value("document.querySelectorAll('#list .trial[data-open] svg').length") >= 1
+    assert chromium.value("document.querySelector('#list .trial button').getAttribute('aria-expanded')") == "true"
+    widest = chromium.value(
+        "Math.max(...[...document.querySelectorAll('.trial[data-open] .open > *')]"
+        ".map(e => e.getBoundingClientRect().right))"
+    )
+    assert widest <= size[0]
+
+
+def test_charts_are_saved_as_svg_and_png(chromium, page):
+    chromium.open(page, *LAPTOP)
+    names = chromium.value("[...document.querySelectorAll('figure.chart')].map(f => f.id.replace('figure-', ''))")
+    assert {"axes", "outcomes", "gap", "grasps", "modes"} <= set(names)
+    for name in names:
+        svg = (page.parent / "figures" / f"{name}.svg").read_text()
+        assert svg.startswith("<svg")
+        assert "var(--" not in svg
+    assert chromium.complaints() == []
+
+
+def test_it_prints(chromium, page, tmp_path):
+    chromium.open(page, *LAPTOP)
+    pdf = chromium.pdf()
+    assert pdf.startswith(b"%PDF")
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext is installed")
+    (tmp_path / "report.pdf").write_bytes(pdf)
+    done = subprocess.run(
+        [shutil.which("pdftotext") or "", "-layout", str(tmp_path / "report.pdf"), "-"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    text = re.sub(r"\s+", " ", done.stdout)
+    titles = chromium.value("[...document.querySelectorAll('section > h2')].map(h => h.textContent.trim())")
+    assert "It maps words to motions" in text
+    for title in titles:
+        if title not in ("Trials", "Downloads"):  # no use on paper
+            assert re.sub(r"\s+", " ", title) in text, title
