@@ -34,6 +34,7 @@ def calibration() -> Calibration:
 def test_rates_are_counts_over_counts(calibration):
     assert (calibration.overall.k, calibration.overall.n) == (11, 13)
     assert (calibration.crossed_rate.k, calibration.crossed_rate.n) == (1, 7)
+    assert (calibration.failed.k, calibration.failed.n) == (5, 7)
     scores = {s.label: s for s in calibration.scores()}
     assert (scores[R].recall.k, scores[R].recall.n) == (3, 4)
     assert (scores[R].precision.k, scores[R].precision.n) == (3, 4)

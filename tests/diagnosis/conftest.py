@@ -15,12 +15,14 @@ from betterbench.geometry import Pose, from_yaw
 from betterbench.recording import Record, RecordBuilder, RecordMetadata
 from betterbench.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, GoalTracker, regime_of
+from betterbench.tasks.predicates import relation
 
 HOME = (0.31, 0.0, 0.59)
 RATE = 20.0
 DOWN = (0.0, 1.0, 0.0, 0.0)
 FAST = 0.5  # m/s, so that records stay short
 RING = 0.02
+HOLES = ((1, -0.085), (2, 0.0), (3, 0.085))
 
 LOOKS = {  # size, colour, shape
     "burger": ((0.066, 0.066, 0.052), "brown", "round"),
@@ -31,6 +33,48 @@ LOOKS = {  # size, colour, shape
     "mug": ((0.07, 0.07, 0.09), "", "cylinder"),
     "can": ((0.066, 0.066, 0.12), "red", "cylinder"),
     "coffee_machine": ((0.25, 0.20, 0.33), "black", "box"),
+    "laptop": ((0.21, 0.25, 0.15), "silver", "box"),
+    "computer_mouse": ((0.105, 0.061, 0.036), "black", "irregular"),
+    "soap_bar": ((0.10, 0.06, 0.035), "grey", "irregular"),
+    "speaker": ((0.067, 0.065, 0.10), "black", "box"),
+    "place_plate": ((0.19, 0.19, 0.018), "white", "round"),
+    "cereal_bowl": ((0.119, 0.119, 0.052), "white", "round"),
+    "egg_cup": ((0.05, 0.05, 0.07), "white", "irregular"),
+    "jam_jar": ((0.058, 0.059, 0.073), "red", "cylinder"),
+    "salt_shaker": ((0.039, 0.039, 0.074), "white", "cylinder"),
+    "cup": ((0.068, 0.067, 0.062), "blue", "cylinder"),
+    "tumbler": ((0.066, 0.066, 0.088), "blue", "cylinder"),
+    "fork": ((0.16, 0.031, 0.013), "silver", "irregular"),
+    "spoon": ((0.16, 0.034, 0.013), "silver", "irregular"),
+    "lunchbox": ((0.34, 0.26, 0.25), "blue", "box"),
+    "apple": ((0.068, 0.07, 0.07), "red", "round"),
+    "orange": ((0.069, 0.069, 0.069), "orange", "round"),
+    "lemon": ((0.082, 0.057, 0.056), "yellow", "round"),
+    "block": ((0.045, 0.045, 0.045), "red", "box"),
+    "waste_bin": ((0.207, 0.206, 0.114), "black", "cylinder"),
+    "keyboard": ((0.114, 0.283, 0.021), "black", "box"),
+    "crumpled_napkin": ((0.061, 0.061, 0.054), "white", "irregular"),
+    "crushed_can": ((0.068, 0.068, 0.058), "red", "irregular"),
+    "drawer_cabinet": ((0.22, 0.24, 0.17), "white", "box"),
+    "upper_drawer": ((0.244, 0.236, 0.076), "white", "box"),
+    "lower_drawer": ((0.244, 0.236, 0.076), "white", "box"),
+    "stapler": ((0.127, 0.035, 0.051), "red", "irregular"),
+    "stapler_block": ((0.126, 0.036, 0.055), "red", "irregular"),
+    "tape_roll": ((0.067, 0.067, 0.024), "blue", "round"),
+    "bun_bottom": ((0.08, 0.08, 0.02), "brown", "round"),
+    "bun_top": ((0.072, 0.072, 0.034), "brown", "round"),
+    "patty": ((0.067, 0.067, 0.02), "brown", "round"),
+    "cheese_slice": ((0.062, 0.062, 0.012), "yellow", "box"),
+    "lettuce_leaf": ((0.066, 0.065, 0.012), "green", "round"),
+    "sponge": ((0.063, 0.063, 0.0135), "yellow", "box"),
+    "spice_rack": ((0.073, 0.27, 0.041), "brown", "box"),
+    "spice_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
+    "plain_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
+    "pill_bottle": ((0.043, 0.043, 0.085), "white", "cylinder"),
+    "plate_large": ((0.176, 0.176, 0.036), "white", "round"),
+    "plate_medium": ((0.148, 0.148, 0.036), "red", "round"),
+    "plate_small": ((0.12, 0.12, 0.036), "blue", "round"),
+    "shallow_bowl": ((0.148, 0.148, 0.036), "red", "round"),
 }
 REGIONS = {
     "takeaway_box": (Region("inside", (0.0, 0.0, 0.075), (0.09, 0.06, 0.07)),),
@@ -38,30 +82,68 @@ REGIONS = {
         Region("ring", (0.12, 0.0, RING), (0.04, 0.04, 0.001)),
         Region("spout", (0.12, 0.0, 0.2), (0.01, 0.01, 0.02)),
     ),
+    "laptop": (
+        Region("right", (0.023, 0.20, 0.0), (0.035, 0.035, 0.02)),
+        Region("left", (0.023, -0.20, 0.0), (0.035, 0.035, 0.02)),
+        Region("behind", (-0.172, 0.0, 0.0), (0.035, 0.035, 0.02)),
+    ),
+    "place_plate": (
+        Region("left", (0.02, -0.14, 0.0), (0.03, 0.022, 0.02)),
+        Region("right", (0.02, 0.14, 0.0), (0.03, 0.022, 0.02)),
+        Region("upper_right", (-0.13, 0.10, 0.0), (0.03, 0.03, 0.02)),
+    ),
+    "lunchbox": (Region("inside", (0.054, 0.0, 0.035), (0.10, 0.12, 0.029)),),
+    "waste_bin": (Region("inside", (0.0, 0.0, 0.06), (0.064, 0.064, 0.054)),),
+    "drawer_cabinet": (
+        Region("upper", (0.0325, 0.0, 0.091), (0.1055, 0.108, 0.036)),
+        Region("lower", (0.0325, 0.0, 0.0105), (0.1055, 0.108, 0.036)),
+    ),
+    "upper_drawer": (
+        Region("inside", (-0.003, 0.0, 0.032), (0.0825, 0.096, 0.026)),
+        Region("knob", (0.1445, 0.07, 0.03), (0.008, 0.01, 0.015)),
+    ),
+    "lower_drawer": (
+        Region("inside", (-0.003, 0.0, 0.032), (0.0825, 0.096, 0.026)),
+        Region("knob", (0.1445, -0.07, 0.03), (0.008, 0.01, 0.015)),
+    ),
+    "bun_bottom": (Region("top", (0.0, 0.0, 0.02), (0.039, 0.039, 0.001)),),
+    "spice_rack": tuple(Region(f"hole_{k}", (0.0, y, 0.006), (0.004, 0.004, 0.035)) for k, y in HOLES),
+    **{
+        plate: (Region("floor", (0.0, 0.0, 0.016), (0.08, 0.08, 0.001)),)
+        for plate in ("plate_large", "plate_medium", "plate_small", "shallow_bowl")
+    },
 }
+LAYERS = ("bun_bottom", "bun_top", "patty", "cheese_slice", "lettuce_leaf", "sponge")
+KNOB_M, RIM_M, DRAWER_TRAVEL = 0.02, 0.01, 0.16
 
 
 class Stage:
     """One episode, acted out step by step; every method that moves time appends rows."""
 
-    def __init__(self, task: str, name: str, *, seed: int = 0, policy: str = "scripted") -> None:
+    def __init__(
+        self, task: str, name: str, *, seed: int = 0, policy: str = "scripted", backwards: bool = False
+    ) -> None:
         self.setting = setting_of(task, name)
         self.condition = self.setting.condition
         self.task = self.setting.task
         rng = np.random.default_rng(seed)
-        self.info = self._scene()
+        self.info = self._scene(backwards=backwards)
         self.positions = {}
-        for o in self.info.objects:
-            if o.slot is not None:
-                slot = self.task.slot(o.slot)
+        for o in self.condition.objects:
+            if o.name in self.condition.layout:
+                slot = self.task.slot(self.condition.layout[o.name])
                 jitter = rng.uniform(-slot.jitter_m, slot.jitter_m, 2)
                 self.positions[o.name] = np.array([slot.x + jitter[0], slot.y + jitter[1], 0.0])
         self.yaws = {o.name: self.task.slot(o.slot).yaw if o.slot else 0.0 for o in self.info.objects}
         self.tool, self.width, self.command = np.array(HOME), 0.08, -1.0
-        for o in self.info.objects:
-            if o.slot is None:
-                self.positions[o.name] = self.goal_place()
         self.grip: str | None = None
+        self.slipped = ""
+        self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        for o in self.condition.objects:
+            if o.mount is not None:
+                self._mount(o.name, o.mount.target, o.mount.at)
+        for preplaced, where in self.condition.preplaced.items():
+            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.at)
         self.grip_offset = np.zeros(3)
         self.fall: dict[str, float] = {}
         self.tracker = GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=RATE)
@@ -81,7 +163,8 @@ class Stage:
         self.step, self.succeeded = 0, False
         self._append()
 
-    def _scene(self) -> SceneInfo:
+    def _scene(self, *, backwards: bool) -> SceneInfo:
+        """Describes the scene; its objects can be listed in the opposite order."""
         regime = regime_of(self.task)
         objects = []
         for o in self.condition.objects:
@@ -95,7 +178,7 @@ class Stage:
         slots = tuple(
             SlotInfo(s.name, (s.x, s.y, 0.0), s.yaw, regime.standing_kinds.get(s.name, ())) for s in self.task.slots
         )
-        return SceneInfo(tuple(objects), slots, HOME, 0.08)
+        return SceneInfo(tuple(reversed(objects)) if backwards else tuple(objects), slots, HOME, 0.08)
 
     def size(self, name: str) -> tuple[float, float, float]:
         return self.info.object(name).size_m
@@ -110,14 +193,54 @@ class Stage:
     def slot(self, name: str) -> np.ndarray:
         return np.array(self.info.slot(name).position)
 
+    def _mount(self, drawer: str, cabinet: str, at: str) -> None:
+        """Puts a drawer on its rails: where it is when shut, and the way that it comes out."""
+        frame = Pose(tuple(self.positions[cabinet]), from_yaw(self.yaws[cabinet]))
+        shut = np.array(frame.apply(self.info.object(cabinet).region(at).position))
+        out = np.array(frame.apply((1.0, 0.0, 0.0))) - np.array(frame.apply((0.0, 0.0, 0.0)))
+        self.rails[drawer] = shut, out
+        self.yaws[drawer] = self.yaws[cabinet]
+        self.positions[drawer] = shut + self.condition.opened.get(drawer, 0.0) * out
+
+    def grip_point(self, name: str) -> np.ndarray:
+        """Where fingers take an object: in its middle, a plate at its rim, a drawer at its knob."""
+        o, p = self.info.object(name), self.positions[name]
+        frame = Pose(tuple(p), from_yaw(self.yaws[name]))
+        if o.role == "drawer":
+            return np.array(frame.apply(o.region("knob").position))
+        if self.grip_width(name) == RIM_M:
+            return p + np.array([0.5 * o.size_m[0] - 0.005, 0.0, 0.03])
+        return p + np.array([0.0, 0.0, 0.5 * o.size_m[2]])
+
+    def grip_width(self, name: str) -> float:
+        """How far apart the fingers stay on an object."""
+        o = self.info.object(name)
+        if o.role == "drawer":
+            return KNOB_M
+        return RIM_M if min(o.size_m[:2]) > 0.08 else min(o.size_m[:2])
+
+    def goal(self, k: int = 0) -> np.ndarray:
+        """Where an object has to stand for a subgoal."""
+        goal = self.condition.instruction.subgoals[k]
+        return self.place(goal.relation, goal.target, goal.place)
+
+    def place(self, relation: str, target: str, place: str = "") -> np.ndarray:
+        """Where an object stands in a relation to a target."""
+        info, at = self.info.object(target), self.positions[target]
+        frame = Pose(tuple(at), from_yaw(self.yaws[target]))
+        if relation == "inside":
+            (x, y, z), half = info.region("inside").position, info.region("inside").half_size
+            inside = sum(np.hypot(*(self.positions[n] - at)[:2]) < 0.12 for n in self.movable() if n in self.positions)
+            return np.array(frame.apply((x - 0.05 + 0.04 * (inside % 3), y, z - half[2] + 0.001)))
+        if relation == "layer":
+            top = self.support("", at[:2], 1.0)[0]
+            return np.array([at[0], at[1], top])
+        name = {"on_ring": "ring", "on_plate": "floor"}.get(relation, place)
+        return np.array(frame.apply(info.region(name).position))
+
     def goal_place(self) -> np.ndarray:
-        """Where the next object has to stand to be at the target."""
-        target = self.condition.instruction.subgoals[0].target
-        frame = Pose(tuple(self.positions[target]), from_yaw(self.yaws[target]))
-        if "ring" in {r.name for r in self.info.object(target).regions}:
-            return np.array(frame.apply((0.12, 0.0, RING)))
-        inside = sum(np.hypot(*(self.positions[n] - self.positions[target])[:2]) < 0.12 for n in self.movable())
-        return np.array(frame.apply((-0.05 + 0.04 * (inside % 3), 0.0, 0.006)))
+        """Where the next object has to stand to be at the target of the first subgoal."""
+        return self.goal(0)
 
     def movable(self) -> list[str]:
         return [o.name for o in self.info.objects if not o.fixed and o.role in ("item", "distractor")]
@@ -130,43 +253,80 @@ class Stage:
         width = min(0.08, max(0.0, self.width - moving))
         if self.command > 0:
             between = self.between()
-            if between is not None and width <= min(self.size(between)[:2]):
-                width = min(self.size(between)[:2])
+            if between == self.slipped:
+                between = None
+            if between is not None and width <= self.grip_width(between):
+                width = self.grip_width(between)
                 if self.grip is None:
                     self.grip, self.grip_offset = between, self.positions[between] - self.tool
-        elif self.grip is not None and width > min(self.size(self.grip)[:2]):
-            self.fall[self.grip], self.grip = 0.0, None
+        else:
+            self.slipped = ""
+        if self.command <= 0 and self.grip is not None and width > self.grip_width(self.grip):
+            if self.grip not in self.rails:
+                self.fall[self.grip] = 0.0
+            self.grip = None
         self.width = width
-        if self.grip is not None:
+        if self.grip in self.rails:
+            self._slide(self.grip)
+        elif self.grip is not None:
             self.positions[self.grip] = self.tool + self.grip_offset
         for name in list(self.fall):
             self.fall[name] += 9.81 / RATE
-            z, rest = self.positions[name][2], self.rest_height(name)
+            z, rest = self.positions[name][2], self.support(name)[0]
             self.positions[name] = np.array([*self.positions[name][:2], max(rest, z - self.fall[name] / RATE)])
             if self.positions[name][2] <= rest:
                 del self.fall[name]
         self.step += 1
         self._append()
 
+    def _slide(self, drawer: str) -> None:
+        """Moves a drawer along its rails with the hand, and what is in it with the drawer."""
+        shut, out = self.rails[drawer]
+        opening = float(np.clip((self.tool + self.grip_offset - shut) @ out, 0.0, DRAWER_TRAVEL))
+        step = shut + opening * out - self.positions[drawer]
+        for name in self.movable():
+            if self.support(name)[1] == drawer:
+                self.positions[name] = self.positions[name] + step
+        self.positions[drawer] = self.positions[drawer] + step
+
     def between(self) -> str | None:
         """Names the object between the fingers."""
         if self.grip is not None:
             return self.grip
-        for name in self.movable():
+        for name in (*self.movable(), *self.rails):
+            if name in self.rails or self.grip_width(name) == RIM_M:
+                if np.linalg.norm(self.tool - self.grip_point(name)) < 0.02:
+                    return name
+                continue
             x, y, z = self.tool - self.positions[name]
             if np.hypot(x, y) < 0.02 and 0.0 <= z <= self.size(name)[2]:
                 return name
         return None
 
-    def rest_height(self, name: str) -> float:
+    def support(self, name: str, spot: np.ndarray | None = None, below: float | None = None) -> tuple[float, str]:
+        """Returns the height on which an object comes to rest, and what carries it there."""
+        x, y = self.positions[name][:2] if spot is None else spot
+        height = self.positions[name][2] if below is None else below
+        found = [(0.0, "table")]
         for o in self.info.objects:
-            if o.role in ("container", "fixture"):
-                gap = np.hypot(*(self.positions[name] - self.goal_place())[:2])
-                if o.role == "fixture" and gap < 0.06:
-                    return RING
-                if o.role == "container" and np.hypot(*(self.positions[name] - self.positions[o.name])[:2]) < 0.09:
-                    return 0.006
-        return 0.0
+            carried = o.name == self.grip and o.name not in self.rails
+            if o.name == name or carried or o.name not in self.positions:
+                continue
+            frame = Pose(tuple(self.positions[o.name]), from_yaw(self.yaws[o.name])).inverse()
+            dx, dy, _ = frame.apply((x, y, 0.0))
+            base = self.positions[o.name][2]
+            for region in o.regions:
+                rx, ry = dx - region.position[0], dy - region.position[1]
+                within = abs(rx) <= region.half_size[0] and abs(ry) <= region.half_size[1]
+                if region.name == "inside" and within:
+                    found.append((base + region.position[2] - region.half_size[2] + 0.001, o.name))
+                if (region.name == "ring" and np.hypot(rx, ry) < 0.06) or (
+                    (region.name.startswith("hole_") or region.name == "floor") and within
+                ):
+                    found.append((base + region.position[2], o.name))
+            if o.category in LAYERS and np.hypot(dx, dy) < 0.035:
+                found.append((base + o.size_m[2], o.name))
+        return max((f for f in found if f[0] <= height + 1e-6), default=found[0])
 
     def state(self) -> WorldState:
         names = [o.name for o in self.info.objects]
@@ -174,9 +334,13 @@ class Stage:
         for name in names:
             if self.grip == name:
                 contacts += [Contact(name, "left_finger", 10.0), Contact(name, "right_finger", 10.0)]
-            if self.positions[name][2] <= 1e-3:
-                contacts.append(Contact(name, "table", 1.0))
-        held = self.grip if self.grip is not None and self.positions[self.grip][2] > 0.003 else None
+            if name in self.rails:
+                continue
+            height, carrier = self.support(name)
+            if self.positions[name][2] - height <= 1e-3:
+                contacts.append(Contact(name, carrier, 1.0))
+        lifted = self.grip is not None and self.grip not in self.rails
+        held = self.grip if lifted and self.positions[self.grip][2] - self.support(self.grip)[0] > 0.003 else None
         speeds = tuple(float(np.linalg.norm(self.positions[n] - self.previous[n])) * RATE for n in names)
         tool = Pose(tuple(float(v) for v in self.tool), DOWN)
         joints = tuple(float(v) for v in (*self.tool, 0, 0, 0, 0))
@@ -200,9 +364,15 @@ class Stage:
             state, qpos=np.zeros(3), qvel=np.zeros(3), ctrl=np.zeros(2), action=action, applied=action,
             predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden,
         )  # fmt: skip
-        self.succeeded = self.succeeded or truth.success
+        self.succeeded, self.done = self.succeeded or truth.success, truth.subgoals
         self.previous = {n: p.copy() for n, p in self.positions.items()}
         self.last_tool = self.tool.copy()
+
+    def lose(self) -> Stage:
+        """Lets what is in the hand slip, although the hand stays closed."""
+        assert self.grip is not None
+        self.fall[self.grip], self.slipped, self.grip = 0.0, self.grip, None
+        return self.wait(0.5)
 
     # -- motions ----------------------------------------------------------------------------------------------
 
@@ -233,9 +403,9 @@ class Stage:
 
     def grasp(self, name: str, *, beside: tuple[float, float] = (0.0, 0.0)) -> Stage:
         """Goes to an object, or beside it, and closes the hand."""
-        x, y, z = self.positions[name]
+        x, y, z = self.grip_point(name)
         place = np.array([x + beside[0], y + beside[1]])
-        return self.over(place).go(place[0], place[1], z + 0.5 * self.size(name)[2]).close()
+        return self.over(place).go(place[0], place[1], z).close()
 
     def lift(self, height: float = 0.15) -> Stage:
         return self.go(*self.tool[:2], self.tool[2] + height)
@@ -247,8 +417,34 @@ class Stage:
         self.over(place, 0.30)
         return self.go(x - offset[0], y - offset[1], z + 0.002 - offset[2]).open(0.4).lift()
 
-    def bring(self, name: str) -> Stage:
-        return self.grasp(name).lift().carry(self.goal_place())
+    def bring(self, name: str, place: np.ndarray | None = None) -> Stage:
+        return self.grasp(name).lift().carry(self.goal_place() if place is None else place)
+
+    def draw(self, drawer: str, opening: float) -> Stage:
+        """Draws a drawer out, or pushes it home."""
+        shut, out = self.rails[drawer]
+        self.grasp(drawer)
+        way = self.tool + shut + opening * out - self.positions[drawer]
+        return self.go(*way).open(0.4).lift()
+
+    def opening(self, drawer: str) -> float:
+        shut, out = self.rails[drawer]
+        return float((self.positions[drawer] - shut) @ out)
+
+    def serve(self, k: int) -> Stage:
+        """Does a subgoal, whatever it is."""
+        goal = self.condition.instruction.subgoals[k]
+        if goal.relation == "closed":
+            return self.draw(self.condition.resolve(goal.reference)[0], 0.0)
+        for drawer in self.rails if goal.target in self.rails else ():
+            above = self.positions[drawer][2] > self.positions[goal.target][2]
+            if above and self.opening(drawer) > 0.01:
+                self.draw(drawer, 0.0)
+        if goal.target in self.rails and self.opening(goal.target) < 0.1:
+            self.draw(goal.target, 0.15)
+        where = relation(goal.relation).where
+        waiting = [n for n in self.condition.resolve(goal.reference) if where(self.state(), n, goal.target) is None]
+        return self.bring(waiting[self.metadata.seed % len(waiting)], self.goal(k))
 
     def air_grasp(self, slot: str) -> Stage:
         place = self.slot(slot)
@@ -304,7 +500,8 @@ def rename(record: Record, names: dict[str, str]) -> Record:
 
     def new(text: str) -> str:
         for old, name in names.items():
-            text = text.replace(f"({old},", f"({name},").replace(f" {old})", f" {name})")
+            text = text.replace(f"({old},", f"({name},")
+            text = text.replace(f" {old})", f" {name})").replace(f" {old}.", f" {name}.")
         return text
 
     scene = record.metadata.scene
@@ -334,14 +531,17 @@ def right(task: str, name: str, seed: int) -> Record:
 
 
 def _finish_right(s: Stage) -> Record:
+    return do_right(s).end()
+
+
+def do_right(s: Stage) -> Stage:
+    """Does what is still to be done, in the order asked."""
     if s.condition.expected.value == "succeed":
-        for goal in s.condition.instruction.subgoals:
-            waiting = [n for n in s.condition.resolve(goal.reference) if s.positions[n][1] < 0.1]
-            done = len(s.condition.resolve(goal.reference)) - len(waiting)
-            if done < goal.count and waiting:
-                s.bring(waiting[s.metadata.seed % len(waiting)])
+        for k in range(len(s.condition.instruction.subgoals)):
+            if not s.done[k]:
+                s.serve(k)
         s.wait(1.0)
-    return s.end()
+    return s
 
 
 def _take_at(s: Stage, slot: str) -> None:

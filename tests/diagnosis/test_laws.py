@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from betterbench.diagnosis import TrialDiagnosis, diagnose_record, diagnose_records, offline_truth
+from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record, diagnose_records, offline_truth
 from betterbench.errors import RecordError
+from betterbench.tasks import all_tasks
 
 
 def acts():
@@ -90,6 +91,140 @@ def test_offline_truth_is_live_truth(stage, act):
     assert np.array_equal([t.goal for t in truths], record.goal)
     assert np.array_equal([t.forbidden for t in truths], record.forbidden)
     assert any(t.success for t in truths) == record.outcome.success
+
+
+# -- the same over all ten tasks --------------------------------------------------------------------------------
+
+
+def half(s):
+    """Does the first step and goes home."""
+    return s.serve(0).home().wait(4)
+
+
+def drop(s):
+    """Drops what is asked for first in mid-air."""
+    goal = s.condition.instruction.subgoals[0]
+    return s.grasp(s.condition.resolve(goal.reference)[0]).lift().open().home().wait(4)
+
+
+def stranger(s):
+    """Brings something that is not asked for where the first thing was to go."""
+    asked = {n for g in s.condition.instruction.subgoals for n in s.condition.resolve(g.reference)}
+    thing = next(o.name for o in s.condition.objects if o.role in ("item", "distractor") and o.name not in asked)
+    goal = s.condition.instruction.subgoals[0]
+    if goal.target == thing:  # a plate cannot stand on itself
+        return s.grasp(thing).lift().open().home().wait(4)
+    return s.bring(thing, s.goal(0)).home().wait(4)
+
+
+DEEDS = {"half": half, "drop": drop, "stranger": stranger}
+SCENES = {  # per task a variation in which something is left that nobody asked for
+    "desk_meeting": "L1", "breakfast_table": "L1", "fruit_lunch": "R1", "fast_food": "R1", "tidy_desk": "O1",
+    "morning_coffee": "L3", "office_drawer": "L1", "cheeseburger": "R1", "seasoning_rack": "L1", "dinner_plates": "L1",
+}  # fmt: skip
+ALL = [(task, deed) for task in SCENES for deed in DEEDS]
+
+
+@pytest.fixture(scope="module")
+def played():
+    """Plays each deed once, for all laws."""
+    return {}
+
+
+@pytest.fixture
+def record(stage, played, request):
+    task, deed = request.param
+    if request.param not in played:
+        played[request.param] = DEEDS[deed](stage(task, SCENES[task])).end()
+    return played[request.param]
+
+
+everywhere = pytest.mark.parametrize("record", ALL, indirect=True, ids="-".join)
+
+
+def test_the_ten_tasks_are_all_here():
+    assert set(SCENES) == {t.id for t in all_tasks()}
+
+
+@everywhere
+def test_names_mean_nothing_in_any_task(record, renamed):
+    names = {o.name: f"thing_{k * 7 % 11}" for k, o in enumerate(record.metadata.scene.objects)}
+    before, after = diagnose_record(record), diagnose_record(renamed(record, names))
+    assert core(before) == core(after)
+    assert after.evidence.objects == tuple(names[n] for n in before.evidence.objects)
+    assert [a.object for a in after.attempts] == [names.get(a.object or "") for a in before.attempts]
+
+
+@pytest.mark.parametrize(("task", "deed"), ALL)
+def test_the_order_of_objects_means_nothing_in_any_task(stage, task, deed, played):
+    forth = played.get((task, deed)) or DEEDS[deed](stage(task, SCENES[task])).end()
+    back = DEEDS[deed](stage(task, SCENES[task], backwards=True)).end()
+    names = [[o.name for o in r.metadata.scene.objects] for r in (forth, back)]
+    assert names[0] == names[1][::-1]
+    assert diagnose_record(forth) == diagnose_record(back)
+
+
+@everywhere
+def test_cameras_mean_nothing_in_any_task(record):
+    seen = replace(record, metadata=replace(record.metadata, camera_preset="duo", render_quality="high"))
+    assert diagnose_record(seen) == diagnose_record(record)
+
+
+@everywhere
+def test_offline_truth_is_live_truth_in_any_task(record):
+    truths = offline_truth(record)
+    assert np.array_equal([t.subgoals for t in truths], record.subgoals)
+    assert np.array_equal([t.relations for t in truths], record.predicates)
+    assert np.array_equal([t.goal for t in truths], record.goal)
+    assert any(t.success for t in truths) == record.outcome.success
+
+
+@pytest.mark.parametrize("task", SCENES)
+def test_idle_time_after_the_limit_means_nothing_in_any_task(stage, task):
+    s = stage(task, SCENES[task])
+    s.serve(0)  # and no halt yet: it wanders on until its time is up
+    limit = s.task.step_limit(s.condition)
+    while s.step < limit:
+        s.wander(0.05)
+    verdicts = []
+    for idle in (0.0, 5.0):
+        verdicts.append(diagnose_record(s.wait(idle).builder.finish(termination="step_limit", success=False)))
+    assert verdicts[0] == verdicts[1]
+
+
+@pytest.mark.parametrize(("task", "deed"), [a for a in ALL if a[1] != "half"])
+def test_idle_time_after_a_halt_means_nothing_in_any_task(stage, task, deed):
+    verdicts = []
+    for idle in (0.0, 2.0):
+        found = diagnose_record(DEEDS[deed](stage(task, SCENES[task])).wait(idle).end())
+        verdicts.append((found.label, found.evidence.rule, found.evidence.start_s, found.attempts, found.progress))
+    assert verdicts[0] == verdicts[1]
+
+
+def test_the_order_of_trials_means_nothing_over_all_tasks(stage, played):
+    records = [
+        played.get((task, deed)) or DEEDS[deed](stage(task, SCENES[task])).end()
+        for task in SCENES
+        for deed in ("half",)
+    ]
+    first = diagnose_records(records)
+    for seed in range(2):
+        shuffled = diagnose_records([records[i] for i in np.random.default_rng(seed).permutation(len(records))])
+        assert {t.key: t for t in first.trials} == {t.key: t for t in shuffled.trials}
+        assert first.findings == shuffled.findings
+        assert {(m.name, m.scope): m for m in first.metrics} == {(m.name, m.scope): m for m in shuffled.metrics}
+
+
+@pytest.mark.parametrize("task", SCENES)
+def test_a_crash_stays_in_the_denominator_of_any_task(stage, task):
+    fine = half(stage(task, SCENES[task])).end()
+    crash = stage(task, SCENES[task], seed=1).serve(0).end(termination="policy_error", error="connection lost")
+    found = diagnose_records([fine, crash])
+    scope = f"{task}/{SCENES[task]}"
+    assert found.metric("success_rate", scope).n == 2
+    assert found.metric("reasoning_failure_rate", scope).n == 2
+    assert [t.label for t in found.trials][1] is Label.POLICY_ERROR
+    assert "connection lost" in found.trials[1].evidence.text
 
 
 def test_a_record_without_its_predicates_is_refused(stage):

@@ -103,7 +103,7 @@ def print_calibration(found: Calibration) -> None:
     for c in suspicious(found.probes):
         guess = f"guessing would in {c.chance:.2f} of them"
         OUT.print(f"• {c.probe} solves {c.task}/{c.variation} in {c.k}/{c.n} trials; {guess}", markup=False)
-    OUT.print(f"right       {rate_text(found.overall)}", markup=False)
+    OUT.print(f"right       {rate_text(found.overall)}, of the failed ones {rate_text(found.failed)}", markup=False)
     OUT.print(f"reasoning called execution or the other way round: {rate_text(found.crossed_rate)}", markup=False)
 
 

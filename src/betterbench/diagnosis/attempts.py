@@ -50,7 +50,7 @@ def find_grasps(trace: Trace) -> tuple[Grasp, ...]:
                 grasps[-1] = replace(last, release=stop, secured=secured)
             continue
         grasp = _resolve(trace, start, stop)
-        if grasp is not None:
+        if grasp is not None and not (last is not None and _in_place(trace, last, grasp)):
             grasps.append(grasp)
     return tuple(grasps)
 
@@ -76,6 +76,15 @@ def _still_gripped(trace: Trace, last: Grasp, row: int) -> bool:
     return i is not None and last.secured and bool(trace.left[row, i] and trace.right[row, i])
 
 
+def _in_place(trace: Trace, last: Grasp, grasp: Grasp) -> bool:
+    """Tell whether a hand only closes again on what it has just put somewhere, before it has gone away from it."""
+    i = grasp.object
+    if i is None or i != last.object or not last.secured or grasp.secured or not trace.there[grasp.start, i]:
+        return False
+    away = np.linalg.norm(trace.tool[last.release : grasp.start + 1] - trace.tool[grasp.start], axis=1)
+    return bool((away <= THRESHOLDS.slot_reach).all())
+
+
 def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
     """Return the attempt that a closing is, or None if it is none."""
     before = start - 1
@@ -87,9 +96,13 @@ def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
     touched = _touched(trace, start, limit, settled)
     if touched is not None:
         i, end = touched
-        slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
-        slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
+        slot = None
+        if i in trace.items:  # a container beside a slot is not what stands in it
+            slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
+            slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
         return Grasp(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
+    if limit == trace.rows and limit - start < trace.steps(LIMITS.stop_time):
+        return None  # the episode ended before the fingers could reach anything
     return _air_grasp(trace, before, settled, stop)
 
 
@@ -139,19 +152,23 @@ def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | No
     home = np.array(trace.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return None
+    if float(np.linalg.norm((tool - trace.tool[before])[:2])) > THRESHOLDS.slot_reach:
+        return None  # a hand that closes while it travels past aims at nothing
     boxes, centres = trace.box_distances(before, tool), trace.centre_distances(before, tool)
     within = [
         (float(centres[i]), i)
         for i in trace.items
         if not trace.there[before, i]
         and trace.on_table(before, i)
-        and (boxes[i] <= THRESHOLDS.grasp_reach or centres[i] <= THRESHOLDS.slot_reach)
+        and (boxes[i] <= THRESHOLDS.grasp_reach or max(centres[i], boxes[i]) <= THRESHOLDS.slot_reach)
     ]
     aim = min(within)[1] if within else None
     slot = None
     if aim is not None:
         slot = trace.slot_near(trace.positions[before, aim], THRESHOLDS.slot_reach)
-    slot = slot or trace.slot_near(tool, THRESHOLDS.slot_reach)
+    tallest = max((trace.info.objects[i].size_m[2] for i in trace.items), default=0.0)
+    if tool[2] <= tallest + THRESHOLDS.slot_reach:  # closing higher up, on the way, would reach nothing that fits here
+        slot = slot or trace.slot_near(tool, THRESHOLDS.slot_reach)
     if aim is None and slot is None:
         return None
     return Grasp(before, settled, stop, None, aim, slot, secured=False)

@@ -142,6 +142,12 @@ class Calibration:
         return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
 
     @property
+    def failed(self) -> Rate:
+        """Trials with the right label, of those that deserve the label of a failure: successes are the easy part."""
+        counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
+        return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
+
+    @property
     def crossed_rate(self) -> Rate:
         """Trials in which reasoning was called execution or the other way round, of all that failed for either."""
         kinds = (Kind.REASONING, Kind.EXECUTION)

@@ -24,7 +24,7 @@ class Standing(StrEnum):
     REPEATED = "repeated"
     """The step that it could serve is done."""
     OTHER = "other"
-    """Another instruction of the task means it."""
+    """Another instruction of the task means it, or it is where things are to go."""
     FOREIGN = "foreign"
     """No instruction of the task means it."""
     EMPTY = "empty"
@@ -101,6 +101,13 @@ class Course:
         drawers = {i for i, _, _ in self.trace.drawers}
         return next((step for step in self.steps if step.at not in drawers), None)
 
+    @property
+    def first_attempt(self) -> Step | None:
+        """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
+        drawers = {i for i, _, _ in self.trace.drawers}
+        telling = (s for s in self.steps if s.at not in drawers or s.standing is not Standing.ASKED)
+        return next(telling, self.steps[0] if self.steps else None)
+
     def kind(self, i: int) -> str:
         """Return the kind of an object."""
         return self.trace.info.objects[i].kind
@@ -138,6 +145,11 @@ class Course:
         if step.standing is not Standing.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
         return _wrong_place(self.trace, step.grasp)
+
+    def slipped(self, step: Step) -> bool:
+        """Tell whether what an attempt took fell out of the hand while it was to stay closed."""
+        rows, i = self.let_go(step), step.grasp.object
+        return rows is not None and i is not None and _slipped(self.trace, step.grasp, i, rows)
 
     def memorised(self, i: int, place: Whereabout) -> bool:
         """Tell whether training put objects of this kind there."""
@@ -191,7 +203,7 @@ class Course:
             return not self.steps
         if expected is Expected.REFUSE:
             return not any(s.standing in (Standing.OTHER, Standing.FOREIGN) for s in self.steps)
-        return bool(self.steps) and self.steps[0].standing is Standing.ASKED
+        return self.first_attempt is not None and self.first_attempt.standing is Standing.ASKED
 
     def progress(self) -> float:
         """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
@@ -273,11 +285,19 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
     return wanted
 
 
+def _drawn(trace: Trace, g: int, grasp: Grasp) -> set[int]:
+    """Return the drawer that a subgoal loads if an attempt did not push it in: it may be drawn out in several pulls."""
+    i, last = grasp.object, min(grasp.release, trace.rows - 1)
+    if i is None or i != trace.targets[g] or all(i != drawer for drawer, _, _ in trace.drawers):
+        return set()
+    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - LIMITS.pushed_in else set()
+
+
 def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: Grasp) -> Step:
     row, meant = grasp.start, trace.meant
     due = _open_goals(trace, instruction.subgoals, row)
     now = due[:1] if instruction.ordered else due
-    wanted = {g: _wanted(trace, g, row) for g in due}
+    wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
     at = grasp.object if grasp.object is not None else grasp.aim
     open_now = {i for g in due for i in wanted[g]}
@@ -311,7 +331,9 @@ def _let_go(trace: Trace, grasp: Grasp) -> tuple[int, int] | None:
     gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
     if gone >= trace.rows:
         return None
-    return gone, min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
+    rest = min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
+    again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
+    return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
 
 def _wrong_place(trace: Trace, grasp: Grasp) -> tuple[int, int, Whereabout] | None:
@@ -321,7 +343,17 @@ def _wrong_place(trace: Trace, grasp: Grasp) -> tuple[int, int, Whereabout] | No
         return None
     gone, rest = rows
     place = trace.placed(rest, i)
-    return None if place is None or trace.serves[rest, :, i].any() else (gone, rest, place)
+    if place is None or trace.serves[rest, :, i].any() or _slipped(trace, grasp, i, rows):
+        return None
+    return gone, rest, place
+
+
+def _slipped(trace: Trace, grasp: Grasp, i: int, rows: tuple[int, int]) -> bool:
+    """Tell whether an object fell out of a hand that was to stay closed: where it lands, nobody brought it."""
+    gone, rest = rows
+    return (
+        gone < grasp.release and float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2]) > LIMITS.fall_height
+    )
 
 
 def _taken_for(trace: Trace, goals: tuple[Subgoal, ...], grasp: Grasp) -> int | None:
@@ -359,4 +391,5 @@ def _standing(
         return Standing.LATER
     if any(at in names for names in meant):
         return Standing.REPEATED
-    return Standing.OTHER if trace.info.objects[at].kind in known else Standing.FOREIGN
+    found = trace.info.objects[at]
+    return Standing.OTHER if found.kind in known or found.role in ("container", "fixture") else Standing.FOREIGN

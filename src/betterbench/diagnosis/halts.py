@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.course import Course, Step
 from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Bools, Trace
 from betterbench.tasks import THRESHOLDS
@@ -28,13 +28,26 @@ def find_halt(course: Course) -> tuple[int, int] | None:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that lets go of something has not halted yet
         still[release : release + trace.steps(LIMITS.stop_time)] = False
-    last = max((s.grasp.end for s in course.steps), default=-1)
+    last = max((_busy_until(trace, s) for s in course.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
     for start, stop in _runs(still):
         begin = max(start, last + 1)
         if stop - begin >= needed and course.open_goals(begin + needed - 1):
             return begin, stop - 1
     return None
+
+
+def _busy_until(trace: Trace, step: Step) -> int:
+    """Return the last row at which an attempt shows that the arm had not halted for good.
+
+    That is the end of the grasp, or the release of an object that was carried on to where it was let go.
+    """
+    release = step.grasp.release
+    if not step.grasp.secured or release >= trace.rows:
+        return step.grasp.end
+    before = max(step.grasp.end, release - trace.steps(THRESHOLDS.halt_time))
+    carried = float(np.linalg.norm(trace.tool[before : release + 1] - trace.tool[release], axis=1).max())
+    return release if carried > THRESHOLDS.begun_lift else step.grasp.end
 
 
 def travel(trace: Trace) -> np.ndarray:

@@ -106,7 +106,7 @@ class TrialDiagnosis:
         success: Whether the trial succeeded.
         expected: "succeed", "refuse" or "stay_still".
         label: The outcome.
-        first_attempt: Object of the first grasp attempt, or None.
+        first_attempt: Object of the first grasp attempt, or None; a drawer that had to be moved for it is not counted.
         first_slot: Slot of the first grasp attempt, or None.
         intended: Object (kind) that the first attempt should have been at, or None where none should be.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.

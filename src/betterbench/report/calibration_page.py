@@ -100,8 +100,9 @@ def confusion_figure(calibration: Calibration) -> Figure:
 def calibration_markdown(calibration: Calibration) -> str:
     """Return the tables of a calibration as Markdown."""
     verdict = (
-        f"{rate_text(calibration.overall)} of the trials got their true label; reasoning was called execution or the "
-        f"other way round in {rate_text(calibration.crossed_rate)} of the failed ones."
+        f"{rate_text(calibration.overall)} of the trials got their true label, and of the failed ones "
+        f"{rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
+        f"{rate_text(calibration.crossed_rate)} of those that failed for either."
     )
     lines = [
         verdict,

@@ -25,9 +25,9 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
         facts["Calibration"] = "This build ships none; run better calibrate."
         return facts
     facts["Calibration"] = (
-        f"{rate_text(calibration.overall)} of the trials of policies with one known fault got their true label; "
-        f"reasoning was called execution or the other way round in {rate_text(calibration.crossed_rate)} of those that "
-        "failed. Command: better calibrate."
+        f"{rate_text(calibration.overall)} of the trials of policies with one known fault got their true label, and of "
+        f"the failed ones {rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
+        f"{rate_text(calibration.crossed_rate)} of those that failed for either. Command: better calibrate."
     )
     ran = {name for name, _ in trials}
     blind: dict[str, list[str]] = {}

@@ -14,7 +14,7 @@ from betterbench.tasks import Expected
 def find(course: Course) -> Evidence | None:
     """Return the first failed execution that was not made good later, or None."""
     found = [e for step in course.steps if (e := _of_step(course, step)) is not None]
-    found += [e for e in (_knocked(course), _forbidden_touch(course)) if e is not None]
+    found += [e for e in (_knocked(course), _undone(course), _forbidden_touch(course)) if e is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
 
@@ -23,17 +23,55 @@ def _of_step(course: Course, step: Step) -> Evidence | None:
     if step.standing is not Standing.ASKED or step.goal is None:
         return None
     word = course.goals[step.goal].word
-    if course.completed_after(step.goal, step.grasp.end):
+    if course.completed_after(step.goal, step.grasp.end) or _brought_later(course, step):
         return None
     i = step.grasp.object
     if i is None:
         return course.at_step("missed_by_pose", f"The hand closes beside {word!r}, the right target.", step)
+    drawer = any(i == found for found, _, _ in course.trace.drawers)
+    if drawer and _moved_later(course, step, i):
+        return None
     if not step.grasp.secured:
         if course.trace.left[-1, i] and course.trace.right[-1, i]:
             return None  # the episode ended with the object between the fingers: there was no time to lift it
         text = f"The hand closes on {word!r}, the right target, but does not lift it."
         return course.at_step("slipped", text, step)
-    return None if any(i == drawer for drawer, _, _ in course.trace.drawers) else _lost(course, step, i, word)
+    return _halfway(course, step, i) if drawer else _lost(course, step, i, word)
+
+
+def _brought_later(course: Course, step: Step) -> bool:
+    """Tell whether a later try for the same subgoal worked, and only the place was wrong: then the hand is not why.
+
+    What was let go high above the place may have landed there by chance, unless the place is a container.
+    """
+    for later in course.steps:
+        found = course.wrong_place(later)
+        if found is None or later.at is None or later.grasp.start <= step.grasp.start or later.goal != step.goal:
+            continue
+        gone, rest, place = found
+        heights = course.trace.positions[[gone, rest], later.at, 2]
+        if place.relation == "inside" or heights[0] - heights[1] <= LIMITS.fall_height:
+            return True
+    return False
+
+
+def _moved_later(course: Course, step: Step, drawer: int) -> bool:
+    """Tell whether a drawer is as far out, or in, as the step needs it after all; one that is to be shut is not yet."""
+    trace = course.trace
+    if step.goal is not None and course.goals[step.goal].relation == "closed":
+        return False
+    openings = [trace.opening(row, drawer) for row in range(step.grasp.end, trace.rows)]
+    if step.goal is not None and trace.targets[step.goal] == drawer:
+        return max(openings) >= LIMITS.drawn_out
+    return min(openings) <= LIMITS.pushed_in
+
+
+def _halfway(course: Course, step: Step, drawer: int) -> Evidence | None:
+    """Return evidence if the hand let go of a drawer on its way and nothing moved it on from there."""
+    if course.trace.left[-1, drawer] and course.trace.right[-1, drawer]:
+        return None  # the episode ended with the hand on it
+    text = f"The hand moves the {course.kind(drawer)}, the right one, and leaves it halfway."
+    return course.at_step("drawer_left_halfway", text, step)
 
 
 def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
@@ -42,7 +80,8 @@ def _lost(course: Course, step: Step, i: int, word: str) -> Evidence | None:
     if rows is None:
         return None
     gone, rest = rows
-    if trace.serves[rest, :, i].any() or trace.placed(rest, i) is not None:
+    wanted = trace.placed(rest, i) is not None and not course.slipped(step)
+    if wanted or trace.serves[rest, :, i].any():
         return None
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > LIMITS.fall_height:
@@ -74,14 +113,31 @@ def _knocked(course: Course) -> Evidence | None:
     return course.evidence("collided", text, rows=(row, row), objects=(i,))
 
 
+def _undone(course: Course) -> Evidence | None:
+    """Return evidence if a subgoal that was done came undone for good; an attempt that did it is earlier evidence."""
+    trace = course.trace
+    found: list[tuple[int, int]] = []
+    for g, goal in enumerate(course.goals):
+        there = trace.serves[:, g, list(course.meant[g])].sum(axis=1) >= goal.count
+        if trace.done[:, g].any() and there.any() and not there[-1]:
+            found.append((int(np.flatnonzero(there)[-1]) + 1, g))
+    if not found:
+        return None
+    row, g = min(found)
+    text = f"{course.goals[g].word!r} was where it was asked for and is knocked away from there."
+    return course.evidence("knocked_out_of_place", text, rows=(row, row), objects=course.meant[g])
+
+
 def _forbidden_touch(course: Course) -> Evidence | None:
-    """Return evidence if, where nothing was to be grasped, something was touched without an attempt."""
-    if course.condition.expected is Expected.SUCCEED or course.steps:
+    """Return evidence if something that was to be left alone was touched without an attempt at it."""
+    wrong = any(step.standing is not Standing.ASKED for step in course.steps)
+    if course.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = course.trace
-    allowed = course.asked_indices if course.condition.expected is Expected.REFUSE else frozenset()
     touched = trace.left | trace.right
-    touched[:, sorted(allowed)] = False
+    if course.condition.expected is Expected.REFUSE:  # what is asked for and is there may be taken
+        items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - course.asked_indices
+        touched[:, [i for i in range(touched.shape[1]) if i not in items]] = False
     if not touched.any():
         return None
     row, i = (int(v) for v in np.argwhere(touched)[0])
