@@ -101,9 +101,14 @@ def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
             slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
             slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
         return Grasp(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
-    if limit == trace.rows and limit - start < trace.steps(LIMITS.stop_time):
+    if limit == trace.rows and (limit - start < trace.steps(LIMITS.stop_time) or _still_closing(trace, limit)):
         return None  # the episode ended before the fingers could reach anything
     return _air_grasp(trace, before, settled, stop)
+
+
+def _still_closing(trace: Trace, limit: int) -> bool:
+    """Tell whether the fingers were on their way when the episode ended: nobody knows what they would have met."""
+    return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > LIMITS.finger_travel
 
 
 def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, int] | None:
@@ -116,7 +121,11 @@ def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, i
     free = np.zeros(near.shape, dtype=np.bool_)
     free[list(trace.items)] = True
     free &= ~trace.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
-    stopped = limit - start >= trace.steps(LIMITS.stop_time) and trace.width[limit - 1] > THRESHOLDS.closed_width
+    stopped = (
+        limit - start >= trace.steps(LIMITS.stop_time)
+        and trace.width[limit - 1] > THRESHOLDS.closed_width
+        and not _still_closing(trace, limit)
+    )
     one = (left | right) & free & (stopped | (near <= 0.0))
     if one.any():
         return _most(one, near, start)
