@@ -131,8 +131,9 @@ def test_probes_above_chance_are_named(calibration):
 
 
 def test_chance_is_one_in_the_sentences_that_make_sense():
-    assert chance_of("morning_coffee", "L3") == 0.25  # red, blue, top, bottom
+    assert chance_of("morning_coffee", "L3") == 0.5  # red and top mean the far mug, blue and bottom the near one
     assert 0.0 < chance_of("fast_food", "R1") < 1.0
+    assert chance_of("tidy_desk", "O1") == 1.0
 
 
 def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):

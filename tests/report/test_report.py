@@ -7,6 +7,7 @@ import io
 import re
 import sys
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
 from betterbench.diagnosis import Label
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
+from betterbench.report.headline import headline_of
 
 HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}"
 
@@ -192,3 +194,23 @@ def test_twelve_hundred_trials_are_quick_and_small(tmp_path):
     page = write_report(runs, tmp_path)
     assert time.process_time() - began < 20.0
     assert page.stat().st_size < 3_000_000
+
+
+def test_a_place_rule_that_takes_look_alikes_is_named_before_them():
+    """Eleven shortcuts and thirteen look-alikes that stood where the word led: one rule, and the page says so."""
+    shared = {True: ("colour", "slot"), False: ("colour",)}
+    for in_place in (True, False):
+        trials = [trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in range(11)]
+        for seed in range(11, 24):
+            made = trial(seed=seed, label=Label.SEMANTIC_FEATURE_COLLAPSE)
+            trials.append(replace(made, evidence=replace(made.evidence, shared=shared[in_place])))
+        headline = headline_of(diagnosis(trials))
+        assert headline.failure is not None
+        if in_place:
+            assert headline.failure.label is Label.LEXICAL_KINEMATIC_SHORTCUT
+            assert "also took 13 look-alikes" in headline.failure.share
+            assert headline.failure.lead != "Most often"
+            assert "words to motions" in headline.conclusion
+        else:
+            assert headline.failure.label is Label.SEMANTIC_FEATURE_COLLAPSE
+            assert headline.failure.lead == "Most often"

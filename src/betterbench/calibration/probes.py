@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from betterbench.diagnosis import ProbeCell, TrialDiagnosis
 from betterbench.experts.mind import Situation
 from betterbench.experts.zoo.blind import sentences
 from betterbench.interventions import vary
-from betterbench.statistics import Rate, chance_p
-from betterbench.tasks import get_task
+from betterbench.statistics import Rate, chance_p, holm
+from betterbench.tasks import Condition, Instruction, get_task
 
 
 def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
@@ -28,17 +29,26 @@ def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
             chance = chance_of(task_name, name)
             p = chance_p(rate, chance=chance) if chance < 1.0 else 1.0
             cells.append(ProbeCell(members[0].policy, task_name, name, rate.k, rate.n, chance, p))
-    return tuple(cells)
+    corrected = holm([cell.p_value for cell in cells])
+    return tuple(replace(cell, p_value=p) for cell, p in zip(cells, corrected, strict=True))
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing the sentence of a variation among those that make sense in its scene."""
+    """Return the success rate of guessing the sentence of a variation among those that make sense in its scene.
+
+    Two sentences that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
+    right guess each.
+    """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
-    said = condition.instruction
     choices = sentences(Situation(task, condition, 0))
-    same = sum(
-        c.subgoals == said.subgoals or (not c.ordered and not said.ordered and set(c.subgoals) == set(said.subgoals))
-        for c in choices
-    )
-    return same / len(choices)
+    return sum(_meaning(c, condition) == _meaning(condition.instruction, condition) for c in choices) / len(choices)
+
+
+def _meaning(instruction: Instruction, condition: Condition) -> object:
+    """Return what a sentence asks for in a scene: which objects where, and in which order if that matters."""
+    steps = [
+        (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.place, g.count)
+        for g in instruction.subgoals
+    ]
+    return tuple(steps) if instruction.ordered else frozenset(steps)

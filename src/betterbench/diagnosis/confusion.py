@@ -28,7 +28,7 @@ class ProbeCell:
         k: Successes.
         n: Trials.
         chance: Success rate of a policy that sees everything and guesses the sentence.
-        p_value: Two-sided exact binomial test against the chance rate.
+        p_value: Two-sided exact binomial test against the chance rate, Holm-corrected over the probe's variations.
     """
 
     probe: str
@@ -41,8 +41,13 @@ class ProbeCell:
 
     @property
     def above_chance(self) -> bool:
-        """Whether the probe succeeds more often than guessing explains, at the 5 % level of this one test."""
+        """Whether the probe succeeds more often than guessing explains, at the 5 % level."""
         return self.p_value < 0.05 and self.k > self.chance * self.n
+
+    @property
+    def speechless(self) -> bool:
+        """Whether only one sentence makes sense in the scene, so that solving it needs no ears."""
+        return self.chance >= 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
+from betterbench.report.wording import listed
 from betterbench.statistics import Rate, percent
 
 KINDS = {
@@ -51,6 +52,7 @@ def write_calibration_page(calibration: Calibration, out: Path) -> Path:
         matrix=f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}",
         scores=calibration.scores(),
         suspicious=suspicious(calibration.probes),
+        speechless=listed(speechless(calibration.probes)),
         kinds=KINDS,
     )
     return _write(out / "calibration.html", page.encode())
@@ -119,6 +121,12 @@ def calibration_markdown(calibration: Calibration) -> str:
     if calibration.probes:
         found = suspicious(calibration.probes)
         lines += ["", _probe_sentence(calibration.probes, found), ""]
+        alone = speechless(calibration.probes)
+        if alone:
+            lines += [
+                f"Only one sentence makes sense in the scene of {listed(alone)}: they test eyes and not ears.",
+                "",
+            ]
         if found:
             lines += ["| probe | variation | solved | by guessing | p |", "|---|---|---|---|---|"]
             lines += [
@@ -132,6 +140,11 @@ def calibration_markdown(calibration: Calibration) -> str:
 def suspicious(cells: Sequence[ProbeCell]) -> list[ProbeCell]:
     """Return the probes that are above chance, the least likely first."""
     return sorted((c for c in cells if c.above_chance), key=lambda c: (c.p_value, c.task, c.variation))
+
+
+def speechless(cells: Sequence[ProbeCell]) -> list[str]:
+    """Return the variations in whose scene only one sentence makes sense."""
+    return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 
 def rate_text(rate: Rate) -> str:

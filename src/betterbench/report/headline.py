@@ -32,12 +32,14 @@ class Failure:
         count: Trials that ended with it.
         failures: All failures among the trials.
         trials: All trials.
+        look_alikes: Look-alikes that its rule took from a trained place, where there are more of them than of its own.
     """
 
     label: Label
     count: int
     failures: int
     trials: int
+    look_alikes: int = 0
 
     @property
     def name(self) -> str:
@@ -52,8 +54,15 @@ class Failure:
     @property
     def share(self) -> str:
         """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials")."""
+        more = f"; its rule also took {plural(self.look_alikes, 'look-alike')} from a trained place"
         percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
-        return f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
+        text = f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
+        return text + (more if self.look_alikes else "")
+
+    @property
+    def lead(self) -> str:
+        """The words that introduce it."""
+        return "The rule behind most failures" if self.look_alikes else "Most often"
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +138,16 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
     label = main_failure(failed)
     if label is None:
         return None
-    return Failure(label, sum(trial.label is label for trial in failed), len(failed), len(trials))
+    count = sum(trial.label is label for trial in failed)
+    return Failure(label, count, len(failed), len(trials), _look_alikes(failed, label, count))
+
+
+def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
+    """Return how many look-alikes the rule of a label explains where they outnumber its own trials, else 0."""
+    taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
+    if label not in PLACE_RULES or len(taken) <= count:
+        return 0
+    return sum("slot" in trial.evidence.shared for trial in taken)
 
 
 def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
@@ -203,4 +221,6 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     cells = sorted({f"{trial.task}/{trial.variation}" for trial in failed if trial.label is main})
     shown = listed(cells) if len(cells) <= 4 else f"{', '.join(cells[:3])} and {len(cells) - 3} more"
     text = f"{plural(len(failed), 'failure')} in {plural(len(varied), 'variation trial')}: {listed(parts)}"
-    return f"{text}; most often {LEGEND[main].name.lower()} ({same} times, in {shown})."
+    failure = leading_failure(varied)
+    lead = "most often" if failure is None else failure.lead.lower()
+    return f"{text}; {lead}: {LEGEND[main].name.lower()} ({same} times, in {shown})."

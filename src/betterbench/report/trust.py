@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import RunDiagnosis, packaged_calibration
-from betterbench.report.calibration_page import rate_text, suspicious
+from betterbench.report.calibration_page import rate_text, speechless, suspicious
 from betterbench.report.wording import listed
 from betterbench.statistics import Rate
 from betterbench.tasks import SUITE_VERSION
@@ -43,6 +43,9 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
             if blind
             else "No variation of this run is solved blind, or deaf, more often than by guessing."
         )
+        alone = [name for name in speechless(calibration.probes) if name in ran]
+        if alone:
+            facts["Sentences"] = f"Only one makes sense in the scene of {listed(alone)}: they test eyes and not ears."
     return facts
 
 
