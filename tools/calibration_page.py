@@ -19,8 +19,12 @@ its own first wrong decision, and the diagnosis, which reads the records alone, 
 better calibrate --out runs/calibration
 ```
 
-makes the numbers below again, with a page that lists every mistake beside its evidence. It can be interrupted and goes
-on; a task takes a few minutes with `--tasks fast_food`.
+makes such numbers again, with a page that lists every mistake beside its evidence. It can be interrupted and goes
+on; a task takes a few minutes with `--tasks fast_food`. The table of policies names the strengths that the packaged
+numbers come from.
+
+What the matrix cannot say: the zoo has grown together with the diagnosis, so it holds the faults that somebody thought
+of. A policy with a fault of another kind gets the label whose evidence comes closest, and its film is beside it.
 
 ![confusion matrix](pictures/confusion.png)
 

@@ -135,6 +135,19 @@ def test_a_wrong_decision_is_called_by_what_it_is(scene):
         assert rule._label_of(state, (), decision) == label, decision
 
 
+def test_an_open_loop_probe_plays_the_twin_and_sees_nothing(scene):
+    twin, _ = run(scene, "probe:replay", "morning_coffee", "train1")
+    expert, _ = run(scene, "expert", "morning_coffee", "train1")
+    assert twin.outcome.success
+    assert np.array_equal(twin.qpos, expert.qpos)
+    moved, _ = run(scene, "probe:replay", "morning_coffee", "O1")
+    assert not moved.outcome.success
+    n = min(len(moved.action), len(expert.action))
+    assert np.array_equal(moved.action[1:n], expert.action[1:n])
+    elsewhere, _ = run(scene, "probe:no-images", "morning_coffee", "train1")
+    assert not np.array_equal(elsewhere.action[1:60], expert.action[1:60])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("policy", "task_id", "name"), EVERYWHERE, ids=["-".join(e) for e in EVERYWHERE])
 def test_every_policy_runs_on_every_task(scene, policy, task_id, name):

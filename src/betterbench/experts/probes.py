@@ -7,6 +7,7 @@ same arm at the same place; whatever stands elsewhere than in the demonstration,
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
 from difflib import SequenceMatcher
 
@@ -16,6 +17,11 @@ from betterbench.experts.motion import OPEN
 from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import Condition, GoalTracker, stream
+
+_KEPT = 8
+"""Demonstrations that are kept: several variations of a task have the same twin."""
+
+_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str], np.ndarray] = OrderedDict()
 
 ANOTHER_DRAW = 1_000_003
 """Added to a seed for a scene of the same condition that stands a little differently."""
@@ -89,6 +95,9 @@ def demonstration(
         seed: Seed of the demonstration.
         play: Makes the policy for a scene.
     """
+    key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name)
+    if key in _DEMONSTRATIONS:
+        return _DEMONSTRATIONS[key]
     other = Scene(scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality)
     tracker = GoalTracker(condition, other.info, template=scene.task.template, control_rate_hz=other.control_rate_hz)
     policy, state = play(other), other.reset()
@@ -97,4 +106,7 @@ def demonstration(
         actions.append(policy.act_on_state(state))
         other.step(actions[-1])
         state = other.state()
-    return np.array(actions).reshape(-1, 7)
+    _DEMONSTRATIONS[key] = np.array(actions).reshape(-1, 7)
+    while len(_DEMONSTRATIONS) > _KEPT:
+        _DEMONSTRATIONS.popitem(last=False)
+    return _DEMONSTRATIONS[key]
