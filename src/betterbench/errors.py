@@ -94,6 +94,14 @@ class PolicyError(BetterError):
     """A policy crashed, answered too late or broke its protocol; the trial ends as ``policy_error``."""
 
 
+class PolicyUnavailableError(PolicyError):
+    """A policy server cannot be reached, however often it is tried; its trials are run again later."""
+
+
+class HandshakeError(BetterError):
+    """The two sides of a handshake declare different conventions; the text names both."""
+
+
 class PremiseError(BetterError):
     """The scene at reset does not show what the instruction presupposes; the run must stop."""
 

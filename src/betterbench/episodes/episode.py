@@ -78,7 +78,13 @@ class _Answers:
             PolicyError: If it breaks.
         """
         if self.observer is not None:
-            start = EpisodeStart(self.scene.condition.instruction.text, self.scene.seed, self.scene.action_space.name)
+            start = EpisodeStart(
+                self.scene.condition.instruction.text,
+                self.scene.seed,
+                self.scene.action_space.name,
+                task=self.scene.task.id,
+                condition=self.scene.condition.name,
+            )
             with _boundary():
                 self.mind.reset(start)  # type: ignore[union-attr]
 

@@ -1,6 +1,16 @@
 """What policies see and what they may answer: observations, actions and the protocol between them and an episode."""
 
 from betterbench.interface.observation import CameraSpec, Observation, ObservationSpec, observation_spec
-from betterbench.interface.policy import EpisodeStart, Policy, PolicyInfo
+from betterbench.interface.policy import BatchPolicy, EpisodeStart, Execution, Policy, PolicyInfo
 
-__all__ = ["CameraSpec", "EpisodeStart", "Observation", "ObservationSpec", "Policy", "PolicyInfo", "observation_spec"]
+__all__ = [
+    "BatchPolicy",
+    "CameraSpec",
+    "EpisodeStart",
+    "Execution",
+    "Observation",
+    "ObservationSpec",
+    "Policy",
+    "PolicyInfo",
+    "observation_spec",
+]

@@ -2,13 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from betterbench.errors import InvalidInputError
 from betterbench.interface.observation import Observation
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """How the chunks of a policy are played.
+
+    Attributes:
+        horizon: Actions of each chunk that are executed before the policy is asked again; None for all of them.
+        ahead: Control steps before the end of a chunk at which the next one is asked for, while the rest of the old
+            one is executed. As many actions of the new chunk, whose time has passed by then, are dropped. With 0 the
+            simulation waits for every answer.
+        ensemble: None, or the rate m of temporal ensembling: the policy is asked at every step, and the action of a
+            step is the mean of all that were predicted for it, weighted by exp(-m i) with i = 0 for the oldest
+            prediction (Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV).
+    """
+
+    horizon: int | None = None
+    ahead: int = 0
+    ensemble: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the numbers go together.
+
+        Raises:
+            InvalidInputError: If one is out of range, or two exclude each other.
+        """
+        if self.horizon is not None and self.horizon < 1:
+            raise InvalidInputError("horizon", f"{self.horizon} actions are none", "Give 1 or more")
+        if self.ahead < 0 or (self.horizon is not None and self.ahead >= self.horizon):
+            raise InvalidInputError(
+                "ahead", f"{self.ahead} steps are not within a chunk", "Give 0 or more, and less than the horizon"
+            )
+        if self.ensemble is not None and not 0.0 <= self.ensemble < float("inf"):
+            raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give 0 or more; 0.01 is usual")
+        if self.ensemble is not None and (self.ahead or self.horizon is not None):
+            raise InvalidInputError(
+                "ensemble", "it asks at every step, so no horizon and no ahead go with it", "Give one or the other"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +58,15 @@ class EpisodeStart:
         instruction: The sentence that says what to do.
         seed: Seed for a policy that draws random numbers; the same for a trial and its twin.
         action_space: Name of the action space in force ("ee_delta").
+        task: Task id, for a policy that mirrors the scene (a served expert). No adapter of a real policy sends it.
+        condition: Name of the condition, likewise.
     """
 
     instruction: str
     seed: int
     action_space: str
+    task: str = ""
+    condition: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +78,16 @@ class PolicyInfo:
         action_space: Action space in which it answers.
         needs_images: False if it never looks at a picture, so that none are rendered for it.
         metadata: Free text pairs (checkpoint, revision, server).
+        execution: How its chunks are played.
+        heavy: True if it keeps weights in this process, so that one instance has to serve all workers of a run.
     """
 
     name: str
     action_space: str = "ee_delta"
     needs_images: bool = True
     metadata: Mapping[str, str] = field(default_factory=dict)
+    execution: Execution = Execution()
+    heavy: bool = False
 
 
 class Policy(Protocol):
@@ -61,4 +108,23 @@ class Policy(Protocol):
 
         Returns:
             (horizon, dim) array of actions to execute one after the other, or (dim,) for one action.
+        """
+
+
+@runtime_checkable
+class BatchPolicy(Policy, Protocol):
+    """A policy that answers many observations at once.
+
+    Its answers depend on each observation alone, so that one instance serves many environments; ``reset`` is called
+    when an episode begins in any of them.
+    """
+
+    def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
+        """Return the next actions of several environments.
+
+        Args:
+            observations: What each of them sees now; one or more.
+
+        Returns:
+            One array per observation, in their order, each as :meth:`Policy.act` returns it.
         """
