@@ -7,7 +7,7 @@ import pytest
 
 from betterbench.diagnosis import Label, diagnose_records
 from betterbench.diagnosis.labels import Ruling
-from betterbench.diagnosis.second_pass import judge_rules
+from betterbench.diagnosis.second_pass import judge_policy, judge_rules
 from betterbench.diagnosis.trial import Choice, read_trial, setting_of
 from betterbench.tasks import get_task
 
@@ -138,3 +138,41 @@ def test_a_shortcut_beside_random_slips_is_still_found():
     rng = np.random.default_rng(3)
     choices = coffee_run(lambda name: by_word(name) if rng.random() < 0.9 else "near", 0.5)
     assert judge_rules(choices).upheld[0] == "word"
+
+
+def lunch(n_wrong: int = 1) -> dict[str, Choice]:
+    """Makes a task without pairs in which wrong first attempts fit the word as well as a favourite place."""
+    trained = frozenset({("first", "apple"), ("second", "orange")})
+    swapped = frozenset({("first", "orange"), ("second", "apple")})
+    first = frozenset(("first",))
+    right = {f"lunch/train1/{i}": Choice(trained, first, "first", True, first, frozenset(), 2) for i in range(3)}
+    wrong = {
+        f"lunch/L1/{i}": Choice(swapped, frozenset(("second",)), "first", False, first, frozenset(), 2)
+        for i in range(n_wrong)
+    }
+    return right | wrong
+
+
+def test_what_other_tasks_prove_decides_where_two_rules_fit_alike():
+    by_place = {"coffee": coffee_run(lambda _: "far", 0.5), "tea": coffee_run(lambda _: "far", 0.6)}
+    words = {"coffee": coffee_run(by_word, 0.5), "tea": coffee_run(by_word, 0.6)}
+    assert judge_policy({"lunch": lunch()})["lunch"].rulings["lunch/L1/0"].place is False
+    assert judge_policy({**by_place, "lunch": lunch()})["lunch"].rulings["lunch/L1/0"] == Ruling("rejected", place=True)
+    assert judge_policy({**words, "lunch": lunch()})["lunch"].rulings["lunch/L1/0"].shortcut in ("upheld", "open")
+
+
+def test_one_other_task_is_not_enough_to_do_without_a_pair():
+    found = judge_policy({"coffee": coffee_run(lambda _: "far", 0.5), "lunch": lunch()})
+    assert found["lunch"].rulings["lunch/L1/0"].place is False
+
+
+def test_a_task_with_clear_evidence_of_its_own_is_not_overruled():
+    others = {f"task{i}": coffee_run(lambda _: "far", 0.5) for i in range(9)}
+    found = judge_policy({**others, "coffee": coffee_run(by_word, 0.5)})
+    assert found["coffee"].upheld[0] == "word"
+    assert found["coffee"].rulings == judge_rules(coffee_run(by_word, 0.5)).rulings
+
+
+def test_the_order_of_the_tasks_does_not_matter():
+    tasks = {"coffee": coffee_run(lambda _: "far", 0.5), "tea": coffee_run(by_word, 0.6), "lunch": lunch()}
+    assert judge_policy(tasks) == judge_policy(dict(reversed(tasks.items())))

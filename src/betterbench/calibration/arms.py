@@ -46,7 +46,7 @@ def default_arms(
     policies: Sequence[str] = (),
     strengths: Sequence[float] = STRENGTHS,
     trials: int = 1,
-    probe_trials: int = 4,
+    probe_trials: int = 8,
     seed: int = 0,
 ) -> tuple[Arm, ...]:
     """Return the expert, every policy of the zoo at every strength, and the probes.

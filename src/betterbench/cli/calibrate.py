@@ -29,7 +29,7 @@ def calibrate(
     policies: tuple[str, ...] = (),
     strengths: tuple[float, ...] = STRENGTHS,
     trials: int = 1,
-    probe_trials: int = 4,
+    probe_trials: int = 8,
     seed: int = 0,
     workers: int | None = None,
     write_package: bool = False,

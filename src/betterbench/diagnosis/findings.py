@@ -54,7 +54,12 @@ def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRule
 
 
 def find_notes(
-    trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules], missing: Sequence[str], pairs: int
+    trials: Sequence[TrialDiagnosis],
+    rules: Mapping[str, TaskRules],
+    missing: Sequence[str],
+    pairs: int,
+    *,
+    pending: int = 0,
 ) -> tuple[str, ...]:
     """Return what the run cannot show, one sentence each.
 
@@ -63,8 +68,14 @@ def find_notes(
         rules: What the second pass found out, per task.
         missing: Keys of planned trials without a record.
         pairs: Number of trials with a twin in the run.
+        pending: Number of trials that a run in progress has not reached.
     """
     notes = []
+    if pending:
+        notes.append(
+            f"The run is still going: {len(trials)} of {len(trials) + pending} planned trials are done, and the other "
+            f"{pending} are in no number. Which ones come first depends on the machine, so the numbers will move."
+        )
     if missing:
         shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
         notes.append(f"{len(missing)} planned trials have no record and count as policy_error: {shown}.")
@@ -76,7 +87,9 @@ def find_notes(
                 "variations of the task with the same seeds."
             )
     lonely = sum(t.variation is not None for t in trials) - pairs
-    if lonely:
+    if lonely and pending:
+        notes.append(f"{lonely} trials wait for their counterfactual twin and are left out of the illusion gap so far.")
+    elif lonely:
         notes.append(
             f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; run their "
             "training conditions with the same seeds."

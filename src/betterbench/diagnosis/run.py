@@ -11,7 +11,7 @@ from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
-from betterbench.diagnosis.second_pass import TaskRules, judge_rules
+from betterbench.diagnosis.second_pass import TaskRules, judge_policy
 from betterbench.diagnosis.trial import Choice, Reading, read_trial, setting_of, settled
 from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError, RunConflictError
@@ -44,12 +44,16 @@ class PlannedTrial:
         return f"{self.task}/{self.name}/{self.seed}"
 
 
-def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False) -> RunDiagnosis:
+def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: bool = False) -> RunDiagnosis:
     """Return what all records of a run prove. Every planned trial appears, finished or not.
+
+    While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
+    nowhere. Once nobody writes any more, they are trials without a record.
 
     Args:
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
+        whole: True to count the trials that a running run has not reached as trials without a record, too.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
@@ -58,20 +62,27 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False) -> RunD
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan = read_plan(run)
+    running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     readings: dict[str, Reading] = {}
     missing: dict[str, str | None] = {}
+    pending: list[str] = []
     versions = Versions(allow_mixed=allow_mixed)
     for planned in plan:
         entry = entries.get((planned.task, planned.name, planned.seed))
         path = run.record_path(planned.task, planned.name, planned.seed)
+        if entry is None and running:
+            pending.append(planned.key)
+            continue
         if entry is None or entry.status != "done" or not path.exists():
             missing[planned.key] = None if entry is None else entry.message or "its record is not there"
             continue
         record = run.read_record(planned.task, planned.name, planned.seed)
         versions.add(record.metadata)
         readings[planned.key] = read_trial(record, path=path.relative_to(run.path).as_posix())
-    return _diagnose(policy, plan, readings, missing, versions.found)
+    waiting = set(pending)
+    reached = [planned for planned in plan if planned.key not in waiting]
+    return _diagnose(policy, reached, readings, missing, versions.found, pending=pending)
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -193,6 +204,8 @@ def _diagnose(
     readings: Mapping[str, Reading],
     missing: Mapping[str, str | None],
     versions: dict[str, str],
+    *,
+    pending: Sequence[str] = (),
 ) -> RunDiagnosis:
     """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes."""
     choices: dict[str, dict[str, Choice]] = {}
@@ -200,7 +213,7 @@ def _diagnose(
         reading = readings.get(planned.key)
         if reading is not None and reading.choice is not None:
             choices.setdefault(planned.task, {})[planned.key] = reading.choice
-    rules = {task: judge_rules(mine) for task, mine in choices.items()}
+    rules = judge_policy(choices)
     trials = tuple(
         _settled(planned, readings[planned.key], rules)
         if planned.key in readings
@@ -213,9 +226,10 @@ def _diagnose(
         trials=trials,
         metrics=compute_metrics(trials),
         findings=find_findings(trials, rules),
-        notes=find_notes(trials, rules, sorted(missing), pairs),
+        notes=find_notes(trials, rules, sorted(missing), pairs, pending=len(pending)),
         thresholds={**THRESHOLDS.to_json(), **LIMITS.to_json()},
         versions=versions,
+        pending=tuple(pending),
     )
 
 

@@ -8,6 +8,11 @@ well as one that is always applied, and right attempts where the rule predicts a
 rule pays for the choice of its slot, because the slot is fitted to the trials and the other rules come from training.
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
+
+A policy is one mind in all tasks, so what is found in one task counts a little in the others: each kind of rule has a
+weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt that
+two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise: over
+ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
 """
 
 from __future__ import annotations
@@ -22,7 +27,8 @@ from betterbench.diagnosis.labels import ALONE, Ruling
 from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trial import Choice
 
-WORD, HABIT = "word", "habit"
+WORD, HABIT, PLACE, CONFUSION = "word", "habit", "place", "confusion"
+FAMILIES = (WORD, HABIT, PLACE, CONFUSION)
 
 _GRID = np.linspace(0.0, 0.99, 100)
 """Strengths that are tried. Above 0.99 no number of trials of a run can tell them apart."""
@@ -34,7 +40,7 @@ class Rule:
 
     Attributes:
         name: "word", "habit" or "place:SLOT".
-        cost: Negative log-likelihood at the best strength [nats], with the price of its choice.
+        cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
         opportunities: Trials in which it predicts a wrong first attempt.
@@ -54,6 +60,11 @@ class Rule:
     def slot(self) -> str | None:
         """The slot of a place rule."""
         return self.name.removeprefix("place:") if self.name.startswith("place:") else None
+
+    @property
+    def family(self) -> str:
+        """The kind of rule: "word", "habit" or "place"."""
+        return PLACE if self.slot is not None else self.name
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,23 +86,74 @@ class TaskRules:
     undecided: int
 
 
-def judge_rules(choices: Mapping[str, Choice]) -> TaskRules:
+def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskRules]:
+    """Judge the rules on the first attempts of one policy in all tasks.
+
+    Args:
+        choices: Per task the first attempt per trial key.
+    """
+    alone = {task: judge_rules(mine) for task, mine in choices.items()}
+    costs = family_costs([alone[task] for task in sorted(alone)])
+    proven = {task for task, found in alone.items() if any(name.startswith("place:") for name in found.upheld)}
+    return {
+        task: judge_rules(mine, costs, places_known=len(proven - {task}) >= 2 and costs[PLACE] == 0.0)
+        for task, mine in choices.items()
+    }
+
+
+def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
+    """Return what each kind of rule costs before a task is looked at, from all tasks together [nats, 0 for the usual].
+
+    The weights of a mixture are fitted to the tasks that hold wrong attempts, by expectation maximisation (Dempster,
+    Laird & Rubin 1977), each kind with half a task of prior weight (Jeffreys' prior for a multinomial).
+
+    Args:
+        tasks: What was found out in each task on its own.
+    """
+    rows = [row for row in map(_family_row, tasks) if row is not None]
+    weights = np.full(len(FAMILIES), 1.0 / len(FAMILIES))
+    if rows:
+        likelihood = np.exp(-(np.array(rows) - np.min(rows, axis=1, keepdims=True)))
+        for _ in range(200):
+            shares = weights * likelihood
+            shares /= shares.sum(axis=1, keepdims=True)
+            weights = (0.5 + shares.sum(axis=0)) / (0.5 * len(FAMILIES) + len(rows))
+    return {name: float(np.log(weights.max() / weight)) for name, weight in zip(FAMILIES, weights, strict=True)}
+
+
+def _family_row(task: TaskRules) -> list[float] | None:
+    """Return the cost of the best rule of each kind in a task, or None if no attempt there was wrong."""
+    if not task.rules:
+        return None
+    best = {name: min((r.cost for r in task.rules if r.family == name), default=math.inf) for name in FAMILIES}
+    return [task.confusion if name == CONFUSION else best[name] for name in FAMILIES]
+
+
+def judge_rules(
+    choices: Mapping[str, Choice], costs: Mapping[str, float] | None = None, *, places_known: bool = False
+) -> TaskRules:
     """Judge the rules on the first attempts of one policy in one task.
 
     Args:
         choices: First attempt per trial key.
+        costs: What each kind of rule costs to begin with [nats]; nothing if not given.
+        places_known: Whether the policy is known to go by place, by pairs of trials in other tasks. Here it then needs
+            no pair of its own.
     """
+    before = dict.fromkeys(FAMILIES, 0.0) | dict(costs or {})
     items = sorted(choices.items())
     all_choices = [c for _, c in items]
     slots = sorted({c.slot for c in all_choices if c.slot is not None})
     names = [WORD, HABIT, *(f"place:{s}" for s in slots)]
     price = math.log(max((c.places for c in all_choices), default=2))
-    rules = [_judge(name, all_choices, price if name.startswith("place:") else 0.0) for name in names]
+    prices = {WORD: before[WORD], HABIT: before[HABIT]}
+    rules = [_judge(name, all_choices, prices.get(name, price + before[PLACE])) for name in names]
     rank = {name: k for k, name in enumerate(names)}
     rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))
-    confusion = _confusion(all_choices)
+    confusion = _confusion(all_choices) + before[CONFUSION]
     proven = {r.name for r in rules if r.cost < confusion - 1e-9}
-    proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
+    if not places_known:
+        proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
     rulings: dict[str, Ruling] = {}
     undecided = 0
     for key, choice in items:

@@ -212,6 +212,8 @@ class RunDiagnosis:
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
         thresholds: The thresholds in force.
         versions: Versions found in the records.
+        pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
+            that nobody writes to any more: what it has not finished is then among the trials, without a record.
     """
 
     policy: str
@@ -221,6 +223,12 @@ class RunDiagnosis:
     notes: tuple[str, ...]
     thresholds: dict[str, float]
     versions: dict[str, str]
+    pending: tuple[str, ...] = ()
+
+    @property
+    def planned(self) -> int:
+        """Number of planned trials."""
+        return len(self.trials) + len(self.pending)
 
     def metric(self, name: str, scope: str) -> Metric | None:
         """Return a metric, or None if the run does not have it."""
@@ -239,4 +247,5 @@ class RunDiagnosis:
             "notes": list(self.notes),
             "thresholds": self.thresholds,
             "versions": self.versions,
+            "pending": list(self.pending),
         }
