@@ -20,7 +20,8 @@ import numpy as np
 
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, describe
-from betterbench.evaluation import Progress, evaluate, make_plan
+from betterbench.evaluation import Plan, Progress, evaluate, make_plan
+from betterbench.evaluation.worker import USUAL_ENVS
 from betterbench.interface import ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
@@ -28,6 +29,7 @@ from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, GoalTracker, Task, get_task
+from dummy import dummy_server
 from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, play, rehearse
 from peer import Peer, PeerUnavailableError
 
@@ -51,6 +53,12 @@ FEW_SCENES = 3
 
 RECORDS = 1200
 """Trials of a full run: sixty variations with twenty seeds."""
+
+LATENCY_S = 0.1
+"""Time that the dummy policy server takes for a chunk of eight actions [s]."""
+
+WORKERS = 2
+"""Workers of the row that measures a run against a policy server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -371,6 +379,52 @@ def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
     answer.close()
 
 
+def policy_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare a run against a policy server that takes its time with what that time, or the simulation, alone takes."""
+    cases = (
+        ("cameras, all at once", "default", WORKERS * USUAL_ENVS),
+        ("one at a time", "state_only", 1),
+    )
+    for text, observation, concurrency in cases:
+        with dummy_server(LATENCY_S, concurrency=concurrency) as address:
+            plan = make_plan(
+                f"{address}?preset=native",
+                tasks=["morning_coffee"],
+                variations=["T1"],
+                trials=4 if quick else 12,
+                observation=observation,
+                quality="fast",
+            )
+            entries, spans = _timed_entries(plan, workers=WORKERS)
+        policy = LATENCY_S * sum(e.wall["policy_requests"] for e in entries) / concurrency
+        parts = ("simulation_s", "observe_s", "setup_s", "write_s")
+        simulation = sum(e.wall[part] for e in entries for part in parts) / WORKERS
+        wall = float(np.mean(spans))
+        note = (
+            f"{len(entries)} trials with {WORKERS} workers of {USUAL_ENVS} environments: {wall:.1f} s; policy "
+            f"{policy:.1f} s, simulation {simulation:.1f} s; load {os.getloadavg()[0]:.1f}"
+        )
+        label = f"run / max(policy, simulation), {text}"
+        yield Figure("policy", label, (wall / max(policy, simulation),), "x", "<=", 1.25, note)
+
+
+def _timed_entries(plan: Plan, *, workers: int) -> tuple[list[JournalEntry], list[float]]:
+    """Run a plan; return its journal and how long each worker was at work, its start left out [s]."""
+    ended: list[tuple[JournalEntry, float]] = []
+
+    def note(progress: Progress) -> None:
+        if progress.last is not None:
+            ended.append((progress.last, time.perf_counter()))
+
+    with tempfile.TemporaryDirectory() as folder:
+        evaluate(plan, Path(folder) / "run", workers=workers, on_progress=note)
+    by_worker: dict[float, list[tuple[float, float]]] = defaultdict(list)
+    for entry, end in ended:
+        by_worker[entry.wall["worker"]].append((end - entry.wall["total_s"], end))
+    spans = [max(e for _, e in times) - min(b for b, _ in times) for times in by_worker.values()]
+    return [entry for entry, _ in ended], spans
+
+
 def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     """Measure diagnosis and report of a full run, made by giving the records of a small one many seeds."""
     number = 240 if quick else RECORDS
@@ -425,6 +479,7 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "reset": peer.reset,
         "record": record_row,
         "workers": workers_row,
+        "policy": policy_row,
         "diagnosis": diagnosis_row,
     }
 

@@ -449,9 +449,10 @@ def relock(*, upgrade: bool) -> None:
     project = ROOT / "pyproject.toml"
     runtime, dev = LOCKS / "runtime.lock", LOCKS / "dev.lock"
     steps: dict[Path, list[str | Path]] = {
-        BOOTSTRAP_LOCK: [LOCKS / "bootstrap.in"],
         runtime: [project],
         dev: [project, "--extra", "dev", "--constraints", runtime],
+        # Environments that tests make for packages which cannot share one with this project.
+        **{file.with_suffix(".lock"): [file] for file in sorted(LOCKS.glob("*.in"))},
     }
     for lock, words in steps.items():
         say(f"resolving {lock.relative_to(ROOT)}")

@@ -114,6 +114,14 @@ class RecordError(BetterError):
     """A record or run file cannot be read, or was written by another schema version."""
 
 
+class StorageError(BetterError):
+    """Nothing more can be written (the disk is full, or may not be written); the run stops and can be resumed."""
+
+
+class WorkerError(BetterError):
+    """Worker processes keep dying; the run stops and can be resumed."""
+
+
 class MissingDependencyError(BetterError):
     """A system library or an optional extra is not installed; the text says how to install it."""
 

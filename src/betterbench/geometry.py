@@ -18,6 +18,9 @@ Quaternion = tuple[float, float, float, float]
 
 IDENTITY_QUATERNION: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
+TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
+"""Rotation of a tool that points straight down, as the arm holds it at home: half a turn about x."""
+
 
 def normalise(q: Sequence[float]) -> Quaternion:
     """Return the unit quaternion with ``w >= 0`` that describes the same rotation.
@@ -93,6 +96,28 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
 def to_axis_angle(q: Quaternion) -> Vector:
     """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
     w, x, y, z = normalise(q)
+    s = math.sqrt(x * x + y * y + z * z)
+    if s < 1e-12:
+        return (2.0 * x, 2.0 * y, 2.0 * z)
+    scale = 2.0 * math.atan2(s, w) / s
+    return (scale * x, scale * y, scale * z)
+
+
+def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
+    """Return the rotation vector of a unit quaternion, continuous around a rotation by half a turn.
+
+    A tool that points straight down is turned by pi: with ``w >= 0`` its rotation vector jumps to the opposite one
+    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to ``near``, so that
+    the angle may exceed pi instead.
+
+    Args:
+        q: Unit quaternion, of any sign.
+        near: Unit quaternion of the rotation around which the vector has to be continuous.
+
+    Returns:
+        Unit axis times angle [rad], angle in [0, 2 pi).
+    """
+    w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
     if s < 1e-12:
         return (2.0 * x, 2.0 * y, 2.0 * z)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import multiprocessing
 import os
 import shutil
 import signal
@@ -17,9 +18,17 @@ import numpy as np
 import pytest
 
 import betterbench
-from betterbench.errors import InvalidInputError, PremiseError, RecordError, RunConflictError, UnknownNameError
-from betterbench.evaluation import Progress, evaluate, runner
+from betterbench.errors import (
+    InvalidInputError,
+    PremiseError,
+    RecordError,
+    RunConflictError,
+    UnknownNameError,
+    WorkerError,
+)
+from betterbench.evaluation import Progress, crew, evaluate
 from betterbench.evaluation import trial as trial_module
+from betterbench.evaluation.worker import Worker
 from betterbench.recording import RunFolder, TrialKey
 
 pytestmark = pytest.mark.physics
@@ -72,10 +81,10 @@ def test_no_part_file_is_left(uninterrupted):
 def test_the_same_command_again_runs_nothing(uninterrupted, tiny_plan, monkeypatch):
     before = {p: p.stat().st_mtime_ns for p in uninterrupted.path.rglob("*") if p.is_file() and p.name != ".lock"}
 
-    def run_nothing(setting, trial):
+    def run_nothing(worker, trial):
         raise AssertionError("a finished trial was run again")
 
-    monkeypatch.setattr(runner, "run_trial", run_nothing)
+    monkeypatch.setattr(Worker, "start", run_nothing)
     told: list[Progress] = []
     again = evaluate(tiny_plan(), uninterrupted.path, on_progress=told.append)
     assert again.plan == uninterrupted.plan
@@ -288,15 +297,29 @@ def test_a_trial_whose_worker_was_killed_is_done_again(plugin, tiny_plan, tmp_pa
 
 @pytest.mark.slow
 def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plugin, tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "MAX_RESTARTS", 1)
+    monkeypatch.setattr(crew, "MAX_DEATHS", 2)
     plan = tiny_plan(f"{plugin}:AlwaysDies", trials=2)
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
-    assert all("worker processes died 2 times" in e.message for e in run.entries())
+    assert all("worker process died 2 times (SIGKILL" in e.message for e in run.entries())
     cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")
     Path(plugin.removeprefix("python:")).write_text(cured, encoding="utf-8")
     again = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in again.entries()] == ["done", "done"]
+
+
+@pytest.mark.slow
+def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(crew, "work", _leave)
+    monkeypatch.setattr(crew, "MAX_DEATHS_IN_A_ROW", 2)
+    with pytest.raises(WorkerError, match=r"2 worker processes died one after the other \(exit status 3\)"):
+        evaluate(tiny_plan(), tmp_path / "run", workers=2)
+    assert RunFolder.open(tmp_path / "run").entries() == ()
+    assert multiprocessing.active_children() == []
+
+
+def _leave(setting, connection):
+    os._exit(3)
 
 
 def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
@@ -340,14 +363,18 @@ def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, t
 
 @pytest.mark.slow
 def test_a_broken_premise_in_a_worker_stops_the_run_too(tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(runner, "run_trial", _premise_in_worker)
+    monkeypatch.setattr(crew, "work", _premise_in_worker)
     with pytest.raises(PremiseError, match="a stranger stands in the slot"):
         evaluate(tiny_plan(), tmp_path / "run", workers=2)
     assert RunFolder.open(tmp_path / "run").entries() == ()
 
 
-def _premise_in_worker(setting, trial):
-    raise PremiseError("a stranger stands in the slot")
+def _premise_in_worker(setting, connection):
+    def stranger(scene, mind, **arguments):
+        raise PremiseError("a stranger stands in the slot")
+
+    trial_module.run_episode = stranger
+    crew.work(setting, connection)
 
 
 # ------------------------------------------------------------------------------------------------------------- kill -9

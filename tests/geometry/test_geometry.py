@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from betterbench.geometry import (
     IDENTITY_QUATERNION,
+    TOOL_DOWN,
     Pose,
     angle_between,
     conjugate,
@@ -23,6 +24,7 @@ from betterbench.geometry import (
     slerp,
     tilt_of,
     to_axis_angle,
+    to_axis_angle_near,
     yaw_of,
 )
 
@@ -102,6 +104,24 @@ def test_rotation_keeps_lengths_angles_and_handedness(q, v, w):
 def test_axis_angle_round_trip_up_to_half_a_turn(v):
     assume(math.hypot(*v) < math.pi - 1e-3)
     assert same_vector(to_axis_angle(from_axis_angle(v)), v, 1e-8)
+
+
+@given(quaternions(), quaternions())
+def test_axis_angle_near_is_the_same_rotation_whatever_the_sign(q, near):
+    v = to_axis_angle_near(q, near)
+    assert angle_between(from_axis_angle(v), q) < 1e-6
+    assert (
+        to_axis_angle_near(tuple(-c for c in q), near) == v or sum(a * b for a, b in zip(q, near, strict=True)) == 0.0
+    )
+
+
+@given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-2.5, 2.5))
+def test_axis_angle_near_a_tool_that_points_down_is_continuous(roll, pitch, yaw):
+    def turned(extra):
+        tilted = multiply(from_axis_angle((roll + extra, pitch, 0.0)), from_yaw(yaw))
+        return to_axis_angle_near(multiply(tilted, TOOL_DOWN), TOOL_DOWN)
+
+    assert math.dist(turned(0.0), turned(1e-6)) < 1e-5
 
 
 @given(quaternions())

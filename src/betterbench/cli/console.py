@@ -37,16 +37,21 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(what: str, total: int) -> Iterator[tuple[Progress, Any]]:
-    """Show a bar on standard error while long work runs."""
+def progress_bar(what: str, total: int, *, estimate: bool = True) -> Iterator[tuple[Progress, Any]]:
+    """Show a bar on standard error while long work runs.
+
+    Args:
+        what: What is done.
+        total: How many steps it has.
+        estimate: Whether to show how long it took and will still take; False where the note says so, and has the
+            space.
+    """
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=40 if estimate else 8),
         MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        *((TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()) if estimate else ()),
+        TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=ERR, transient=not ERR.is_terminal) as bar:
         yield bar, bar.add_task(what, total=total, note="")

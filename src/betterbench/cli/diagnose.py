@@ -24,6 +24,8 @@ def diagnose(run: Annotated[Path, tyro.conf.Positional], *, keep: bool = False, 
     """Diagnose every trial of a run from its records alone.
 
     The result is kept as RUN/diagnosis.json. Where the run holds an earlier one, what is judged otherwise is shown.
+    A run that is still going can be diagnosed too: the trials that it has not reached are in no number, and nothing is
+    kept.
 
     Example: better diagnose runs/expert
 
@@ -35,8 +37,10 @@ def diagnose(run: Annotated[Path, tyro.conf.Positional], *, keep: bool = False, 
     folder = RunFolder.open(run)
     before = read_stored(folder)
     result = diagnose_run(folder)
-    changes = None if before is None else find_changes(before, StoredDiagnosis.of(result))
-    if not keep:
+    changes = None if before is None or result.pending else find_changes(before, StoredDiagnosis.of(result))
+    if result.pending:
+        say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is kept.")
+    elif not keep:
         try:
             store_diagnosis(folder, result)
         except OSError as error:

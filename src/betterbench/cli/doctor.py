@@ -1,4 +1,4 @@
-"""``better doctor``: what works here, with the cure for what does not."""
+"""``better doctor``: what works here, with the cure for what does not; and how a policy is spoken to."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from betterbench import __version__
-from betterbench.cli.console import OUT, print_json, print_table
+from betterbench.cli.console import OUT, print_json, print_table, say
+from betterbench.cli.evaluate import default_folder
 from betterbench.errors import BetterError
-from betterbench.evaluation import probe_encoder
+from betterbench.evaluation import Consultation, Convention, TrialName, consult, probe_encoder
+from betterbench.evaluation.consultation_view import draw_consultation, numbers_text
 from betterbench.interface.actions import EE_DELTA
 from betterbench.robots import robot_names
 from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
@@ -38,14 +41,52 @@ class Finding:
     cure: str = ""
 
 
-def doctor(*, json: bool = False) -> None:
+def doctor(
+    *,
+    policy: str | None = None,
+    task: str = "fast_food",
+    condition: str | None = None,
+    seed: int = 0,
+    action_space: str | None = None,
+    observation: str = "default",
+    quality: str = "standard",
+    out: Path | None = None,
+    json: bool = False,
+) -> None:
     """Try everything that a run needs, and say how to mend what does not work. Exits with status 2 if something fails.
 
-    Example: better doctor
+    With --policy: do the handshake, show the policy one observation, ask for one answer, measure how long it takes, and
+    draw a picture of exactly what the policy is shown and of what it does.
+
+    Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
     Args:
+        policy: Address of a policy to try instead (see better list policies).
+        task: Task whose start the policy is shown.
+        condition: Its condition; the first training condition if not given.
+        seed: Its seed.
+        action_space: Action space of the run to come; the policy's own if not given.
+        observation: Observation preset of the run to come: default, official or state_only.
+        quality: Render preset: fast, standard or high.
+        out: PNG file to write; doctor-POLICY.png if not given.
         json: Print one JSON document instead of a table.
     """
+    if policy is not None:
+        trial = TrialName.of(task, condition, seed)
+        found = consult(
+            policy,
+            trial,
+            action_space_name=action_space,
+            observation=observation,
+            quality=quality,
+            on_conventions=None if json else _show_conventions,
+        )
+        out = out or Path(f"doctor-{default_folder(policy)}.png")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        draw_consultation(found).save(out)
+        _show_consultation(found, json=json)
+        say(f"wrote {out}")
+        return
     findings = [_try(name, check) for name, check in CHECKS.items()]
     if json:
         print_json([{"name": f.name, "works": f.works, "detail": f.detail, "cure": f.cure} for f in findings])
@@ -57,6 +98,32 @@ def doctor(*, json: bool = False) -> None:
     broken = [f.name for f in findings if not f.works]
     if broken:
         raise BetterError(f"{', '.join(broken)}: not working here. The cure stands above.")
+
+
+def _show_conventions(conventions: tuple[Convention, ...]) -> None:
+    """Print what both sides declare, before they are compared."""
+    rows = [
+        [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "-", c.theirs or "-"]
+        for c in conventions
+    ]
+    print_table(["convention", "", "this side", "the policy"], rows)
+
+
+def _show_consultation(found: Consultation, *, json: bool) -> None:
+    if json:
+        print_json(found.to_json())
+        return
+    first = numbers_text(found.actions[0])
+    rows = [
+        ["prompt", found.prompt],
+        *[[f"picture {s.key}", s.note] for s in found.shown],
+        *[[f"state {key}", numbers_text(values)] for key, values in found.state],
+        ["answer", f"{len(found.actions)} x {found.actions.shape[1]} in {found.info.action_space}; first: {first}"],
+        ["first request", f"{1000 * found.first_s:.1f} ms"],
+        ["next requests", f"{1000 * found.p50_s:.1f} ms median, {1000 * found.max_s:.1f} ms at most"],
+    ]
+    OUT.print()
+    print_table(["asked", "found"], rows)
 
 
 def _try(name: str, check: Callable[[], str]) -> Finding:

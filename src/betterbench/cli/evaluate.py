@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-import os
+import inspect
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
 
 from betterbench.certification import Coverage, load_coverage, packaged_coverage
 from betterbench.certification.coverage import cure_for
-from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
+from betterbench.cli.tally import Tally, service
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import Plan, Progress, check_policy, make_plan
 from betterbench.evaluation import evaluate as run_plan
-from betterbench.recording import RunFolder
+from betterbench.evaluation.cluster import ANYWHERE, Cluster
+from betterbench.evaluation.manifest import describe_policy
+from betterbench.evaluation.repeat import repeated_plan, require_same_policy
+from betterbench.evaluation.trial import POLICY_TIMEOUT_S
+from betterbench.recording import JournalEntry, RunFolder
 from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
 from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks
+
+LOG_EVERY_S = 60.0
+"""How often a line tells how far a run is where there is no terminal to draw a bar on [s]: the log of a batch job."""
 
 USUAL_OPPOSITE = 0.1
 """Share of pairs against the difference for the second figure of :func:`what_trials_show`: policies that fail on
@@ -28,19 +39,28 @@ different trials are usual, and one that fails on a subset of the other's failur
 
 def evaluate(
     *,
-    policy: str,
+    policy: str | None = None,
     out: Path | None = None,
+    from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
     suite: str = "better60",
     tasks: tuple[str, ...] = (),
     variations: tuple[str, ...] = (),
     trials: int = 20,
     seed: int = 0,
     workers: int | None = None,
+    envs: int | None = None,
+    engine: Literal["local", "ray"] = "local",
+    ray_address: str | None = None,
+    replicas: int = 1,
+    replica_gpus: float | None = None,
+    policy_timeout: float = POLICY_TIMEOUT_S,
     action_space: str = "ee_delta",
     observation: str = "default",
     quality: str = "standard",
     certificate: Path | None = None,
     uncertified: bool = False,
+    allow_other_versions: bool = False,
+    allow_changed_policy: bool = False,
     json: bool = False,
 ) -> None:
     """Evaluate a policy. The same command goes on with an unfinished run.
@@ -51,36 +71,67 @@ def evaluate(
     Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
 
     Args:
-        policy: Address of the policy (see better list policies).
+        policy: Address of the policy (see better list policies). With --from, another one than that of the run.
         out: Folder of the run; runs/POLICY if not given.
+        from_run: run.json of another run, or its folder, to be repeated: same trials, seeds, conventions and policy.
         suite: Suite to take the tasks from.
         tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
         trials: Trials per variation.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
+        envs: Environments that each worker keeps open at once, so that the policy always has something to answer;
+            chosen by the policy if not given. Results do not depend on it.
+        engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
+        ray_address: Address of the Ray cluster; if not given, RAY_ADDRESS or a cluster of this machine alone.
+        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or one that takes batches).
+        replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
+        policy_timeout: Deadline of one answer of a policy in our own processes (python:, lerobot:) in seconds; servers
+            have theirs in the address, timeout=SECONDS.
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Run trials that no certificate vouches for as well.
+        allow_other_versions: Repeat a run although versions differ that decide about results.
+        allow_changed_policy: Go on although the policy server declares something else than when the run began.
         json: Print one JSON document at the end.
     """
-    plan = make_plan(
-        policy,
-        tasks=tasks or suite_tasks(suite),
-        variations=variations,
-        trials=trials,
-        seed=seed,
-        action_space=action_space,
-        observation=observation,
-        quality=quality,
-    )
-    check_policy(policy, action_space=action_space)
+    if from_run is not None:
+        chosen = {"tasks": tasks, "variations": variations, "trials": trials, "seed": seed, "suite": suite}
+        chosen |= {"action_space": action_space, "observation": observation, "quality": quality}
+        _refuse_choices(chosen)
+        plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions)
+        seed, trials = _extent(plan)
+    elif policy is None:
+        raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
+    else:
+        plan = make_plan(
+            policy,
+            tasks=tasks or suite_tasks(suite),
+            variations=variations,
+            trials=trials,
+            seed=seed,
+            action_space=action_space,
+            observation=observation,
+            quality=quality,
+        )
+    info = check_policy(plan.policy, action_space=plan.action_space)
+    if from_run is not None and policy is None and not allow_changed_policy:
+        require_same_policy(from_run, describe_policy(plan.policy, info))
     if not uncertified:
         require_certified(plan, certificate, seed=seed, trials=trials)
     say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
-    run = run_with_bar(plan, out or Path("runs") / default_folder(policy), workers=workers)
+    run = run_with_bar(
+        plan,
+        out or Path("runs") / default_folder(plan.policy),
+        workers=workers,
+        envs=envs,
+        engine=engine,
+        cluster=Cluster(ray_address, replicas, replica_gpus),
+        policy_timeout=policy_timeout,
+        allow_changed_policy=allow_changed_policy,
+    )
     summary = _summary(run)
     if json:
         print_json(summary)
@@ -131,6 +182,8 @@ def what_trials_show(plan: Plan) -> str:
         plan: The plan, in which every trial of a variation has its twin.
     """
     varied = [t for t in plan.trials if t.variation is not None]
+    if not varied:
+        return "None of them is a variation, so they show how well the training conditions were learned, and no more."
     variations = Counter((t.task, t.variation) for t in varied)
     axes = Counter(t.axis for t in varied)
     levels = (("a variation", variations.values()), ("an axis", axes.values()), ("all variations", (len(varied),)))
@@ -181,17 +234,83 @@ def prepare_robot(name: str) -> None:
         build_robot_spec(name, progress=told)
 
 
-def run_with_bar(plan: Plan, out: Path, *, workers: int | None = None) -> RunFolder:
-    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready."""
+def run_with_bar(
+    plan: Plan,
+    out: Path,
+    *,
+    workers: int | None = None,
+    envs: int | None = None,
+    engine: Literal["local", "ray"] = "local",
+    cluster: Cluster = ANYWHERE,
+    policy_timeout: float = POLICY_TIMEOUT_S,
+    allow_changed_policy: bool = False,
+) -> RunFolder:
+    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
+
+    Args:
+        plan: The plan.
+        out: Folder of the run.
+        workers: Worker processes; one per processor if not given.
+        envs: Environments per worker; chosen by the policy if not given.
+        engine: What runs the workers.
+        cluster: Where the workers of the engine "ray" are placed.
+        policy_timeout: Deadline of one answer of a policy in our own processes [s].
+        allow_changed_policy: Go on although the policy declares something else than when the run began.
+    """
     prepare_robot(plan.robot)
-    with progress_bar(plan.policy, len(plan.trials)) as (bar, task):
+    tally, folder, ended, elapsed_s = Tally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
+    next_line_s = 0.0
+    with progress_bar(plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
 
         def told(progress: Progress) -> None:
-            last = progress.last
-            note = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            nonlocal elapsed_s, next_line_s
+            if progress.last is None:
+                tally.resume(folder)
+            else:
+                tally.add(folder, progress.last)
+                ended.append(progress.last)
+            elapsed_s = progress.elapsed_s
+            note = tally.note(progress)
             bar.update(task, completed=progress.done, note=note)
+            if not ERR.is_terminal and elapsed_s >= next_line_s:
+                next_line_s = elapsed_s + LOG_EVERY_S
+                say(f"{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
 
-        return run_plan(plan, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        run = run_plan(
+            plan,
+            out,
+            workers=workers,
+            envs=envs,
+            engine=engine,
+            cluster=cluster,
+            policy_timeout_s=policy_timeout,
+            allow_changed_policy=allow_changed_policy,
+            on_progress=told,
+        )
+    answers = service(ended, elapsed_s)
+    if answers:
+        say(f"policy: {answers}")
+    return run
+
+
+def _refuse_choices(chosen: Mapping[str, object]) -> None:
+    """Refuse options that a repeated run has answered already.
+
+    Raises:
+        InvalidInputError: If one of them is given.
+    """
+    defaults = inspect.signature(evaluate).parameters
+    for name, value in chosen.items():
+        if value != defaults[name].default:
+            option = f"--{name.replace('_', '-')}"
+            raise InvalidInputError(option, "--from repeats a run as it was", f"Leave out {option}, or --from")
+
+
+def _extent(plan: Plan) -> tuple[int, int]:
+    """Return the first seed of a plan and its trials per variation, which the cure for a missing certificate names."""
+    seeds = [t.seed for t in plan.trials]
+    counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
+    return min(seeds), max(counts.values(), default=len(set(seeds)))
 
 
 def _summary(run: RunFolder) -> dict[str, dict[str, int]]:

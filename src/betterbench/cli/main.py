@@ -21,6 +21,7 @@ from betterbench.cli.evaluate import evaluate
 from betterbench.cli.listing import list_things
 from betterbench.cli.replay import replay
 from betterbench.cli.report import report
+from betterbench.cli.serve import serve
 from betterbench.cli.show import show
 from betterbench.errors import BetterError
 
@@ -35,6 +36,7 @@ VERBS: dict[str, Callable[..., None]] = {
     "compare": compare,
     "report": report,
     "replay": replay,
+    "serve": serve,
     "demo": demo,
     "audit-paper": audit_paper,
 }

@@ -30,6 +30,9 @@ def report(
 ) -> None:
     """Write one self-contained HTML page, with its tables as CSV and LaTeX beside it.
 
+    A run that is still going can be reported too: the page says how far it is, and the trials that it has not reached
+    are in no number.
+
     Example: better report runs/expert
 
     Args:
@@ -56,6 +59,9 @@ def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: in
         The page.
     """
     diagnoses = [diagnose_run(run) for run in runs]
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        if diagnosis.pending:
+            say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
     shown: dict[str, Film] = {}
     share = films // max(1, len(runs))
     try:
@@ -108,4 +114,12 @@ def _film(showing: Showing, pictures: dict[Shot, bytes]) -> Film:
 
 def _machine(runs: Sequence[RunFolder]) -> dict[str, str]:
     context = runs[0].context
-    return {name: str(context[name]) for name in ("platform", "processors", "python") if name in context}
+    shown = {name: str(context[name]) for name in ("platform", "processors", "python") if name in context}
+    machine, renderer = context.get("machine"), context.get("renderer")
+    if isinstance(machine, dict):
+        shown["cpu"] = str(machine.get("cpu", "unknown"))
+        cards = machine.get("graphics_cards")
+        shown["graphics cards"] = ", ".join(map(str, cards)) if isinstance(cards, list) and cards else "none"
+    if isinstance(renderer, dict) and "renderer" in renderer:
+        shown["renderer"] = str(renderer["renderer"])
+    return shown

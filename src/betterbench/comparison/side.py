@@ -89,7 +89,7 @@ def conventions_of(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # no
 
 def _load(path: Path, *, allow_mixed: bool) -> Side:
     run = RunFolder.open(path)
-    diagnosis = diagnose_run(run, allow_mixed=allow_mixed)
+    diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
     ended = {f"{e.task}/{e.variation or e.condition}/{e.seed}" for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
     return Side(diagnosis.policy, diagnosis, str(path), unfinished, conventions_of(run.plan, diagnosis.versions))

@@ -88,7 +88,8 @@ def find_notes(
             )
     lonely = sum(t.variation is not None for t in trials) - pairs
     if lonely and pending:
-        notes.append(f"{lonely} trials wait for their counterfactual twin and are left out of the illusion gap so far.")
+        wait = "1 trial waits for its" if lonely == 1 else f"{lonely} trials wait for their"
+        notes.append(f"{wait} counterfactual twin, so far left out of the illusion gap.")
     elif lonely:
         notes.append(
             f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; run their "

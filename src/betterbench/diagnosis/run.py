@@ -82,7 +82,8 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
         readings[planned.key] = read_trial(record, path=path.relative_to(run.path).as_posix())
     waiting = set(pending)
     reached = [planned for planned in plan if planned.key not in waiting]
-    return _diagnose(policy, reached, readings, missing, versions.found, pending=pending)
+    found = _diagnose(policy, reached, readings, missing, versions.found, pending=pending)
+    return replace(found, notes=(*_policy_notes(run.context), *found.notes))
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -107,6 +108,17 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
         plan.append(planned)
         readings[planned.key] = read_trial(record)
     return _diagnose(records[0].metadata.policy, plan, readings, {}, versions.found)
+
+
+def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a note for every time that a run went on although its policy had changed."""
+    changes = context.get("policy_changes", [])
+    for change in changes if isinstance(changes, list) else []:
+        if isinstance(change, dict):
+            yield (
+                f"The policy changed during the run, after {change.get('trials_before', 'some')} trials: "
+                f"{change.get('difference', 'it declared something else')}. The numbers are of both together."
+            )
 
 
 def read_plan(run: RunFolder) -> tuple[str, tuple[PlannedTrial, ...]]:

@@ -5,24 +5,24 @@ from __future__ import annotations
 import gc
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from betterbench.episodes.answers import Mind, Question, Reply, answer
+from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe
-from betterbench.episodes.observer import Observer, Views
-from betterbench.errors import InvalidActionError, PolicyError
-from betterbench.interface import EpisodeStart, Observation, Policy
+from betterbench.episodes.observer import Observer
+from betterbench.errors import InvalidActionError, PolicyError, PolicyUnavailableError
+from betterbench.interface import Execution
 from betterbench.recording import Record, RecordBuilder, Termination
 from betterbench.scenes import Scene
-from betterbench.state import PrivilegedPolicy, WorldState
+from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, Truth
 
 logger = logging.getLogger(__name__)
-
-Mind = Policy | PrivilegedPolicy
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,85 +36,6 @@ class EpisodeResult:
 
     record: Record
     wall: dict[str, float]
-
-
-@dataclass
-class _Answers:
-    """Asks a mind for actions and plays out the chunks it answers with."""
-
-    mind: Mind
-    scene: Scene
-    observer: Observer | None
-    chunk: list[np.ndarray] = field(default_factory=list)
-    latencies: list[float] = field(default_factory=list)
-    observe_s: float = 0.0
-    views: Views | None = None
-
-    def next(self, state: WorldState) -> np.ndarray:
-        """Return the next action.
-
-        Raises:
-            InvalidActionError: If the answer is no array of actions.
-            PolicyError: If the policy breaks.
-        """
-        if not self.chunk:
-            actions = self._ask(state)
-            dim = self.scene.action_space.dim
-            if actions.shape == (dim,):
-                return actions
-            if actions.ndim != 2 or actions.shape[1] != dim or len(actions) == 0:
-                msg = (
-                    f"the policy answered an array of shape {actions.shape}. {self.scene.action_space.name} wants "
-                    f"({dim},) or (horizon, {dim}) with at least one action."
-                )
-                raise InvalidActionError(msg)
-            self.chunk = list(actions)
-        return self.chunk.pop(0)
-
-    def reset(self) -> None:
-        """Tell a policy that an episode begins.
-
-        Raises:
-            PolicyError: If it breaks.
-        """
-        if self.observer is not None:
-            start = EpisodeStart(
-                self.scene.condition.instruction.text,
-                self.scene.seed,
-                self.scene.action_space.name,
-                task=self.scene.task.id,
-                condition=self.scene.condition.name,
-            )
-            with _boundary():
-                self.mind.reset(start)  # type: ignore[union-attr]
-
-    def look(self) -> None:
-        """Take the pictures of the next question, if it comes at once, before anything else is done with the state.
-
-        Drawing leaves cold caches behind; all that follows, up to the next action, then shares the way back.
-        """
-        if self.observer is not None and not self.chunk:
-            began = time.perf_counter()
-            self.views = self.observer.look(self.scene)
-            self.observe_s += time.perf_counter() - began
-
-    def _ask(self, state: WorldState) -> np.ndarray:
-        began = time.perf_counter()
-        observation: Observation | None = None
-        if self.observer is not None:
-            views, self.views = self.views, None
-            observation = self.observer.observe(self.scene, state, views=views)
-            self.observe_s += time.perf_counter() - began
-            began = time.perf_counter()
-        with _boundary():
-            answer = (
-                self.mind.act_on_state(state)  # type: ignore[union-attr]
-                if observation is None
-                else self.mind.act(observation)  # type: ignore[union-attr]
-            )
-            actions = np.asarray(answer)
-        self.latencies.append(time.perf_counter() - began)
-        return actions
 
 
 @contextmanager
@@ -134,13 +55,12 @@ def _settled_heap() -> Iterator[None]:
         gc.unfreeze()
 
 
-@contextmanager
-def _boundary() -> Iterator[None]:
-    """Turn whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on."""
-    try:
-        yield
-    except (Exception, SystemExit) as problem:
-        raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
+Steps = Generator[Question | None, Reply | None, EpisodeResult]
+"""An episode that waits for its mind. It yields a question; where the question can wait (``wanted_in`` > 0) None is
+sent back at once, and the reply when the episode yields None. A :class:`~betterbench.errors.PolicyError` is thrown in
+where a reply would be sent."""
+
+_PLAIN = Execution()
 
 
 def run_episode(
@@ -151,7 +71,7 @@ def run_episode(
     observer: Observer | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> EpisodeResult:
-    """Run one episode from reset to its end.
+    """Run one episode from reset to its end, with a mind that answers in this thread.
 
     Args:
         scene: The scene; it is reset first, and its premise is checked.
@@ -159,6 +79,64 @@ def run_episode(
         context: What the trial is called within the run.
         observer: Makes observations; None for a privileged policy.
         on_step: Called with the number of each control step.
+
+    Returns:
+        The record and the wall-clock figures.
+
+    Raises:
+        PremiseError: If the scene does not show what the instruction presupposes.
+        PolicyUnavailableError: If the policy's server cannot be reached.
+        HandshakeError: If the policy has become another one.
+    """
+    execution = _PLAIN if observer is None else mind.info.execution  # type: ignore[union-attr]
+    steps = episode_steps(scene, context=context, observer=observer, execution=execution, on_step=on_step)
+    outcome: Reply | PolicyError | None = None
+    kept: Reply | PolicyError | None = None
+    with _settled_heap():
+        try:
+            question = next(steps)
+            while True:
+                if question is None:
+                    outcome, kept = kept, None
+                else:
+                    try:
+                        outcome = answer(mind, question.seen)
+                    except PolicyUnavailableError:
+                        raise
+                    except PolicyError as problem:
+                        outcome = problem
+                    if question.wanted_in:
+                        outcome, kept = None, outcome
+                question = steps.throw(outcome) if isinstance(outcome, PolicyError) else steps.send(outcome)
+        except StopIteration as end:
+            result: EpisodeResult = end.value
+            return result
+        finally:
+            steps.close()
+
+
+def episode_steps(
+    scene: Scene,
+    *,
+    context: TrialContext,
+    observer: Observer | None = None,
+    execution: Execution = _PLAIN,
+    on_step: Callable[[int], None] | None = None,
+) -> Steps:
+    """Run one episode from reset to its end, and stop wherever the mind has to answer first.
+
+    One thread can so interleave many episodes. What happens does not depend on how long an answer takes: an episode
+    that asks ahead plays the same actions until it uses the reply, and drops as many of it.
+
+    Args:
+        scene: The scene; it is reset first, and its premise is checked.
+        context: What the trial is called within the run.
+        observer: Makes observations; None for a privileged policy, which is shown the state.
+        execution: How the chunks of the policy are played.
+        on_step: Called with the number of each control step.
+
+    Yields:
+        A question, or None where the reply to the last one is needed now.
 
     Returns:
         The record and the wall-clock figures.
@@ -174,26 +152,28 @@ def run_episode(
     builder = RecordBuilder(describe(scene, tracker, context))
     truth = tracker.update(state)
     _append(builder, scene, state, truth, action=None, applied=None)
-    answers = _Answers(mind, scene, observer)
     limit = scene.task.step_limit(scene.condition)
+    chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
     error: str | None = None
     clipped = 0
     try:
-        with _settled_heap():
-            answers.reset()
-            while state.step < limit and not truth.success:
-                action = np.asarray(answers.next(state))
-                applied = scene.step(action)
-                answers.look()
-                clipped += applied.tolist() != action.tolist()
-                state = scene.state()
-                truth = tracker.update(state)
-                _append(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
-                if on_step is not None:
-                    on_step(state.step)
+        if observer is not None:
+            yield from chunks.begin()
+        while state.step < limit and not truth.success:
+            action = yield from chunks.next(state)
+            applied = scene.step(action)
+            chunks.look(state.step + 1)
+            clipped += applied.tolist() != action.tolist()
+            state = scene.state()
+            truth = tracker.update(state)
+            _append(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
+            if on_step is not None:
+                on_step(state.step)
         if truth.success:
             termination = "success"
+    except PolicyUnavailableError:
+        raise
     except PolicyError as problem:
         termination, error = "policy_error", str(problem)
     except InvalidActionError as problem:
@@ -207,7 +187,7 @@ def run_episode(
         clipped_actions=clipped,
         invalid_actions=int(termination == "policy_error" and (error or "").startswith("InvalidActionError")),
     )
-    return EpisodeResult(record, _wall_figures(answers, time.perf_counter() - began))
+    return EpisodeResult(record, chunks.wall_figures())
 
 
 def _append(
@@ -233,14 +213,3 @@ def _append(
         goal=truth.goal,
         forbidden=truth.forbidden,
     )
-
-
-def _wall_figures(answers: _Answers, total: float) -> dict[str, float]:
-    latencies = np.array(answers.latencies or [0.0])
-    return {
-        "duration_s": round(total, 6),
-        "policy_s": round(float(latencies.sum()), 6),
-        "policy_latency_p50_s": round(float(np.median(latencies)), 6),
-        "policy_latency_max_s": round(float(latencies.max()), 6),
-        "observe_s": round(answers.observe_s, 6),
-    }

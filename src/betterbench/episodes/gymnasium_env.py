@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError
-from betterbench.interface import ObservationSpec, observation_spec
+from betterbench.interface import Observation, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interventions import vary
 from betterbench.scenes import Renderer, Scene
@@ -34,8 +34,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     Observation: a dictionary with one (height, width, 3) uint8 picture per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The sentence is in ``info["instruction"]``. Reward: 1 at the step of success, else 0. Nothing privileged is
-    observed; ``info`` holds the truth for training and evaluation code that wants it.
+    The sentence is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of success,
+    else 0. Nothing privileged is observed; ``info`` holds the truth for training and evaluation code that wants it.
 
     Args:
         task: Task id.
@@ -79,6 +79,16 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
                 **{name: spaces.Box(-bound, bound, (n,), np.float64) for name, (n, bound) in _BOUNDS.items()},
             }
         )
+
+    @property
+    def instruction(self) -> str:
+        """The sentence that says what to do; ``envs.get_attr("instruction")`` asks all of a vector environment."""
+        return self._condition.instruction.text
+
+    @property
+    def step_limit(self) -> int:
+        """Number of control steps after which an episode is truncated."""
+        return self._task.step_limit(self._condition)
 
     def _find(self, name: str | None) -> Condition:
         if name is None:
@@ -127,7 +137,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         scene.step(np.asarray(action, dtype=np.float64))
         state = scene.state()
         truth = tracker.update(state)
-        truncated = not truth.success and state.step >= self._task.step_limit(self._condition)
+        truncated = not truth.success and state.step >= self.step_limit
         return (
             self._observe(state),
             float(truth.success),
@@ -147,8 +157,9 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Free all renderers."""
+        """Free all renderers and the scene; a reset makes them anew."""
         self._observer.close()
+        self._scene = self._tracker = None
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -156,7 +167,10 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def _observe(self, state: WorldState) -> dict[str, Any]:
         if self._scene is None:
             raise AssertionError("an observation is made after reset only")
-        seen = self._observer.observe(self._scene, state)
+        return self._form(self._observer.observe(self._scene, state))
+
+    def _form(self, seen: Observation) -> dict[str, Any]:
+        """Return an observation under the names of the observation space."""
         return {
             **seen.images,
             "joint_positions": seen.joint_positions,
@@ -169,7 +183,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     def _info(self, state: WorldState, truth: Truth, trial: int) -> dict[str, Any]:
         names = self._tracker.subgoal_names if self._tracker is not None else ()
         return {
-            "instruction": self._condition.instruction.text,
+            "instruction": self.instruction,
             "condition": self._condition.id,
             "seed": trial,
             "step": state.step,

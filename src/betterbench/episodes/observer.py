@@ -20,9 +20,15 @@ Views = Mapping[str, Images]
 class Observer:
     """Makes observations and keeps the renderers of the last few models: making one costs tens of milliseconds."""
 
-    def __init__(self, spec: ObservationSpec) -> None:
-        """Prepare for one observation preset."""
+    def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
+        """Prepare for one observation preset.
+
+        Args:
+            spec: The preset.
+            renderers: Renderers that are kept, one per model: at least the number of scenes that are alive at once.
+        """
         self.spec = spec
+        self._kept = max(1, renderers)
         self._names = tuple(c.name for c in spec.cameras)
         self._wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
@@ -76,7 +82,7 @@ class Observer:
         if key in self._renderers:
             self._renderers.move_to_end(key)
             return self._renderers[key]
-        while len(self._renderers) >= _KEPT_RENDERERS:
+        while len(self._renderers) >= self._kept:
             self._renderers.popitem(last=False)[1].close()
         largest = max(self.spec.cameras, key=lambda c: c.width * c.height)
         renderer = Renderer(scene.model, width=largest.width, height=largest.height, quality=scene.quality)

@@ -1,19 +1,21 @@
-"""From a policy's address to a mind for one episode."""
+"""From a policy's address to the minds of a worker."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
-from betterbench.episodes.episode import Mind
+from betterbench.episodes import Mind
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.plan import Trial
 from betterbench.experts import EXPERTS, REPLAYS, make_expert, parse_address
-from betterbench.interface import Policy
+from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin
 from betterbench.recording import RunFolder
-from betterbench.scenes import Scene
+from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,51 +41,67 @@ _PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry("python:MODULE:CLASS", "A class of yours with info, reset and act.", privileged=False),
 }
+_CONNECTED = {
+    "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
+    "gr00t": PolicyEntry("gr00t://HOST:PORT", "An inference server of Isaac GR00T.", privileged=False),
+    "vla-eval": PolicyEntry(
+        "vla-eval://HOST:PORT", "A model server of vla-evaluation-harness, some twenty families.", privileged=False
+    ),
+    "being-h": PolicyEntry("being-h://HOST:PORT", "An inference server of Being-H.", privileged=False),
+    "lerobot": PolicyEntry("lerobot:CHECKPOINT", "A policy of LeRobot, in this process.", privileged=False),
+}
 
 
 def known_policies() -> tuple[PolicyEntry, ...]:
     """Return all policies that can be asked for."""
     privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
     privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
-    return (*privileged, *_PLAIN.values(), *_PREFIXES.values())
+    return (*privileged, *_PLAIN.values(), *_PREFIXES.values(), *_CONNECTED.values())
 
 
-def check_policy(address: str, *, action_space: str | None = None) -> None:
-    """Check that an address means something, before a run is planned for it.
+def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
+    """Check that an address means something, before a run is planned for it; a server is asked for its conventions.
 
     Args:
         address: Address of the policy.
         action_space: Action space of the run, which the policy has to answer in; None where there is no run yet.
+        observation: Observation preset of the run, likewise.
+
+    Returns:
+        What the policy says about itself.
 
     Raises:
         UnknownNameError: If the address means nothing.
         InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
         RecordError: If the run to replay does not exist.
+        PolicyUnavailableError: If a server cannot be reached.
+        HandshakeError: If a server declares other conventions.
     """
-    if address.startswith("replay:"):
-        RunFolder.open(Path(address.removeprefix("replay:")))
-        return  # Its action space is that of each record, which it compares itself.
-    if is_privileged(address):
-        declared = EE_DELTA.name
-    elif address in _PLAIN or address.startswith("python:"):
-        declared = _make(address).info.action_space
-    else:
-        raise UnknownNameError("policy", address, (e.address for e in known_policies()))
-    if action_space not in (None, declared):
-        raise InvalidInputError(
-            "action space",
-            f"the policy {address} answers in {declared!r}, the run asks for {action_space!r}",
-            f"Give --action-space {declared}, or another policy",
-        )
+    with Minds(address) as minds:
+        return minds.check(action_space, observation)
 
 
-def _make(address: str) -> Policy:
-    """Return a policy that sees observations and needs to know nothing of the trial."""
+def make_policy(address: str) -> Policy:
+    """Return a policy that sees observations and needs to know nothing of the trial.
+
+    Raises:
+        UnknownNameError: If the address means nothing.
+        InvalidInputError: If a plugin cannot be loaded.
+        PolicyUnavailableError: If a server cannot be reached.
+        HandshakeError: If a server declares other conventions.
+    """
     if address == "noop":
         return Noop()
     if address == "random":
         return Random()
-    return load_plugin(address.removeprefix("python:"))
+    if address.startswith("python:"):
+        return load_plugin(address.removeprefix("python:"))
+    if is_remote(address) or is_in_process_model(address):
+        # Loaded when it is needed: a run of the expert imports no wire.
+        from betterbench.policies.connect import connect  # noqa: PLC0415
+
+        return connect(address)
+    raise UnknownNameError("policy", address, (e.address for e in known_policies()))
 
 
 def is_privileged(address: str) -> bool:
@@ -91,21 +109,91 @@ def is_privileged(address: str) -> bool:
     return parse_address(address) is not None
 
 
+def is_remote(address: str) -> bool:
+    """Tell whether a policy answers from a server."""
+    scheme, separator, _ = address.partition("://")
+    return bool(separator) and scheme in _CONNECTED
+
+
+def is_in_process_model(address: str) -> bool:
+    """Tell whether a policy loads the weights of a checkpoint into the process that asks for it."""
+    return address.startswith("lerobot:")
+
+
+def needs_no_thread(address: str) -> bool:
+    """Tell whether a policy is ours and answers at once, so that the simulation may wait for it."""
+    return is_privileged(address) or address in _PLAIN or address.startswith("replay:")
+
+
 class Minds:
-    """Makes minds for the episodes of one worker; policies that keep weights or connections are made once."""
+    """Makes the minds of one worker. A context manager, which closes what it made and nobody took."""
 
     def __init__(self, address: str) -> None:
-        """Prepare for one policy.
+        """Prepare for one policy; nothing is loaded and no server is asked yet."""
+        self.address = address
+        self._made: Policy | None = None
+        self._info: PolicyInfo | None = None
+        self._takes_batches = False
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        """Return the minds themselves."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close what was made and not taken."""
+        self.close()
+
+    @property
+    def info(self) -> PolicyInfo:
+        """What the policy says about itself; it is made to be asked, once.
 
         Raises:
-            UnknownNameError: If there is no such policy.
+            BetterError: As :func:`check_policy`.
         """
-        check_policy(address)
-        self.address = address
-        self._kept: Policy | None = None
+        if self._info is None:
+            if is_privileged(self.address):
+                self._info = PolicyInfo(self.address, action_space=EE_DELTA.name, needs_images=False)
+            elif self.address.startswith("replay:"):
+                RunFolder.open(Path(self.address.removeprefix("replay:")))
+                self._info = PolicyInfo(self.address, action_space="", needs_images=False)
+            else:
+                self._made = make_policy(self.address)
+                self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
+        return self._info
+
+    @property
+    def takes_batches(self) -> bool:
+        """Whether one instance answers the observations of many environments; the policy is made to find out.
+
+        Raises:
+            BetterError: As :func:`check_policy`.
+        """
+        return bool(self.info) and self._takes_batches
+
+    def check(self, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
+        """Check that the policy exists and has the conventions of a run; see :func:`check_policy`.
+
+        Args:
+            action_space: Action space of the run, or None where there is no run yet.
+            observation: Observation preset of the run, likewise.
+
+        Returns:
+            What the policy says about itself. The action space of a replay is that of each record, which it compares
+            itself, so it is empty here.
+
+        Raises:
+            BetterError: As :func:`check_policy`.
+        """
+        info = self.info
+        check_action_space(self.address, info, action_space)
+        agree = getattr(self._made, "check", None) if is_remote(self.address) else None
+        if callable(agree) and action_space is not None and observation is not None:
+            agree(space=action_space, observation=observation_spec(observation), rate_hz=CONTROL_RATE_HZ)
+        return info
 
     def mind(self, scene: Scene, trial: Trial) -> Mind:
-        """Return the mind for one episode.
+        """Return the mind for one episode, of a policy that needs no thread.
 
         Args:
             scene: The scene of the episode.
@@ -121,6 +209,48 @@ class Minds:
                 base=trial.base_condition or trial.condition,
                 seed=trial.seed,
             )
-        if self._kept is None:
-            self._kept = _make(self.address)
-        return self._kept
+        if self._made is None:
+            self._made = make_policy(self.address)
+        return self._made
+
+    def take(self) -> Policy:
+        """Return a policy that nobody else has; the caller closes it.
+
+        Raises:
+            BetterError: As :func:`check_policy`.
+        """
+        with self._lock:
+            made, self._made = self._made, None
+        return make_policy(self.address) if made is None else made
+
+    def close(self) -> None:
+        """Close what was made and not taken; harmless when closed."""
+        made, self._made = self._made, None
+        if made is not None:
+            close_policy(made)
+
+
+def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
+    """Check that a policy answers in the action space of a run.
+
+    Args:
+        address: Address of the policy.
+        info: What it says about itself; a replay names no action space.
+        action_space: Action space of the run, or None where there is no run yet.
+
+    Raises:
+        InvalidInputError: If it answers in another one.
+    """
+    if info.action_space and action_space not in (None, info.action_space):
+        raise InvalidInputError(
+            "action space",
+            f"the policy {address} answers in {info.action_space!r}, the run asks for {action_space!r}",
+            f"Give --action-space {info.action_space}, or another policy",
+        )
+
+
+def close_policy(policy: object) -> None:
+    """End a policy's connection, or free what it holds, if it has a way to do that."""
+    close = getattr(policy, "close", None)
+    if callable(close):
+        close()

@@ -1,30 +1,36 @@
-"""Running a plan: worker processes, one journal, and a folder from which the same command goes on."""
+"""Running a plan: workers, one journal, and a folder from which the same command goes on."""
 
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import os
-import platform
-import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal, get_args
 
-from betterbench.errors import InvalidInputError
-from betterbench.evaluation.agents import check_policy
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.agents import Minds, check_action_space, is_in_process_model, is_remote, needs_no_thread
+from betterbench.evaluation.cluster import ANYWHERE, Cluster, require_ray
+from betterbench.evaluation.crew import Crew
+from betterbench.evaluation.host import Host
+from betterbench.evaluation.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.plan import Plan, Trial
-from betterbench.evaluation.trial import Setting, run_trial
+from betterbench.evaluation.trial import POLICY_TIMEOUT_S, Setting, on_disk
+from betterbench.evaluation.worker import MAX_ENVS, USUAL_ENVS, Worker, usual_envs
+from betterbench.interface import PolicyInfo
 from betterbench.recording import JournalEntry, RunFolder, TrialKey
 
 logger = logging.getLogger(__name__)
 
-MAX_RESTARTS = 5
-"""How often a broken pool of workers is replaced before the run gives up."""
+Engine = Literal["local", "ray"]
+"""What runs the workers: processes of this machine, or actors of a Ray cluster."""
+
+MAX_WORKERS = 256
+
+_TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,38 +53,78 @@ class Progress:
 
 
 def evaluate(
-    plan: Plan, out: Path, *, workers: int = 1, on_progress: Callable[[Progress], None] | None = None
+    plan: Plan,
+    out: Path,
+    *,
+    workers: int | None = 1,
+    envs: int | None = None,
+    engine: Engine = "local",
+    cluster: Cluster = ANYWHERE,
+    policy_timeout_s: float = POLICY_TIMEOUT_S,
+    allow_changed_policy: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet.
+
+    The policy is asked for its conventions before anything is written. Results depend neither on the number of workers
+    and environments nor on the engine.
 
     Args:
         plan: The plan.
         out: Folder of the run; an unfinished run with the same plan is continued.
-        workers: Worker processes; with 1 the trials run in this process.
+        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine,
+            or of the cluster.
+        envs: Environments that each worker keeps open at once, so that a policy's latency is hidden; None for 1 where
+            the policy answers at once, and a few where it does not.
+        engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
+        cluster: Where the actors are placed.
+        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]. A call that hangs
+            cannot be ended: its trial is, and its thread is left alone until the process ends.
+        allow_changed_policy: True to resume with a policy that declares other things than when the run began.
         on_progress: Told after every trial.
 
     Returns:
         The folder of the run.
 
     Raises:
-        RunConflictError: If the folder holds another run or another process writes to it.
+        RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
         PremiseError: If a scene does not show what its instruction presupposes.
-        InvalidInputError: If the number of workers is out of range, or the policy answers in another action space.
+        InvalidInputError: If a number is out of range, or the policy answers in another action space.
         UnknownNameError: If there is no such policy.
+        PolicyUnavailableError: If the policy's server cannot be reached.
+        HandshakeError: If it declares other conventions.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
     """
-    if not 1 <= workers <= 256:
-        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
-    check_policy(plan.policy, action_space=plan.action_space)
-    run = RunFolder.start(out, plan.to_json(), context=_context())
-    setting = Setting(str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot)
+    if workers is None and engine == "local":
+        workers = min(os.cpu_count() or 1, MAX_WORKERS)
+    _check_numbers(workers, envs, engine, policy_timeout_s)
+    if engine == "ray":
+        require_ray(cluster)
+    setting = Setting(
+        str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1, policy_timeout_s
+    )
     began = time.perf_counter()
-    with run.journal() as journal:
+    with ExitStack() as stack:
+        asked = _ask_policy(plan, stack, hosted=workers not in (None, 1) and engine == "local")
+        setting = replace(setting, envs=envs or asked.envs, served_at=asked.host.address if asked.host else None)
+        declared = describe_policy(plan.policy, asked.info)
+        with on_disk(out):
+            context = run_context(
+                plan, policy=declared, engine={"name": engine, "workers": workers, "envs": setting.envs}
+            )
+            run = RunFolder.start(out, plan.to_json(), context=context)
+        run = same_policy(run, declared, allow_changed=allow_changed_policy)
+        journal = stack.enter_context(run.journal())
         waiting = [t for t in plan.trials if not journal.is_done(TrialKey(t.task, t.condition, t.seed))]
         done = started_with = len(plan.trials) - len(waiting)
         if on_progress is not None:
             on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))
-        for entry in _entries(setting, _by_scene(waiting), workers):
-            journal.append(entry)
+        entries = _entries(run, setting, _by_scene(waiting), workers, engine=engine, cluster=cluster, asked=asked)
+        stack.enter_context(closing(entries))
+        for entry in entries:
+            with on_disk(out):
+                journal.append(entry)
             done += entry.status == "done"
             if entry.status == "error":
                 logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
@@ -87,81 +133,101 @@ def evaluate(
     return run
 
 
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What came of asking the policy before the run.
+
+    Attributes:
+        info: What it says about itself.
+        envs: Environments per worker, unless told otherwise.
+        minds: Makes it, and may hold what was made to be asked; None where a host holds it.
+        host: The process that holds it for all workers, or None.
+        serves_many: Whether one instance of it is to serve several workers.
+    """
+
+    info: PolicyInfo
+    envs: int
+    minds: Minds | None
+    host: Host | None = None
+    serves_many: bool = False
+
+
+def _ask_policy(plan: Plan, stack: ExitStack, *, hosted: bool) -> _Asked:
+    """Make the policy, or connect to it, and compare its conventions with those of the run.
+
+    Args:
+        plan: The plan.
+        stack: Takes what has to be closed at the end of the run.
+        hosted: True to put a policy with weights into a process of its own, for several workers.
+    """
+    address = plan.policy
+    if not (hosted and is_in_process_model(address)):
+        minds = Minds(address)
+        stack.callback(minds.close)
+        info = minds.check(plan.action_space, plan.observation)
+        within = not needs_no_thread(address) and not is_remote(address)
+        serves_many = within and (info.heavy or minds.takes_batches or is_in_process_model(address))
+        if not hosted or not serves_many:
+            return _Asked(info, usual_envs(minds), minds, serves_many=serves_many)
+        minds.close()
+    host = stack.enter_context(Host(address))
+    check_action_space(address, host.info, plan.action_space)
+    return _Asked(host.info, USUAL_ENVS if host.takes_batches else 1, None, host, serves_many=True)
+
+
+def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
+        raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
+    if envs is not None and not 1 <= envs <= MAX_ENVS:
+        raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+    if not 0.0 < policy_timeout_s < float("inf"):
+        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give more than 0")
+    if engine not in get_args(Engine):
+        raise UnknownNameError("engine", engine, get_args(Engine))
+
+
 def _by_scene(trials: list[Trial]) -> list[Trial]:
     """Order trials so that those which share compiled scenes follow each other; results do not depend on it."""
     return sorted(trials, key=lambda t: (t.task, t.seed))
 
 
-def _entries(setting: Setting, trials: list[Trial], workers: int) -> Iterator[JournalEntry]:
-    if workers == 1 or len(trials) <= 1:
-        for trial in trials:
-            yield run_trial(setting, trial)
+def _entries(
+    run: RunFolder,
+    setting: Setting,
+    trials: list[Trial],
+    workers: int | None,
+    *,
+    engine: Engine,
+    cluster: Cluster,
+    asked: _Asked,
+) -> Generator[JournalEntry, None, None]:
+    """Yield the line for the journal of every trial, as they end."""
+    if not trials:
         return
-    left = list(trials)
-    for attempt in range(MAX_RESTARTS + 1):
-        try:
-            for trial, entry in _pooled(setting, left, workers):
-                yield entry
-                left.remove(trial)
-        except BrokenProcessPool:
-            logger.warning("a worker process died; %d trials are left and go to new workers", len(left))
-            if attempt == MAX_RESTARTS:
-                break
-        else:
+    if engine == "local" and asked.minds is not None and (workers == 1 or len(trials) == 1):
+        with Worker(setting, minds=asked.minds) as worker:
+            yield from _in_this_process(worker, trials)
+        return
+    if asked.minds is not None:
+        asked.minds.close()  # the workers make their own
+    if engine == "ray":
+        # Loaded when it is needed: Ray is an extra.
+        from betterbench.evaluation.ray_engine import ray_entries  # noqa: PLC0415
+
+        yield from ray_entries(run, setting, trials, workers=workers, cluster=cluster, served=asked.serves_many)
+        return
+    with Crew(setting, workers or 1, watch=asked.host.watch if asked.host else None) as crew:
+        yield from crew.entries(trials)
+
+
+def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEntry]:
+    waiting, running = iter(trials), 0
+    while True:
+        while worker.free and (trial := next(waiting, None)) is not None:
+            worker.start(trial)
+            running += 1
+        if not running:
             return
-    for trial in left:
-        yield JournalEntry(
-            trial.task,
-            trial.condition,
-            trial.variation,
-            trial.seed,
-            "error",
-            f"worker processes died {MAX_RESTARTS + 1} times; run the same command again, with fewer --workers",
-        )
-
-
-def _pooled(setting: Setting, trials: list[Trial], workers: int) -> Iterator[tuple[Trial, JournalEntry]]:
-    """Yield finished trials; never more than two per worker are handed out, so that little is lost."""
-    waiting = iter(list(trials))
-    pending: dict[Future[JournalEntry], Trial] = {}
-    with ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_worker
-    ) as pool:
-        try:
-            while True:
-                while len(pending) < 2 * workers and (trial := next(waiting, None)) is not None:
-                    pending[pool.submit(run_trial, setting, trial)] = trial
-                if not pending:
-                    return
-                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    yield pending.pop(future), future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _prepare_worker() -> None:
-    """Keep numerical libraries and the software renderer to one thread each: workers are the parallelism."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    os.environ.setdefault("LP_NUM_THREADS", "0")
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this worker when the run is killed; it would wait for work for ever, and write into a resumed run."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _context() -> dict[str, str]:
-    return {
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "processors": str(os.cpu_count()),
-        "command": " ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "started_utc": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-    }
+        for entry in worker.finished(_TURN_S):
+            running -= 1
+            yield entry

@@ -58,6 +58,7 @@ _PRESETS = {
             CameraSpec("right_shoulder", 448, 448),
         ),
     ),
+    "droid": ObservationSpec("droid", (CameraSpec("left_shoulder", 320, 180), CameraSpec("wrist", 320, 180))),
 }
 
 
@@ -66,7 +67,8 @@ def observation_spec(name: str) -> ObservationSpec:
 
     Args:
         name: "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's own
-            release) or "state_only" (proprioception and the instruction alone).
+            release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see) or
+            "state_only" (proprioception and the instruction alone).
 
     Raises:
         UnknownNameError: If there is no such preset.

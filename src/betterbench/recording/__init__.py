@@ -6,9 +6,9 @@ from betterbench.recording.durable import write_durably
 from betterbench.recording.journal import Journal, JournalEntry, Status, TrialKey, read_journal
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
-from betterbench.recording.parquet import read_record, record_bytes, write_record
+from betterbench.recording.parquet import read_outcome, read_record, record_bytes, write_record
 from betterbench.recording.record import Record
-from betterbench.recording.run import RunFolder
+from betterbench.recording.run import RunFolder, first_difference
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -24,7 +24,9 @@ __all__ = [
     "Status",
     "Termination",
     "TrialKey",
+    "first_difference",
     "read_journal",
+    "read_outcome",
     "read_record",
     "record_bytes",
     "write_durably",

@@ -4,12 +4,37 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 import weakref
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from betterbench.errors import RunConflictError
+
+_TRIES = 25
+_PAUSE_S = 0.02  # somebody who asks whether a run is going holds the lock for less
+
+
+def is_locked(path: Path) -> bool:
+    """Tell whether a living process holds the lock of a run, without getting into its way.
+
+    Args:
+        path: The lock file. A lock that is held on another machine is seen where the file system shares locks.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
 
 
 class RunLock:
@@ -30,7 +55,7 @@ class RunLock:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._handle: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock_exclusively(self._handle)
         except OSError as error:
             holder = os.pread(self._handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
             self._close()
@@ -62,6 +87,23 @@ class RunLock:
     ) -> None:
         """Release the lock."""
         self.release()
+
+
+def _lock_exclusively(handle: int) -> None:
+    """Take the lock, and try again a few times: a reader may just be asking whether it is held.
+
+    Raises:
+        BlockingIOError: If somebody holds it.
+    """
+    for left in reversed(range(_TRIES)):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if not left:
+                raise
+            time.sleep(_PAUSE_S)
+        else:
+            return
 
 
 _HELD: weakref.WeakSet[RunLock] = weakref.WeakSet()

@@ -118,15 +118,7 @@ def read_record(path: Path) -> Record:
         RecordError: If the file is missing, damaged, not a record, too large or of another schema version.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_FILE_BYTES:
-            raise RecordError(
-                f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is no record of an episode"
-            )
-        data = path.read_bytes()
-        # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
-        if seal(data) != data:
-            raise RecordError("is damaged (its digest does not fit); delete it and run the same command again")
+        data = _intact(path)
         with pq.ParquetFile(io.BytesIO(data)) as file:
             form = _metadata_form(file)
             metadata = RecordMetadata.from_json(_member(form, "metadata", dict))
@@ -139,9 +131,52 @@ def read_record(path: Path) -> Record:
         return Record(metadata, outcome, bodies, contacts=contacts, **cast("dict[str, Any]", arrays))
     except FileNotFoundError:
         raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
-    except (BetterError, pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        text = str(error).rstrip(".") if isinstance(error, BetterError) else _first_line(error)
-        raise RecordError(f"{path}: {text}.") from error
+    except _UNREADABLE as error:
+        raise RecordError(f"{path}: {_reason(error)}.") from error
+
+
+def read_outcome(path: Path) -> Outcome:
+    """Read how the episode of a record ended, and nothing else, which is fast.
+
+    Args:
+        path: A file that :func:`write_record` wrote.
+
+    Raises:
+        RecordError: As :func:`read_record`, of which it checks less.
+    """
+    try:
+        with pq.ParquetFile(io.BytesIO(_intact(path))) as file:
+            return _outcome(_member(_metadata_form(file), "outcome", dict))
+    except FileNotFoundError:
+        raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
+    except _UNREADABLE as error:
+        raise RecordError(f"{path}: {_reason(error)}.") from error
+
+
+_UNREADABLE = (BetterError, pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError)
+"""What reading a damaged record, or one of a stranger, can raise."""
+
+
+def _intact(path: Path) -> bytes:
+    """Return the content of a record's file.
+
+    Raises:
+        RecordError: If it is too large or damaged.
+        OSError: If it cannot be read.
+    """
+    size = path.stat().st_size
+    if size > MAX_FILE_BYTES:
+        raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is no record of an episode")
+    data = path.read_bytes()
+    # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
+    if seal(data) != data:
+        raise RecordError("is damaged (its digest does not fit); delete it and run the same command again")
+    return data
+
+
+def _reason(error: Exception) -> str:
+    """Return why a record cannot be read, without a full stop."""
+    return str(error).rstrip(".") if isinstance(error, BetterError) else _first_line(error)
 
 
 def _first_line(error: Exception) -> str:

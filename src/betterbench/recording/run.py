@@ -16,7 +16,7 @@ from typing import Any
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.recording.durable import PART_SUFFIX, write_durably
 from betterbench.recording.journal import LOCK_NAME, Journal, JournalEntry, read_journal
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.parquet import read_record, write_record
 from betterbench.recording.record import Record
@@ -81,10 +81,10 @@ class RunFolder:
         with RunLock(path / LOCK_NAME):
             _remove_parts(path)
             if not (path / "run.json").exists():
-                write_durably(path / "run.json", json.dumps(wanted, indent=2, sort_keys=True).encode() + b"\n")
+                write_durably(path / "run.json", _run_json(wanted))
                 return cls(path, wanted["plan"], wanted["context"])
         existing = cls.open(path)
-        difference = _first_difference(existing.plan, wanted["plan"], "plan")
+        difference = first_difference(existing.plan, wanted["plan"], "plan")
         if difference is not None:
             where, there, asked = difference
             raise RunConflictError(
@@ -129,6 +129,27 @@ class RunFolder:
     def report_path(self) -> Path:
         """The folder of the report."""
         return self.path / "report"
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a process is writing to the run now."""
+        return is_locked(self.path / LOCK_NAME)
+
+    def amended(self, changes: Mapping[str, Any]) -> RunFolder:
+        """Write what became known about the run later into its context, and return the run.
+
+        Args:
+            changes: JSON form by name; what the context held under a name is replaced.
+
+        Raises:
+            RunConflictError: If a process is writing to the run.
+            InvalidInputError: If a change is not JSON.
+        """
+        form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": {**self.context, **changes}}
+        form = json.loads(dump_json(form))
+        with RunLock(self.path / LOCK_NAME):
+            write_durably(self.path / "run.json", _run_json(form))
+        return RunFolder(self.path, form["plan"], form["context"])
 
     def journal(self) -> Journal:
         """Open the journal for appending; this locks the folder until it is closed.
@@ -271,6 +292,11 @@ class RunFolder:
         return path
 
 
+def _run_json(form: Mapping[str, Any]) -> bytes:
+    """Return the content of ``run.json``."""
+    return json.dumps(form, indent=2, sort_keys=True).encode() + b"\n"
+
+
 def _safe_name(what: str, name: str) -> str:
     """Return a name that can stand in a path.
 
@@ -344,19 +370,25 @@ def _remove_parts(folder: Path) -> None:
         part.unlink(missing_ok=True)
 
 
-def _first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values, or None."""
+def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
+    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None.
+
+    Args:
+        there: One value.
+        asked: The other.
+        where: Name of the whole, which the place begins with.
+    """
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:
                 return f"{where}.{key}", _shown(there.get(key, _ABSENT)), _shown(asked.get(key, _ABSENT))
-            found = _first_difference(there[key], asked[key], f"{where}.{key}")
+            found = first_difference(there[key], asked[key], f"{where}.{key}")
             if found:
                 return found
         return None
     if isinstance(there, list) and isinstance(asked, list):
         for i, (a, b) in enumerate(zip(there, asked, strict=False)):
-            found = _first_difference(a, b, f"{where}[{i}]")
+            found = first_difference(a, b, f"{where}[{i}]")
             if found:
                 return found
         if len(there) != len(asked):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -60,6 +61,14 @@ class ShownChart:
     wide: Markup
     narrow: Markup
     file: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """What the page says about a run in progress: a sentence, and per condition how many trials are not yet run."""
+
+    text: str
+    left: tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +171,8 @@ def render_page(
         headlines=headlines,
         single=len(diagnoses) == 1,
         title=_title([diagnosis.policy for diagnosis in diagnoses]),
-        extent=_extent(trials, len(diagnoses)),
+        extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
+        unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
@@ -261,15 +271,26 @@ def _title(policies: Sequence[str]) -> str:
     return f"Diagnosis of {len(policies)} policies"
 
 
-def _extent(trials: Sequence[TrialDiagnosis], policies: int) -> str:
+def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -> str:
     """Return a sentence about how much was run."""
     if not trials:
-        return "The plan holds no trials."
+        return "No trial is done yet." if pending else "The plan holds no trials."
     variations = {(t.task, t.variation) for t in trials if t.variation is not None}
     tasks = {t.task for t in trials}
     text = f"{plural(len(trials), 'trial')} on {plural(len(tasks), 'task')} with {plural(len(variations), 'variation')}"
     text = text.replace(str(len(trials)), _grouped(len(trials)), 1)
     return f"{text}{f', {policies} policies' if policies > 1 else ''}; {_seeds(trials)}."
+
+
+def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
+    """Return the sentence about a run in progress, and where its pending trials belong."""
+    left = Counter(key.rpartition("/")[0] for key in diagnosis.pending)
+    whose = "" if single else f" of {diagnosis.policy}"
+    text = (
+        f"Unfinished: {_grouped(len(diagnosis.trials))} of {_grouped(diagnosis.planned)} trials{whose} were done when "
+        f"this page was written. The {_grouped(len(diagnosis.pending))} not yet run count nowhere."
+    )
+    return Unfinished(text, tuple(sorted(left.items())))
 
 
 def _seeds(trials: Sequence[TrialDiagnosis]) -> str:

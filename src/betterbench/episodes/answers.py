@@ -1,0 +1,82 @@
+"""Questions and replies between an episode and its mind, and the boundary that no policy can break."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, PolicyError
+from betterbench.interface import EpisodeStart, Observation, Policy
+from betterbench.state import PrivilegedPolicy, WorldState
+
+Mind = Policy | PrivilegedPolicy
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What an episode shows its mind.
+
+    Attributes:
+        seen: The start of the episode, which asks for no actions; an observation; or the state, for a privileged mind.
+        wanted_in: Control steps for which the episode can go on without the reply; 0 where it has to wait.
+    """
+
+    seen: EpisodeStart | Observation | WorldState
+    wanted_in: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """What a mind answered.
+
+    Attributes:
+        actions: The answer as an array of any shape and type; empty for the start of an episode.
+        took_s: Time from question to answer [s].
+    """
+
+    actions: np.ndarray
+    took_s: float
+
+
+_NO_ACTIONS = np.empty(0)
+
+
+def answer(mind: Mind, seen: EpisodeStart | Observation | WorldState) -> Reply:
+    """Ask a mind and wait for what it says.
+
+    Args:
+        mind: The policy.
+        seen: What it is shown.
+
+    Raises:
+        PolicyError: If the policy breaks, whatever it raises.
+        PolicyUnavailableError: If its server cannot be reached.
+        HandshakeError: If it has become another policy.
+    """
+    began = time.perf_counter()
+    with policy_boundary():
+        if isinstance(seen, EpisodeStart):
+            mind.reset(seen)  # type: ignore[union-attr]
+            return Reply(_NO_ACTIONS, time.perf_counter() - began)
+        said = mind.act_on_state(seen) if isinstance(seen, WorldState) else mind.act(seen)  # type: ignore[union-attr]
+        actions = np.asarray(said)
+    return Reply(actions, time.perf_counter() - began)
+
+
+@contextmanager
+def policy_boundary() -> Iterator[None]:
+    """Turn whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on.
+
+    Two things pass as they are, because they concern the whole run: a server that cannot be reached, and one that
+    declares other conventions than before.
+    """
+    try:
+        yield
+    except (PolicyError, HandshakeError):
+        raise
+    except (Exception, SystemExit) as problem:
+        raise PolicyError(f"{type(problem).__name__}: {problem}") from problem

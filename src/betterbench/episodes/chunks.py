@@ -1,0 +1,225 @@
+"""Chunks: when a policy is asked, and which action of its answers is played at a control step."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Generator
+
+import numpy as np
+
+from betterbench.episodes.answers import Question, Reply
+from betterbench.episodes.observer import Observer, Views
+from betterbench.errors import InvalidActionError
+from betterbench.interface import EpisodeStart, Execution, Observation
+from betterbench.interface.actions import ActionSpace
+from betterbench.scenes import Scene
+from betterbench.state import WorldState
+
+
+class Chunks:
+    """Asks for actions and plays them out.
+
+    With ``ahead`` the next chunk is asked for while some actions of the old one are left. The time of as many actions
+    of the reply has passed when it is used, so they are dropped: the observation that a chunk answers and the step at
+    which each of its actions is played do not depend on how fast the policy is.
+    """
+
+    def __init__(
+        self, scene: Scene, observer: Observer | None, execution: Execution, *, limit: int, began: float
+    ) -> None:
+        """Prepare for one episode.
+
+        Args:
+            scene: The scene.
+            observer: Makes observations; None to show the state.
+            execution: How chunks are played.
+            limit: Control steps after which the episode ends at the latest.
+            began: When the episode began, on the clock of ``time.perf_counter`` [s].
+        """
+        self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
+        self._queue: deque[np.ndarray] = deque()
+        self._asked = False
+        self._passing = 0  # actions of the coming reply whose time passes before it is used
+        self._predictions: deque[tuple[int, np.ndarray]] = deque()
+        self._views: Views | None = None
+        self._latencies: list[float] = []
+        self._observe_s = 0.0
+        self._began = self._resumed = began
+        self._simulation_s = 0.0
+
+    def begin(self) -> Generator[Question | None, Reply | None, None]:
+        """Tell the policy that an episode begins."""
+        scene = self._scene
+        start = EpisodeStart(
+            scene.condition.instruction.text,
+            scene.seed,
+            scene.action_space.name,
+            task=scene.task.id,
+            condition=scene.condition.name,
+        )
+        yield from self._pause(Question(start))
+
+    def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
+        """Return the action to play now.
+
+        Args:
+            state: The state now.
+
+        Raises:
+            InvalidActionError: If an answer is no array of actions.
+        """
+        queue = self._queue
+        if self._execution.ensemble is not None:
+            return (yield from self._mean(state))
+        if not queue:
+            if self._asked:
+                self._asked = False
+                self._queue_up(self._answered((yield from self._pause(None))), self._passing)
+            else:
+                self._queue_up(self._answered((yield from self._pause(Question(self._see(state))))), 0)
+        if self._asks_ahead(state.step):
+            self._asked, self._passing = True, len(queue)
+            yield from self._pause(Question(self._see(state), wanted_in=len(queue)))
+        return queue.popleft()
+
+    def look(self, step: int) -> None:
+        """Take the pictures of the next question, if it comes at once, before anything else is done with the state.
+
+        Drawing leaves cold caches behind; all that follows, up to the next action, then shares the way back.
+
+        Args:
+            step: Control steps taken since reset.
+        """
+        if self._observer is None:
+            return
+        if self._asks_ahead(step) if self._queue else not self._asked:
+            began = time.perf_counter()
+            self._views = self._observer.look(self._scene)
+            self._observe_s += time.perf_counter() - began
+
+    def wall_figures(self) -> dict[str, float]:
+        """Return how long the episode and its parts took [s]."""
+        now = time.perf_counter()
+        simulated = self._simulation_s + now - self._resumed - self._observe_s
+        latencies = np.array(self._latencies or [0.0])
+        return {
+            "duration_s": round(now - self._began, 6),
+            "policy_s": round(float(latencies.sum()), 6),
+            "policy_latency_p50_s": round(float(np.median(latencies)), 6),
+            "policy_latency_max_s": round(float(latencies.max()), 6),
+            "observe_s": round(self._observe_s, 6),
+            "simulation_s": round(max(0.0, simulated), 6),
+        }
+
+    def _asks_ahead(self, step: int) -> bool:
+        """Tell whether the next chunk is to be asked for while the queue is played; never one that nobody will use."""
+        left = len(self._queue)
+        return not self._asked and 0 < left <= self._execution.ahead and step + left < self._limit
+
+    def _pause(self, question: Question | None) -> Generator[Question | None, Reply | None, Reply | None]:
+        """Yield, and keep the time until the reply comes apart from that of the simulation."""
+        self._simulation_s += time.perf_counter() - self._resumed
+        try:
+            return (yield question)
+        finally:
+            self._resumed = time.perf_counter()
+
+    def _see(self, state: WorldState) -> Observation | WorldState:
+        """Return what the mind is shown."""
+        if self._observer is None:
+            return state
+        began = time.perf_counter()
+        views, self._views = self._views, None
+        observation = self._observer.observe(self._scene, state, views=views)
+        self._observe_s += time.perf_counter() - began
+        return observation
+
+    def _answered(self, reply: Reply | None) -> np.ndarray:
+        """Return the array of a reply.
+
+        Raises:
+            AssertionError: If the driver of the episode sent none.
+        """
+        if reply is None:
+            raise AssertionError("a reply was due")
+        self._latencies.append(reply.took_s)
+        return reply.actions
+
+    def _queue_up(self, answer: np.ndarray, passed: int) -> None:
+        """Queue the actions of a reply, without those whose time has passed.
+
+        Raises:
+            InvalidActionError: If it is no array of actions, or none is left.
+        """
+        space, queue = self._scene.action_space, self._queue
+        if answer.shape == (space.dim,) and not self._execution.ahead:
+            queue.append(answer)  # checked when it is applied, which is at once
+            return
+        chunk = checked_chunk(answer, space)
+        horizon = self._limit if self._execution.horizon is None else self._execution.horizon
+        queue.extend(chunk[passed : passed + horizon])
+        if not queue:
+            msg = (
+                f"the policy answered {len(chunk)} actions and the time of {passed} had passed, so none is left. "
+                "Ask less far ahead."
+            )
+            raise InvalidActionError(msg)
+
+    def _mean(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
+        """Ask, and return the weighted mean of all that was predicted for this step."""
+        space, predictions, step = self._scene.action_space, self._predictions, state.step
+        answer = self._answered((yield from self._pause(Question(self._see(state)))))
+        predictions.append((step, checked_chunk(answer, space)))
+        while predictions[0][0] + len(predictions[0][1]) <= step:
+            predictions.popleft()
+        actions = np.array([chunk[step - first] for first, chunk in predictions if step - first < len(chunk)])
+        return weighted_mean(actions, float(self._execution.ensemble or 0.0), space)
+
+
+def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
+    """Return a copy of an answer as a chunk, shape (horizon, dim), float64.
+
+    One bad number refuses the whole chunk: a policy that predicts it is broken now, not some steps later.
+
+    Args:
+        answer: What the policy answered.
+        space: The action space.
+
+    Raises:
+        InvalidActionError: If it is neither one action nor an array of actions, or a number is not finite.
+    """
+    actions = answer[None, :] if answer.shape == (space.dim,) else answer
+    if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:
+        msg = (
+            f"the policy answered an array of shape {answer.shape}. {space.name} wants ({space.dim},) or "
+            f"(horizon, {space.dim}) with at least one action."
+        )
+        raise InvalidActionError(msg)
+    if actions.dtype.kind not in "fiu":
+        space.clip(actions[0])
+    chunk = np.array(actions, dtype=np.float64)
+    bad = np.flatnonzero(~np.isfinite(chunk).all(axis=1))
+    if len(bad):
+        try:
+            space.clip(chunk[bad[0]])
+        except InvalidActionError as problem:
+            raise InvalidActionError(f"{problem} It is action {bad[0] + 1} of a chunk of {len(chunk)}.") from None
+    return chunk
+
+
+def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
+    """Return the mean of several predictions for one step, shape (dim,).
+
+    Args:
+        actions: (n, dim) predictions, the oldest first.
+        rate: Rate m of the weights exp(-m i), with i = 0 for the oldest.
+        space: Action space; a quaternion and its negative are one rotation, so their signs are made equal first.
+    """
+    if "qw" in space.components:
+        first = space.components.index("qw")
+        turns = actions[:, first : first + 4]
+        turns[turns @ turns[0] < 0.0] *= -1.0
+    weights = np.exp(-rate * np.arange(len(actions)))
+    mean: np.ndarray = weights @ actions / weights.sum()
+    return mean

@@ -1,0 +1,95 @@
+"""The configuration by which LeRobot's commands make our environments: ``--env.type=betterbench``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from gymnasium.vector import VectorEnv
+from lerobot.configs.types import FeatureType, PolicyFeature
+from lerobot.envs.configs import EnvConfig
+
+from betterbench.episodes.lerobot_env import ENVIRONMENT_ID, SETTINGS, make_env
+from betterbench.episodes.lerobot_task import STATE_DIM
+from betterbench.episodes.selection import select_conditions
+from betterbench.errors import InvalidInputError
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import action_space
+
+
+@EnvConfig.register_subclass("betterbench")  # type: ignore[untyped-decorator, unused-ignore]
+@dataclass
+class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
+    """Our environments for LeRobot.
+
+    Attributes:
+        task: One condition ("fast_food/T1"). From LeRobot 0.5 on also several, separated by commas, or whole tasks.
+        fps: Control steps per second.
+        state: Name of the state layout, "ee" or "joints".
+        cameras: New names of the cameras, by the old ones.
+        observation: Name of an observation preset.
+        action_space: Name of an action space.
+        quality: Name of a render preset.
+        features: What the environment gives and takes; filled in.
+        features_map: Its names for the policy; filled in.
+    """
+
+    task: str | None = "fast_food/train1"
+    fps: int = 20
+    state: str = "ee"
+    cameras: dict[str, str] = field(default_factory=dict)
+    observation: str = "default"
+    action_space: str = "ee_delta"
+    quality: str = "standard"
+    features: dict[str, PolicyFeature] = field(default_factory=dict)
+    features_map: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Declare what the environment gives and takes, under the names of its observation and of LeRobot's policies.
+
+        Raises:
+            UnknownNameError: If a condition, preset or action space is unknown.
+        """
+        select_conditions(self.task)
+        dim = action_space(self.action_space).dim
+        self.features = {
+            "action": PolicyFeature(type=FeatureType.ACTION, shape=(dim,)),
+            "agent_pos": PolicyFeature(type=FeatureType.STATE, shape=(STATE_DIM,)),
+        }
+        self.features_map = {"action": "action", "agent_pos": "observation.state"}
+        for camera in observation_spec(self.observation).cameras:
+            name = self.cameras.get(camera.name, camera.name)
+            self.features[f"pixels/{name}"] = PolicyFeature(
+                type=FeatureType.VISUAL, shape=(camera.height, camera.width, 3)
+            )
+            self.features_map[f"pixels/{name}"] = f"observation.images.{name}"
+
+    @property
+    def gym_id(self) -> str:
+        """Id under which Gymnasium makes the environment."""
+        return ENVIRONMENT_ID
+
+    @property
+    def gym_kwargs(self) -> dict[str, Any]:
+        """Arguments with which Gymnasium makes the one environment of LeRobot 0.4.
+
+        Raises:
+            InvalidInputError: If more than one condition is named.
+        """
+        named = select_conditions(self.task)
+        if len(named) != 1:
+            raise InvalidInputError(
+                "--env.task",
+                f"{self.task!r} stands for {len(named)} conditions, and this LeRobot evaluates one at a time",
+                "Name one, as in fast_food/T1, or install LeRobot 0.5 or newer",
+            )
+        ((task, variation),) = named
+        return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
+
+    def create_envs(
+        self,
+        n_envs: int,
+        use_async_envs: bool = False,
+    ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
+        """Return the vector environments of all conditions; LeRobot asks for them from version 0.5 on."""
+        return make_env(n_envs, use_async_envs, cfg=self)

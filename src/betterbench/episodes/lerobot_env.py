@@ -1,0 +1,90 @@
+"""LeRobot's environment hook: ``make_env`` gives every condition as a vector environment of LeRobot's kind.
+
+``lerobot-eval`` asks the environments themselves for the sentence, and looks at them with ``hasattr``: a wrapper of
+Gymnasium would hide it, and the policy would be told nothing. So these environments are never wrapped. Nothing here
+imports LeRobot; :mod:`betterbench.episodes.envhub` is what LeRobot imports.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+from gymnasium.vector import VectorEnv
+
+from betterbench.episodes.lerobot_task import LeRobotTaskEnv
+from betterbench.episodes.napping import NappingAsync, NappingSync, Shift
+from betterbench.episodes.selection import select_conditions
+from betterbench.errors import InvalidInputError
+
+ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
+"""Id under which Gymnasium makes one of these environments, without any wrapper."""
+
+SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
+"""What a configuration may set beside its task, by the names that :class:`LeRobotTaskEnv` gives them."""
+
+gymnasium.register(
+    ENVIRONMENT_ID,
+    entry_point="betterbench.episodes.lerobot_env:LeRobotTaskEnv",
+    order_enforce=False,
+    disable_env_checker=True,
+)
+
+
+class _Seen:
+    """What LeRobot looks for, with ``hasattr``, in an environment that lives in another process."""
+
+    def __init__(self, env: LeRobotTaskEnv) -> None:
+        """Copy it."""
+        self.task, self.task_description = env.task, env.task_description
+
+
+def make_env(
+    n_envs: int = 1,
+    use_async_envs: bool = False,
+    cfg: object | None = None,
+    *,
+    conditions: str | Sequence[str] | None = None,
+    **settings: Any,  # noqa: ANN401 - passed on to LeRobotTaskEnv, which names and checks each
+) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
+    """Return the vector environments of all conditions, as LeRobot's hub wants them.
+
+    Args:
+        n_envs: Environments per condition.
+        use_async_envs: True for one process per environment.
+        cfg: LeRobot's configuration of the environment; its ``task`` stands for ``conditions``, and its attributes
+            named in :data:`SETTINGS` for ``settings``.
+        conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
+            list or one text separated by commas; default the whole suite better60.
+        settings: Further arguments of :class:`LeRobotTaskEnv`, the same for all.
+
+    Returns:
+        Suite to number to vector environment; each condition is a suite of its own, so that LeRobot lists its success
+        rate under its name. Seeds given to a reset are those of ``better eval``: seed 3 is trial 3.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+        UnknownNameError: If a task, condition or setting is unknown.
+    """
+    if n_envs < 1:
+        raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give at least 1")
+    if getattr(cfg, "max_parallel_tasks", 1) > 1:
+        raise InvalidInputError(
+            "max_parallel_tasks", "an off-screen picture belongs to one thread", "Leave it at 1 and raise n_envs"
+        )
+    wanted = conditions if conditions is not None else getattr(cfg, "task", None)
+    given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings
+    shift = Shift()
+    envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
+    for task, name in select_conditions(wanted):
+        make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
+        seen = _Seen(make())  # a wrong setting is told now, not at the first reset
+        env = (
+            NappingAsync([make] * n_envs, shift, stand_ins=[seen] * n_envs)
+            if use_async_envs
+            else NappingSync([make] * n_envs, shift)
+        )
+        envs[f"{task}-{name}"] = {0: env}
+    return envs

@@ -1,0 +1,302 @@
+"""A consultation: the handshake with a policy, one observation, one answer, and what both look like."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from betterbench.episodes import Observer, policy_boundary
+from betterbench.errors import InvalidActionError, InvalidInputError
+from betterbench.evaluation.agents import Minds, check_action_space, close_policy, is_privileged
+from betterbench.evaluation.consultation_sheet import Shown
+from betterbench.evaluation.mirror import TrialName
+from betterbench.experts import make_expert
+from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo, observation_spec
+from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.fitting import EVERY_CAMERA, PictureRule
+from betterbench.policies.handshake import Declaration, declare_adapter, declare_space
+from betterbench.scenes import CONTROL_RATE_HZ, Scene
+from betterbench.scenes.stage import quality_preset
+
+REQUESTS = 5
+"""Requests whose time is measured, after the first one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Convention:
+    """One convention, as both sides declare it.
+
+    Attributes:
+        name: What it is about.
+        ours: What this side says, empty if nothing.
+        theirs: What the policy's side says, empty if nothing.
+    """
+
+    name: str
+    ours: str
+    theirs: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether both sides say something, and not the same."""
+        return bool(self.ours and self.theirs) and self.ours != self.theirs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consultation:
+    """What came of it.
+
+    Attributes:
+        policy: Address of the policy.
+        trial: The trial whose start the policy was shown.
+        quality: Name of the render preset.
+        info: What the policy says about itself.
+        conventions: What both sides declare.
+        adapter: How the policy is spoken to, or None for one that gets our observation as it is.
+        shown: The pictures as the policy gets them.
+        state: The numbers it gets, by key.
+        prompt: The sentence it gets.
+        actions: (horizon, dim) its first answer, in the action space of ``info``.
+        first_s: Time of the first request [s].
+        latencies_s: Times of the requests after it [s].
+    """
+
+    policy: str
+    trial: TrialName
+    quality: str
+    info: PolicyInfo
+    conventions: tuple[Convention, ...]
+    adapter: Adapter | None
+    shown: tuple[Shown, ...]
+    state: tuple[tuple[str, np.ndarray], ...]
+    prompt: str
+    actions: np.ndarray
+    first_s: float
+    latencies_s: tuple[float, ...]
+
+    @property
+    def p50_s(self) -> float:
+        """Median time of a request [s]."""
+        return float(np.median(self.latencies_s))
+
+    @property
+    def max_s(self) -> float:
+        """Longest time of a request after the first one [s]."""
+        return max(self.latencies_s)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, pictures as their sizes."""
+        return {
+            "policy": self.policy,
+            "trial": {"task": self.trial.task, "condition": self.trial.condition, "seed": self.trial.seed},
+            "action_space": self.info.action_space,
+            "needs_images": self.info.needs_images,
+            "metadata": dict(self.info.metadata),
+            "conventions": [
+                {"name": c.name, "ours": c.ours, "theirs": c.theirs, "differs": c.differs} for c in self.conventions
+            ],
+            "adapter": None if self.adapter is None else self.adapter.to_json(),
+            "prompt": self.prompt,
+            "pictures": [
+                {"key": s.key, "width": s.picture.shape[1], "height": s.picture.shape[0], "note": s.note}
+                for s in self.shown
+            ],
+            "state": {key: values.tolist() for key, values in self.state},
+            "actions": self.actions.tolist(),
+            "latency_s": {
+                "first": self.first_s,
+                "p50": self.p50_s,
+                "max": self.max_s,
+                "requests": len(self.latencies_s),
+            },
+        }
+
+
+def consult(
+    policy: str,
+    trial: TrialName,
+    *,
+    action_space_name: str | None = None,
+    observation: str = "default",
+    quality: str = "standard",
+    on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
+) -> Consultation:
+    """Ask a policy what it would do at the start of a trial.
+
+    Args:
+        policy: Address of the policy.
+        trial: The trial.
+        action_space_name: Action space of the run to come; the policy's own if not given.
+        observation: Observation preset of the run.
+        quality: Render preset of the run.
+        on_conventions: Told what both sides declare, before they are compared.
+
+    Returns:
+        What came of it.
+
+    Raises:
+        BetterError: If the policy cannot be asked, declares other conventions than the run, or answers nonsense.
+    """
+    if policy.startswith("replay:"):
+        raise InvalidInputError(f"policy {policy}", "a replay asks for nothing", "Look at its run with better report")
+    task, condition = trial.resolve()
+    with Minds(policy) as minds:
+        info = minds.check()
+        mind = None if is_privileged(policy) else minds.take()
+    try:
+        space = action_space(action_space_name or info.action_space)
+        spec = observation_spec(observation)
+        if on_conventions is not None:
+            on_conventions(conventions_of(mind, policy, info, space))
+        check_action_space(policy, info, space.name)
+        agree = getattr(mind, "check", None)
+        if callable(agree):
+            agree(space=space.name, observation=spec, rate_hz=CONTROL_RATE_HZ)
+        scene = Scene(task, condition, seed=trial.seed, action_space=space, quality=quality_preset(quality))
+        state = scene.reset()
+        seen: Observation | None = None
+        if mind is None:
+            expert = make_expert(policy, scene)
+            answers = _Answers(lambda: expert.act_on_state(state), space)
+        else:
+            observer = Observer(spec if info.needs_images else observation_spec("state_only"))
+            try:
+                seen = shown = observer.observe(scene, state)
+            finally:
+                observer.close()
+            text = condition.instruction.text
+            with policy_boundary():
+                mind.reset(EpisodeStart(text, trial.seed, space.name, task=trial.task, condition=trial.condition))
+            answers = _Answers(lambda: mind.act(shown), space)
+        actions, first_s, latencies_s = answers.ask()
+        adapter = _adapter_of(mind)
+        return Consultation(
+            policy=policy,
+            trial=trial,
+            quality=quality,
+            info=info,
+            conventions=conventions_of(mind, policy, info, space),
+            adapter=adapter,
+            shown=() if seen is None else _shown(seen, adapter),
+            state=() if seen is None else _state(seen, adapter),
+            prompt=condition.instruction.text,
+            actions=actions,
+            first_s=first_s,
+            latencies_s=latencies_s,
+        )
+    finally:
+        close_policy(mind)
+
+
+def conventions_of(mind: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace) -> tuple[Convention, ...]:
+    """Return what this side and the policy's side declare.
+
+    Args:
+        mind: The policy, or None for a privileged one.
+        policy: Its address.
+        info: What it says about itself.
+        space: Action space of the run.
+    """
+    adapter, server = _adapter_of(mind), getattr(mind, "server", None)
+    if adapter is not None and isinstance(server, Declaration):
+        ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)
+        theirs = server
+    else:
+        ours, theirs = declare_space("this side", space), declare_space(policy, action_space(info.action_space))
+    left, right = ours.rows(), theirs.rows()
+    return tuple(Convention(n, left.get(n, ""), right.get(n, "")) for n in dict.fromkeys((*left, *right)))
+
+
+def _adapter_of(mind: Policy | None) -> Adapter | None:
+    adapter = getattr(mind, "adapter", None)
+    return adapter if isinstance(adapter, Adapter) else None
+
+
+class _Answers:
+    """Asks several times the same, and keeps time."""
+
+    def __init__(self, ask: Callable[[], np.ndarray], space: ActionSpace) -> None:
+        self._ask, self._space = ask, space
+
+    def ask(self) -> tuple[np.ndarray, float, tuple[float, ...]]:
+        """Return the first answer, (horizon, dim), its time and the times of those after it [s].
+
+        Raises:
+            PolicyError: If the policy breaks down.
+            InvalidActionError: If an answer is no chunk of actions.
+        """
+        answers, times = [], []
+        for _ in range(1 + REQUESTS):
+            began = time.perf_counter()
+            with policy_boundary():
+                answers.append(np.asarray(self._ask()))
+            times.append(time.perf_counter() - began)
+        first = answers[0]
+        actions = first[None] if first.ndim == 1 else first
+        if actions.ndim != 2 or not len(actions):
+            raise InvalidActionError(
+                f"the policy answered an array of shape {first.shape}. {self._space.name} wants (horizon, "
+                f"{self._space.dim}) with at least one action."
+            )
+        for action in actions:
+            self._space.clip(action)
+        return actions.astype(np.float64), times[0], tuple(times[1:])
+
+
+def _shown(seen: Observation, adapter: Adapter | None) -> tuple[Shown, ...]:
+    """Return the pictures as the policy gets them, with where each comes from."""
+    if adapter is None:
+        return tuple(Shown(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
+    rules = {
+        rule.named(camera): (camera, rule)
+        for rule in adapter.views
+        for camera in (seen.images if rule.camera == EVERY_CAMERA else (rule.camera,))
+    }
+    return tuple(
+        Shown("/".join(key), picture, _note(rules[key][0], seen.images[rules[key][0]], rules[key][1]))
+        for key, picture in adapter.pictures(seen).items()
+    )
+
+
+def _note(camera: str, rendered: np.ndarray, rule: PictureRule | None) -> str:
+    """Say where a picture comes from and what was done to it."""
+    height, width = rendered.shape[:2]
+    said = [f"camera {camera}", f"rendered {width} x {height}"]
+    if rule is None:
+        return ", ".join([*said, "shown as it is"])
+    if rule.turn:
+        said.append(f"turned by {rule.turn} degrees")
+    if rule.mirror:
+        said.append("mirrored")
+    if rule.keep < 1.0:
+        said.append(f"the middle {rule.keep:.0%} kept")
+    if rule.width is None or (rule.width, rule.height) == (width, height):
+        said.append("size kept")
+    else:
+        said.append(f"shown {rule.width} x {rule.height} ({rule.fit})")
+    return ", ".join(said)
+
+
+def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.ndarray], ...]:
+    """Return the numbers that the policy gets, part by part."""
+    if adapter is None:
+        return (
+            ("joint_positions", seen.joint_positions),
+            ("joint_velocities", seen.joint_velocities),
+            ("ee_position", seen.ee_position),
+            ("ee_quaternion", seen.ee_quaternion),
+            ("gripper_width", np.array([float(seen.gripper_width)])),
+        )
+    rows = []
+    for rule in adapter.states:
+        for part in rule.parts:
+            one = replace(rule, parts=(part,), scalar=False)
+            values = one.read(seen, ee_offset_m=adapter.ee_offset_m, gripper_opening_m=adapter.gripper_opening_m)
+            key = "/".join(rule.key)
+            rows.append((key if len(rule.parts) == 1 else f"{key}: {part}", np.atleast_1d(values)))
+    return tuple(rows)

@@ -1,0 +1,254 @@
+"""A crew: worker processes of this machine, each fed over a pipe with as many trials as it has environments."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Self
+
+from betterbench.errors import BetterError, WorkerError
+from betterbench.evaluation.plan import Trial
+from betterbench.evaluation.trial import Setting
+from betterbench.evaluation.worker import Worker
+from betterbench.recording import JournalEntry, TrialKey
+
+logger = logging.getLogger(__name__)
+
+MAX_DEATHS = 3
+"""How often the process of a trial may die before the trial is given up; from the second time on it runs alone."""
+
+MAX_DEATHS_IN_A_ROW = 12
+"""How many processes may die, with no trial finished in between, before the run is given up."""
+
+_TURN_S = 0.02
+_WATCH_S = 0.5
+_FAREWELL_S = 10.0
+
+
+@dataclass(eq=False)
+class _Hand:
+    """One worker process."""
+
+    process: BaseProcess
+    connection: Connection
+    trials: dict[TrialKey, Trial] = field(default_factory=dict)
+    alone: bool = False  # its one trial was in a process that died
+    lost: bool = False  # its end of the pipe is closed
+
+
+class Crew:
+    """Runs trials in worker processes and does those of a dead one again. A context manager, which ends them all."""
+
+    def __init__(self, setting: Setting, workers: int, *, watch: Callable[[], None] | None = None) -> None:
+        """Prepare; processes are started when there is work.
+
+        Args:
+            setting: What all trials of the run share.
+            workers: Worker processes.
+            watch: Called about twice a second.
+        """
+        self._setting, self._workers, self._watch = setting, workers, watch
+        self._hands: list[_Hand] = []
+        self._waiting: deque[Trial] = deque()
+        self._suspects: deque[Trial] = deque()
+        self._deaths: Counter[TrialKey] = Counter()
+        self._in_a_row = 0
+
+    def __enter__(self) -> Self:
+        """Return the crew itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End all processes."""
+        self.close()
+
+    def entries(self, trials: Iterable[Trial]) -> Iterator[JournalEntry]:
+        """Yield the line for the journal of every trial, as they end.
+
+        Args:
+            trials: The trials.
+
+        Raises:
+            WorkerError: If workers keep dying.
+            BetterError: Whatever a worker says has to stop the run.
+        """
+        self._waiting.extend(trials)
+        while self._waiting or self._suspects or any(h.trials for h in self._hands):
+            self._hire()
+            self._hand_out()
+            if self._watch is not None:
+                self._watch()
+            places = {h.connection: h for h in self._hands} | {h.process.sentinel: h for h in self._hands}
+            for hand in dict.fromkeys(places[p] for p in wait(list(places), timeout=_WATCH_S)):  # type: ignore[index]
+                ended = list(self._heard(hand))
+                self._hand_out()  # before the journal waits for the disk
+                yield from ended
+                if hand.lost or not hand.process.is_alive():
+                    yield from self._mourn(hand)
+        for hand in self._hands:
+            with contextlib.suppress(OSError):
+                hand.connection.send(None)
+        for hand in self._hands:
+            hand.process.join(_FAREWELL_S)
+
+    def close(self) -> None:
+        """End all processes at once; what they had not finished is as if it had not begun."""
+        hands, self._hands = self._hands, []
+        for hand in hands:
+            if hand.process.is_alive():
+                hand.process.kill()
+        for hand in hands:
+            hand.process.join()
+            hand.connection.close()
+            hand.process.close()
+
+    def _hire(self) -> None:
+        """Start processes as long as there is work for them."""
+        for _ in range(min(self._workers - len(self._hands), len(self._waiting) + len(self._suspects))):
+            self._hands.append(start_hand(self._setting))
+
+    def _hand_out(self) -> None:
+        """Give every process as many trials as it has environments, in turns; a suspect has a process for itself."""
+        for hand in self._hands:
+            if self._suspects and not hand.trials and not hand.lost:
+                hand.alone = True
+                self._send(hand, self._suspects.popleft())
+        for _ in range(self._setting.envs):
+            for hand in self._hands:
+                if self._waiting and not hand.alone and not hand.lost and len(hand.trials) < self._setting.envs:
+                    self._send(hand, self._waiting.popleft())
+
+    def _send(self, hand: _Hand, trial: Trial) -> None:
+        hand.trials[TrialKey(trial.task, trial.condition, trial.seed)] = trial
+        try:
+            hand.connection.send(trial)
+        except OSError:
+            hand.lost = True  # its death is noticed in a moment, and the trial is done again
+
+    def _heard(self, hand: _Hand) -> Iterator[JournalEntry]:
+        """Yield what a process has sent.
+
+        Raises:
+            BetterError: If it says that the run has to stop.
+        """
+        try:
+            while hand.connection.poll():
+                said = hand.connection.recv()
+                if isinstance(said, BetterError):
+                    raise said
+                hand.trials.pop(said.key, None)
+                hand.alone = False
+                self._in_a_row = 0
+                yield said
+        except (EOFError, OSError):
+            hand.lost = True
+
+    def _mourn(self, hand: _Hand) -> Iterator[JournalEntry]:
+        """Replace a process that died, and have its trials done again or give them up."""
+        yield from self._heard(hand)
+        self._hands.remove(hand)
+        hand.process.join(_WATCH_S)
+        if hand.process.is_alive():
+            hand.process.kill()
+            hand.process.join()
+        how = _how_it_died(hand.process.exitcode)
+        hand.connection.close()
+        self._in_a_row += 1
+        logger.warning("a worker process died (%s); its %d trials are done again", how, len(hand.trials))
+        for key, trial in hand.trials.items():
+            self._deaths[key] += 1
+            if self._deaths[key] < MAX_DEATHS:
+                self._suspects.append(trial)
+                continue
+            message = f"its worker process died {MAX_DEATHS} times ({how}); run the same command again to retry it"
+            yield JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", message)
+            self._in_a_row = 0
+        if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
+            raise WorkerError(
+                f"{self._in_a_row} worker processes died one after the other ({how}). "
+                "Run the same command again with fewer --workers, or with 1 to see why."
+            )
+
+
+def start_hand(setting: Setting) -> _Hand:
+    """Start a worker process that is deaf to Ctrl-C: the process that started it decides what happens then.
+
+    Args:
+        setting: What all trials of the run share.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=work, args=(setting, theirs), name="betterbench-worker")
+    with deaf_to_interrupts():
+        process.start()
+    theirs.close()
+    return _Hand(process, ours)
+
+
+@contextlib.contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back in this thread, and for good in processes that are started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def work(setting: Setting, connection: Connection) -> None:
+    """Take trials from a pipe and send back lines for the journal; this is the main function of a worker process.
+
+    Args:
+        setting: What all trials of the run share.
+        connection: The pipe. None means that there is no more work; an error sent back stops the run.
+    """
+    prepare_process()
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        try:
+            with Worker(setting) as worker:
+                _take_and_send(worker, setting.envs, connection)
+        except BetterError as problem:
+            connection.send(problem)
+
+
+def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
+    while True:
+        while worker.free and connection.poll(None if worker.free == envs else 0.0):
+            trial = connection.recv()
+            if trial is None:
+                return
+            worker.start(trial)
+        for entry in worker.finished(_TURN_S):
+            connection.send(entry)
+
+
+def prepare_process() -> None:
+    """Keep numerical libraries and the software renderer to one thread each, and let nobody outlive the run."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    os.environ.setdefault("LP_NUM_THREADS", "0")
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the run is killed; it would wait for work for ever, and write into a resumed run."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _how_it_died(exitcode: int | None) -> str:
+    if exitcode is None or exitcode >= 0:
+        return f"exit status {exitcode}"
+    name = signal.Signals(-exitcode).name if -exitcode in set(signal.Signals) else f"signal {-exitcode}"
+    return f"{name}, as when memory runs out" if name == "SIGKILL" else name

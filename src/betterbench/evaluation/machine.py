@@ -1,0 +1,132 @@
+"""The machine a run is made on, read from files of the system: nothing is started and no other program is asked."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.metadata
+import os
+import platform
+import re
+from pathlib import Path
+
+from betterbench.errors import BetterError
+from betterbench.scenes import renderer_fingerprint
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_REVISION = re.compile(r"[0-9a-f]{40,64}")
+_MAX_FILE_BYTES = 1 << 20
+_DISTRIBUTION = "betterbench"
+_LEFT_OUT = "dev"  # what tests and linters need decides about no result
+
+
+def describe_machine() -> dict[str, object]:
+    """Return processor, memory and graphics cards, as far as the system tells."""
+    model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
+    return {
+        "architecture": platform.machine(),
+        "cpu": model.group(1).strip() if model else platform.processor() or "unknown",
+        "processors": os.cpu_count() or 0,
+        "memory_gb": _memory_gb(),
+        "graphics_cards": list(_graphics_cards()),
+    }
+
+
+def describe_renderer() -> dict[str, str]:
+    """Return the fingerprint of the renderer, or why there is none.
+
+    This makes the OpenGL context of the process, so it belongs to the thread that renders.
+    """
+    try:
+        return renderer_fingerprint()
+    except BetterError as error:
+        return {"problem": str(error)}
+
+
+def package_lock() -> list[str]:
+    """Return name and version of every installed distribution that betterbench may use ("numpy==2.3.1"), sorted."""
+    found: dict[str, str] = {}
+    waiting = [_DISTRIBUTION]
+    while waiting:
+        name = _normal(waiting.pop())
+        if name in found:
+            continue
+        try:
+            distribution = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        found[name] = distribution.version
+        waiting += _required(distribution, extras=name == _DISTRIBUTION)
+    return sorted(f"{name}=={version}" for name, version in found.items())
+
+
+def source_revision(folder: Path) -> str | None:
+    """Return the git revision that a folder stands at, or None if it belongs to no repository.
+
+    Args:
+        folder: The folder.
+    """
+    for place in (folder, *folder.parents):
+        link = place / ".git"
+        if link.exists():
+            home = link
+            if link.is_file():  # a worktree or a submodule
+                home = place / _read(link).removeprefix("gitdir:").strip()
+            return _head(home)
+    return None
+
+
+def _head(home: Path) -> str | None:
+    shared = home / _read(home / "commondir").strip()
+    head = _read(home / "HEAD").strip()
+    if head.startswith("ref:"):
+        name = head.removeprefix("ref:").strip()
+        if ".." in name or name.startswith("/"):
+            return None
+        loose = _read(home / name).strip() or _read(shared / name).strip()
+        packed = re.search(rf"^([0-9a-f]{{40,64}}) {re.escape(name)}$", _read(shared / "packed-refs"), re.MULTILINE)
+        head = loose or (packed.group(1) if packed else "")
+    return head if _REVISION.fullmatch(head) else None
+
+
+def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
+    """Return the names of what a distribution requires; of its extras too if wanted, but for those of developers."""
+    names = []
+    for requirement in distribution.requires or ():
+        found = _NAME.match(requirement)
+        _, _, marker = requirement.partition(";")
+        optional = "extra" in marker
+        if found and (not optional or (extras and f"'{_LEFT_OUT}'" not in marker.replace('"', "'"))):
+            names.append(found.group())
+    return names
+
+
+def _normal(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def _memory_gb() -> float:
+    try:
+        return round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9, 1)
+    except (ValueError, OSError):
+        return 0.0
+
+
+def _graphics_cards() -> list[str]:
+    """Return the models of the graphics cards, from the drivers of NVIDIA, AMD and others."""
+    cards = []
+    for file in sorted(Path("/proc/driver/nvidia/gpus").glob("*/information")):
+        model = re.search(r"^Model:\s*(.+)$", _read(file), re.MULTILINE)
+        cards.append(model.group(1).strip() if model else "NVIDIA")
+    driver = re.search(r"Kernel Module\s+(?:for \S+\s+)?([\d.]+)", _read(Path("/proc/driver/nvidia/version")))
+    if cards and driver:
+        cards = [f"{card}, driver {driver.group(1)}" for card in cards]
+    for file in sorted(Path("/sys/class/drm").glob("card*/device/product_name")):
+        cards += [text] if (text := _read(file).strip()) else []
+    return cards
+
+
+def _read(file: Path) -> str:
+    """Return the beginning of a text file, or nothing if it cannot be read."""
+    with contextlib.suppress(OSError), file.open("rb") as stream:
+        return stream.read(_MAX_FILE_BYTES).decode("utf-8", "replace")
+    return ""

@@ -1,0 +1,175 @@
+"""What is served: any policy of ours behind the openpi protocol, for our own workers and for other people's clients."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import betterbench
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.agents import close_policy, is_privileged, make_policy
+from betterbench.evaluation.mirror import Mirrors, TrialName
+from betterbench.evaluation.sessions import MirrorSession, PolicySession, SharedPolicy
+from betterbench.interface import BatchPolicy, Policy
+from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
+from betterbench.policies.batching import MAX_BATCH
+from betterbench.policies.handshake import PROTOCOL
+from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
+from betterbench.scenes import engine_version
+from betterbench.scenes.scene import CONTROL_RATE_HZ
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_CHUNK = 8
+"""Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
+MAX_CHUNK = 256
+NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
+"""How a server notices that an episode begins; the protocol has no message for it."""
+
+
+def open_server(
+    policy: str,
+    *,
+    host: str = LOOPBACK,
+    port: int = DEFAULT_PORT,
+    chunk: int = DEFAULT_CHUNK,
+    batch: int = MAX_BATCH,
+    trial: TrialName | None = None,
+    api_key: str | None = None,
+    made: Policy | None = None,
+) -> PolicyServer:
+    """Return a server of a policy; it is bound to its port and answers once it is started.
+
+    Args:
+        policy: Address of the policy.
+        host: Interface to listen on.
+        port: Port to listen on; 0 for any free one.
+        chunk: Actions in one answer of an expert.
+        batch: Observations that a policy which takes batches gets at once, at most.
+        trial: Trial of clients that name none; an expert finds it by the sentence otherwise.
+        api_key: Key that clients have to show, or None.
+        made: The policy, if somebody has made it already; the server closes it.
+
+    Raises:
+        InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
+        UnknownNameError: If there is no such policy, task or condition.
+    """
+    if not 1 <= chunk <= MAX_CHUNK:
+        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
+    if not 1 <= batch <= 1024:
+        raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
+    if policy.startswith("replay:"):
+        raise InvalidInputError(
+            f"policy {policy}", "a replay knows its trial beforehand, so it cannot be served", "Evaluate it directly"
+        )
+    if trial is not None:
+        trial.resolve()
+    if is_privileged(policy):
+        mirrors = Mirrors(policy)
+        return PolicyServer(
+            lambda: MirrorSession(mirrors, chunk, trial),
+            metadata=_metadata_of_mirrors(policy, chunk, trial),
+            host=host,
+            port=port,
+            api_key=api_key,
+        )
+    stock = Stock(policy, made or make_policy(policy), batch=batch, trial=trial)
+    try:
+        return PolicyServer(
+            stock.session, metadata=stock.metadata, host=host, port=port, api_key=api_key, on_stop=stock.close
+        )
+    except BaseException:
+        stock.close()
+        raise
+
+
+def _metadata_of_mirrors(policy: str, chunk: int, trial: TrialName | None) -> dict[str, Any]:
+    remarks = {
+        "chunk": chunk,
+        "trial": str(trial) if trial else "the first training condition whose sentence equals the prompt",
+        "step": "without better/step the whole chunk counts as executed, or what observation/state shows of it",
+        "episode": NEW_EPISODE,
+    }
+    return declare(policy, EE_DELTA, needs_images=False, batch=1, remarks=remarks)
+
+
+class Stock:
+    """The instances of a policy: one for all connections if it takes batches, else one for each.
+
+    Attributes:
+        metadata: What the server declares.
+    """
+
+    def __init__(self, address: str, first: Policy, *, batch: int, trial: TrialName | None) -> None:
+        """Prepare.
+
+        Args:
+            address: Address of the policy.
+            first: Its first instance.
+            batch: Observations in one call at most.
+            trial: Trial of clients that name none.
+        """
+        self._address, self._trial = address, trial
+        self._shared = SharedPolicy(first, batch) if isinstance(first, BatchPolicy) else None
+        self._unused = [] if self._shared else [first]
+        self._lock = threading.Lock()
+        info = first.info
+        if info.heavy and self._shared is None:
+            logger.warning("%s takes no batches: every client gets an instance with weights of its own", address)
+        self.metadata = declare(
+            address,
+            action_space(info.action_space),
+            needs_images=info.needs_images,
+            batch=batch if self._shared else 1,
+            remarks={**info.metadata, "episode": NEW_EPISODE},
+        )
+
+    def session(self) -> PolicySession:
+        """Return what answers a new connection."""
+        if self._shared is not None:
+            return PolicySession(self._shared.seat(), self._trial)
+        with self._lock:
+            policy = self._unused.pop() if self._unused else None
+        policy = policy or make_policy(self._address)
+        return PolicySession(policy, self._trial, on_close=lambda: close_policy(policy))
+
+    def close(self) -> None:
+        """Free what no session frees."""
+        while self._unused:
+            close_policy(self._unused.pop())
+        if self._shared is not None:
+            self._shared.close()
+
+
+def declare(
+    policy: str, space: ActionSpace, *, needs_images: bool, batch: int, remarks: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return the metadata frame of a server of ours.
+
+    Args:
+        policy: Address of the policy.
+        space: Action space in which it answers.
+        needs_images: False if it never looks at a picture.
+        batch: Observations it answers at once, at most.
+        remarks: Whatever else clients may want to know.
+    """
+    return {
+        "betterbench": {
+            **remarks,  # first: a policy's own texts replace no convention
+            "protocol": PROTOCOL,
+            "preset": "native",
+            "layouts": ["native", "openpi_libero"],
+            "policy": policy,
+            "action_space": space.to_json(),
+            "needs_images": needs_images,
+            "cameras": {},
+            "control_rate_hz": CONTROL_RATE_HZ,
+            "batch": batch,
+            "version": betterbench.__version__,
+            "engine": f"mujoco {engine_version()}",
+            "machine": platform.machine(),
+        }
+    }

@@ -1,0 +1,275 @@
+"""A worker: one thread that simulates and renders many trials, while their policy answers in other threads."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import TracebackType
+from typing import Self
+
+from betterbench.episodes import Question, Reply
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
+from betterbench.evaluation.agents import Minds, is_remote, needs_no_thread
+from betterbench.evaluation.plan import Trial
+from betterbench.evaluation.respondent import Answered, Respondent
+from betterbench.evaluation.sessions import SharedPolicy
+from betterbench.evaluation.trial import Setting, TrialSteps, Workshop
+from betterbench.interface import BatchPolicy, Policy
+from betterbench.policies.batching import MAX_BATCH
+from betterbench.recording import JournalEntry
+
+USUAL_ENVS = 4
+"""Environments per worker for a policy that answers from elsewhere: while one waits, three are simulated."""
+
+MAX_ENVS = 256
+
+LEAVE_S = 2.0
+"""How long the threads of the policies are waited for at the end [s]."""
+
+
+def usual_envs(minds: Minds) -> int:
+    """Return how many environments a worker keeps open unless told otherwise.
+
+    One for a policy that answers at once, and for a Python policy that answers one observation at a time: each
+    environment has an instance of it, and instances may hold weights.
+
+    Args:
+        minds: Makes the policy.
+    """
+    if needs_no_thread(minds.address):
+        return 1
+    return USUAL_ENVS if is_remote(minds.address) or minds.takes_batches else 1
+
+
+@dataclass(slots=True, eq=False)
+class _Slot:
+    """One environment, and what its trial waits for."""
+
+    respondent: Respondent | None = None
+    steps: TrialSteps | None = None
+    ticket: int = -1  # of the question under way, or -1
+    asked_at: float = 0.0
+    question: Question | None = None  # the last one
+    outcome: Reply | BaseException | None = None  # of the last question, until the trial takes it
+    waits: bool = False  # the trial can do nothing before the outcome is there
+    figures: Mapping[str, float] = field(default_factory=dict)  # what the policy counts about its connection
+
+
+class Worker:
+    """Runs trials of a plan, several at once, in the thread that calls it.
+
+    Physics and rendering take turns in that thread; questions to the policy are under way in others. Results depend on
+    neither: every trial is a pure function of its scene and its policy. A context manager, which closes itself.
+    """
+
+    def __init__(self, setting: Setting, *, minds: Minds | None = None) -> None:
+        """Prepare, and ask the policy what it needs.
+
+        Args:
+            setting: What all trials of the run share.
+            minds: Makes the policy; it is taken over. None to make the policy of the setting.
+
+        Raises:
+            InvalidInputError: If the number of environments is out of range.
+            BetterError: If the policy cannot be made, its server not be reached or the run not be read.
+        """
+        if not 1 <= setting.envs <= MAX_ENVS:
+            raise InvalidInputError("--envs", f"{setting.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+        self._setting = setting
+        self._workshop = Workshop(setting, minds=minds)
+        self._threaded = not needs_no_thread(setting.asked)
+        self._timed = self._threaded and not is_remote(setting.asked)
+        self._shared: SharedPolicy | None = None
+        self._lock = threading.Lock()
+        self._slots = [_Slot() for _ in range(setting.envs)]
+        self._ready: deque[_Slot] = deque()
+        self._outbox: queue.SimpleQueue[Answered] = queue.SimpleQueue()
+        self._numbers = itertools.count()
+        self._stop: BetterError | None = None
+
+    def __enter__(self) -> Self:
+        """Return the worker itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    @property
+    def free(self) -> int:
+        """Environments that wait for a trial."""
+        return sum(slot.steps is None for slot in self._slots)
+
+    def start(self, trial: Trial) -> None:
+        """Take a trial; it is run by :meth:`finished`.
+
+        Args:
+            trial: The trial.
+
+        Raises:
+            InvalidInputError: If no environment is free.
+        """
+        for slot in self._slots:
+            if slot.steps is None:
+                slot.steps = self._workshop.steps(trial)
+                slot.ticket, slot.outcome, slot.waits, slot.figures = -1, None, False, {}
+                self._ready.append(slot)
+                return
+        raise InvalidInputError("trial", "every environment of the worker is taken", "Ask for `free` first")
+
+    def finished(self, timeout_s: float) -> list[JournalEntry]:
+        """Go on with the trials until one has ended, or the time is over.
+
+        Args:
+            timeout_s: How long to go on [s]; what is begun is not interrupted.
+
+        Returns:
+            The lines for the journal of the trials that have ended.
+
+        Raises:
+            PremiseError: If a scene does not show what its instruction presupposes.
+            StorageError: If the disk is full.
+            PolicyUnavailableError: If the policy's server cannot be reached. The call before has returned the trial
+                that noticed it, as an error.
+            HandshakeError: If the policy has become another one, likewise.
+        """
+        if self._stop is not None:
+            raise self._stop
+        until = time.perf_counter() + timeout_s
+        ended: list[JournalEntry] = []
+        while not ended:
+            self._collect(0.0)
+            if self._ready:
+                entry = self._advance(self._ready.popleft())
+                ended += [] if entry is None else [entry]
+            else:
+                left = until - time.perf_counter()
+                if left <= 0.0 or self.free == len(self._slots):
+                    break
+                self._collect(left)
+            if time.perf_counter() >= until:
+                break
+        return ended
+
+    def close(self) -> None:
+        """Drop the trials that have not ended, and close the policy; one that hangs is left to its thread."""
+        respondents = []
+        for slot in self._slots:
+            if slot.steps is not None:
+                slot.steps.close()
+                slot.steps = None
+            if slot.respondent is not None:
+                slot.respondent.dismiss()
+                respondents.append(slot.respondent)
+                slot.respondent = None
+                if is_remote(self._setting.asked):
+                    respondents[-1].cut()
+        until = time.perf_counter() + LEAVE_S
+        quiet = all([r.join(until - time.perf_counter()) for r in respondents])  # noqa: C419 - each gets its moment
+        self._ready.clear()
+        with self._lock:
+            shared, self._shared = self._shared, None
+        if shared is not None and quiet:
+            shared.close()
+        self._workshop.close()
+
+    def _advance(self, slot: _Slot) -> JournalEntry | None:
+        """Go on with one trial until it waits, and return its line for the journal when it has ended."""
+        steps = slot.steps
+        if steps is None:
+            return None
+        given, slot.outcome, slot.waits = slot.outcome, None, False
+        stop: BetterError | None = None
+        try:
+            while True:
+                if isinstance(given, BaseException):
+                    stop = given if isinstance(given, PolicyUnavailableError | HandshakeError) else None
+                    question = steps.throw(given)
+                else:
+                    question = steps.send(given)
+                given = None
+                if question is not None:
+                    self._ask(slot, question)
+                    if question.wanted_in:
+                        continue
+                slot.waits = True
+                return None
+        except StopIteration as end:
+            entry: JournalEntry = end.value
+        slot.steps, slot.ticket = None, -1
+        self._stop = self._stop or stop
+        return replace(entry, wall={**entry.wall, **slot.figures}) if slot.figures else entry
+
+    def _collect(self, timeout_s: float) -> None:
+        """Take answers out of the box, waiting for the first one, and note which trials can go on."""
+        now = time.perf_counter()
+        if self._timed:
+            due = [s.asked_at for s in self._slots if s.waits]
+            timeout_s = min([timeout_s, *(max(0.0, t + self._setting.policy_timeout_s - now) for t in due)])
+        try:
+            answered = self._outbox.get(timeout=timeout_s) if timeout_s > 0.0 else self._outbox.get_nowait()
+            while True:
+                self._note(answered)
+                answered = self._outbox.get_nowait()
+        except queue.Empty:
+            pass
+        if self._timed:
+            self._give_up_on_the_late()
+
+    def _note(self, answered: Answered) -> None:
+        for slot in self._slots:
+            if slot.ticket == answered.ticket:
+                slot.ticket, slot.outcome = -1, answered.outcome
+                slot.figures = answered.figures
+                if slot.waits:
+                    self._ready.append(slot)
+                return
+        # The answer to a question of a trial that has ended, or that has given up waiting.
+
+    def _ask(self, slot: _Slot, question: Question) -> None:
+        """Put a question to the policy, in the thread of the environment."""
+        if slot.respondent is None:
+            make = self._share if self._workshop.minds.takes_batches else self._workshop.minds.take
+            slot.respondent = Respondent(make, self._outbox, lambda: next(self._numbers))
+        slot.question, slot.asked_at, slot.outcome = question, time.perf_counter(), None
+        slot.ticket = slot.respondent.ask(question.seen)
+
+    def _share(self) -> Policy:
+        """Return the instance that all environments ask, as one of them sees it; called in their threads."""
+        with self._lock:
+            if self._shared is None:
+                taken = self._workshop.minds.take()
+                if not isinstance(taken, BatchPolicy):
+                    raise AssertionError("the policy took batches before")
+                self._shared = SharedPolicy(taken, MAX_BATCH)
+            return self._shared.seat()
+
+    def _give_up_on_the_late(self) -> None:
+        """End the trials whose policy hangs; its thread cannot be ended, so it is left alone and replaced."""
+        limit = self._setting.policy_timeout_s
+        late = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
+        for slot in late:
+            slot.ticket = -1
+            slot.outcome = PolicyError(f"the policy gave no answer within {limit:g} s. Raise --policy-timeout.")
+            self._ready.append(slot)
+        if not late:
+            return
+        hang = self._slots if self._workshop.minds.takes_batches else late
+        with self._lock:
+            shared, self._shared = self._shared, None
+        if shared is not None:
+            # Closing waits for the call that hangs, if it ever ends.
+            threading.Thread(target=shared.close, name="farewell", daemon=True).start()
+        for slot in hang:
+            if slot.respondent is not None:
+                slot.respondent.dismiss()
+                slot.respondent = None
+            if slot.ticket >= 0 and slot.question is not None:
+                self._ask(slot, slot.question)  # it waited behind the batch that hangs

@@ -1,0 +1,288 @@
+"""Adapters: what a policy is shown and how its answers are read, as data that can be stored, compared and declared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+
+from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.answers import AnswerRule
+from betterbench.policies.fitting import EVERY_CAMERA, PictureRule
+from betterbench.policies.proprioception import StateRule
+
+PANDA_OPENING_M = 0.08
+"""Distance of the pads of a fully open Franka hand [m]."""
+
+CONTROL_RATE_HZ = 20.0
+"""Control rate of the suite [Hz]."""
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class InstructionRule:
+    """Where the sentence goes.
+
+    Attributes:
+        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
+        depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
+    """
+
+    key: tuple[str, ...]
+    depth: Literal[0, 1, 2] = 0
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class Adapter:
+    """What a policy is shown and how its answers are read. Statistics and normalisation stay with the server.
+
+    Attributes:
+        name: Name of the preset it comes from, or of the file.
+        views: What it sees.
+        states: What it feels.
+        instruction: Where the sentence goes.
+        answer: How its answers are read.
+        leading_axes: Axes of length 1 before those of pictures and states: 1 for a batch, 2 for batch and time.
+        ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
+            origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        gripper_opening_m: Distance of the pads that counts as fully open [m].
+        control_rate_hz: Control rate of the run [Hz].
+        episode_key: Where the trial is named, or None. Only our own servers are told, which mirror the scene.
+    """
+
+    name: str
+    views: tuple[PictureRule, ...]
+    states: tuple[StateRule, ...]
+    instruction: InstructionRule
+    answer: AnswerRule = field(default_factory=AnswerRule)
+    leading_axes: Literal[0, 1, 2] = 0
+    ee_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gripper_opening_m: float = PANDA_OPENING_M
+    control_rate_hz: float = CONTROL_RATE_HZ
+    episode_key: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that no two entries share a key.
+
+        Raises:
+            InvalidInputError: If two do, or a number is out of range.
+        """
+        keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
+        keys += [] if self.episode_key is None else [self.episode_key]
+        for i, key in enumerate(keys):
+            if not key or not all(key):
+                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
+            if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
+                raise InvalidInputError(
+                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each its own"
+                )
+        for name in ("gripper_opening_m", "control_rate_hz"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give more than 0")
+        if not all(abs(v) < 100.0 for v in self.ee_offset_m):
+            raise InvalidInputError(f"adapter {self.name}: ee_offset_m", "it is out of range", "Give metres")
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that it needs, each once; ``*`` for all there are."""
+        return tuple(dict.fromkeys(rule.camera for rule in self.views))
+
+    def pictures(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
+        """Return exactly the pictures that the policy is shown.
+
+        Args:
+            observation: What is seen now.
+
+        Returns:
+            Per key of the request an (height, width, 3) uint8 picture.
+
+        Raises:
+            PolicyError: If the run does not render a camera that is needed.
+        """
+        shown = {}
+        for rule in self.views:
+            for camera in observation.images if rule.camera == EVERY_CAMERA else (rule.camera,):
+                if camera not in observation.images:
+                    there = ", ".join(observation.images) or "none"
+                    raise PolicyError(
+                        f"adapter {self.name} wants the camera {camera!r}, and the run renders {there}. "
+                        f"Give --observation with it, or camera.{'/'.join(rule.key)}=NAME in the policy's address."
+                    )
+                shown[rule.named(camera)] = rule.show(observation.images[camera])
+        return shown
+
+    def request(self, observation: Observation, start: EpisodeStart | None = None) -> dict[str, Any]:
+        """Return the message that asks a policy for actions.
+
+        Args:
+            observation: What is seen now.
+            start: How the episode began; used only where the adapter names the trial.
+
+        Returns:
+            Texts, numbers and arrays by key, nested where a key has several names.
+
+        Raises:
+            PolicyError: If the run does not render a camera that is needed.
+        """
+        message: dict[str, Any] = {}
+        for key, picture in self.pictures(observation).items():
+            put(message, key, picture.reshape((1,) * self.leading_axes + picture.shape))
+        for rule in self.states:
+            value = rule.read(observation, ee_offset_m=self.ee_offset_m, gripper_opening_m=self.gripper_opening_m)
+            if isinstance(value, np.ndarray):
+                value = value.reshape((1,) * self.leading_axes + value.shape)
+            put(message, rule.key, value)
+        sentence: Any = observation.instruction
+        for _ in range(self.instruction.depth):
+            sentence = [sentence]
+        put(message, self.instruction.key, sentence)
+        if self.episode_key is not None and start is not None:
+            trial = {
+                "task": start.task,
+                "condition": start.condition,
+                "seed": start.seed,
+                "action_space": start.action_space,
+                "instruction": start.instruction,
+            }
+            put(message, self.episode_key, trial)
+        return message
+
+    def actions(self, reply: object, observation: Observation) -> np.ndarray:
+        """Return the actions that a reply means.
+
+        Args:
+            reply: What the policy answered.
+            observation: What it was asked about.
+
+        Returns:
+            (horizon, dim) float64 in the action space ``answer.space``.
+
+        Raises:
+            PolicyError: If the reply cannot be read; the text names the key and what it holds.
+        """
+        if not isinstance(reply, Mapping):
+            raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
+        return self.answer.read(reply, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz)
+
+    def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
+        """Return what a policy with this adapter would answer to mean these actions.
+
+        Args:
+            actions: (horizon, dim) in the action space ``answer.space``.
+            observation: What the policy was asked about.
+        """
+        message: dict[str, Any] = {}
+        written = self.answer.write(
+            actions, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz
+        )
+        for key, array in written.items():
+            put(message, key, array)
+        return message
+
+    def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
+        """Return the adapter with other cameras under some of its keys.
+
+        Args:
+            cameras: Name of our camera by the policy's key, nested keys joined by "/".
+
+        Raises:
+            UnknownNameError: If the adapter has no such key.
+        """
+        known = {"/".join(rule.key): rule for rule in self.views}
+        for key in cameras:
+            if key not in known:
+                raise UnknownNameError(f"picture of adapter {self.name}", key, known)
+        changed = tuple(replace(rule, camera=cameras[key]) if key in cameras else rule for key, rule in known.items())
+        return replace(self, views=changed)
+
+    def in_space(self, space: str) -> Adapter:
+        """Return the adapter with answers in another of our action spaces.
+
+        Raises:
+            UnknownNameError: If there is no such action space.
+            InvalidInputError: If its columns do not make such an action.
+        """
+        return replace(self, answer=replace(self.answer, space=space))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form with every default written out; a key of one name is a string, else a list."""
+        form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
+        return form
+
+    @classmethod
+    def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
+        """Read the JSON form.
+
+        Args:
+            form: The JSON form.
+            where: What to call it in an error.
+
+        Raises:
+            InvalidInputError: If a field is missing, unknown or malformed.
+            UnknownNameError: If it names an action space that does not exist.
+        """
+        try:
+            return _ADAPTER.validate_python(_longer(form))
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            path = ".".join(str(part) for part in first["loc"]) or "the whole"
+            raise InvalidInputError(
+                f"{where}: {path}", str(first["msg"]), "Write it as better doctor --policy P --json prints it"
+            ) from error
+
+    @classmethod
+    def load(cls, path: Path) -> Adapter:
+        """Read an adapter from a JSON file.
+
+        Raises:
+            InvalidInputError: If it cannot be read; the text names the field.
+        """
+        try:
+            form = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise InvalidInputError(f"adapter {path}", f"it cannot be read ({error})", "Give a JSON file") from error
+        if isinstance(form, dict):
+            form.setdefault("name", path.stem)
+        return cls.from_json(form, where=f"adapter {path}")
+
+
+_ADAPTER = TypeAdapter(Adapter)
+_KEYS = ("key", "episode_key")
+
+
+def put(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
+    """Set an entry of a message, making the maps on the way to it."""
+    *way, last = key
+    for name in way:
+        message = message.setdefault(name, {})
+    message[last] = value
+
+
+def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
+    """Return a JSON form with keys of one name as strings."""
+    if isinstance(form, list):
+        return [_shorter(value) for value in form]
+    if not isinstance(form, dict):
+        return form
+    return {
+        name: value[0] if name in _KEYS and isinstance(value, list) and len(value) == 1 else _shorter(value)
+        for name, value in form.items()
+    }
+
+
+def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
+    """Return a JSON form with keys as lists."""
+    if isinstance(form, list):
+        return [_longer(value) for value in form]
+    if not isinstance(form, dict):
+        return form
+    return {
+        name: [value] if name in _KEYS and isinstance(value, str) else _longer(value) for name, value in form.items()
+    }

@@ -1,0 +1,213 @@
+"""Addresses of remote policies: ``openpi://host:port?preset=openpi_libero&horizon=5``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+from urllib.parse import parse_qsl, urlsplit
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface.policy import Execution
+
+Word = TypeVar("Word", bound=str)
+
+DEFAULT_PORTS = {"openpi": 8000, "gr00t": 5555, "vla-eval": 8000, "being-h": 5555}
+"""Schemes of servers, with the port that each listens on unless told otherwise."""
+
+EXECUTION_OPTIONS = ("horizon", "ahead", "ensemble")
+"""How chunks are played; see :class:`betterbench.interface.Execution`."""
+
+LINK_OPTIONS = ("timeout", "warmup", "retries", "patience", "api_key_env", "tls")
+"""How a server is reached: deadline of one request and of the first one [s], how often a failed one is asked again, how
+long an unreachable server is waited for [s], the environment variable that holds the key, and whether the connection is
+encrypted."""
+
+ADAPTER_OPTIONS = (
+    "preset",
+    "adapter",
+    "size",
+    "fit",
+    "keep",
+    "turn",
+    "mirror",
+    "ee_offset",
+    "action_space",
+    "units",
+    "frame",
+    "rotation",
+    "gripper",
+)
+"""What the policy is shown and how its answers are read: a preset or a file, and what differs from it."""
+
+CAMERA_OPTION = "camera."
+"""``camera.KEY=NAME`` shows our camera NAME under the policy's picture key KEY."""
+
+OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
+    "openpi": (),
+    "vla-eval": ("images",),
+    "gr00t": ("layout", "api_token_env"),
+    "being-h": ("delay",),
+    "lerobot": ("device", "state"),
+}
+"""Options that only one scheme knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyAddress:
+    """Where a policy is and how it is to be used.
+
+    Attributes:
+        text: The address as it was given.
+        scheme: What speaks there ("openpi").
+        target: Server ("localhost:8000") or checkpoint.
+        options: Options by name; :meth:`parse` has checked the names.
+    """
+
+    text: str
+    scheme: str
+    target: str
+    options: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def parse(cls, text: str) -> PolicyAddress:
+        """Read an address.
+
+        Args:
+            text: "scheme://host:port?key=value&..." or "lerobot:CHECKPOINT?key=value&...".
+
+        Raises:
+            UnknownNameError: If the scheme or an option does not exist.
+            InvalidInputError: If the address names no target, or gives an option twice or without a value.
+        """
+        scheme, separator, rest = text.partition(":")
+        if not separator or scheme not in OWN_OPTIONS:
+            raise UnknownNameError("kind of remote policy", scheme, OWN_OPTIONS)
+        target, _, query = rest.removeprefix("//").partition("?")
+        where = f"policy {text}"
+        if not target:
+            raise InvalidInputError(where, "it names nothing after the colon", f"Write {_example(scheme)}")
+        try:
+            pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=100)
+        except ValueError as error:
+            raise InvalidInputError(
+                where, f"its options cannot be read ({error})", "Write ?key=value&key=value"
+            ) from None
+        options = dict(pairs)
+        known = (*EXECUTION_OPTIONS, *LINK_OPTIONS, *ADAPTER_OPTIONS, *OWN_OPTIONS[scheme])
+        for name, value in pairs:
+            if name not in known and not (name.startswith(CAMERA_OPTION) and name != CAMERA_OPTION):
+                raise UnknownNameError(f"option of {scheme}", name, (*known, f"{CAMERA_OPTION}KEY"))
+            if not value:
+                raise InvalidInputError(where, f"{name} has no value", f"Write {name}=VALUE or leave it out")
+        if len(options) < len(pairs):
+            raise InvalidInputError(where, "it gives an option twice", "Give each option once")
+        address = cls(text, scheme, target, options)
+        if scheme in DEFAULT_PORTS:
+            address.server()
+        elif rest.startswith("//"):
+            raise InvalidInputError(where, "a checkpoint is no server", f"Write {_example(scheme)}")
+        address.execution()
+        return address
+
+    def server(self) -> tuple[str, int]:
+        """Return host and port of the server.
+
+        Raises:
+            InvalidInputError: If the target is no "host:port".
+        """
+        host, port = None, None
+        try:
+            parts = urlsplit(f"//{self.target}")
+            if not (parts.path or parts.username or parts.password or parts.fragment):
+                host, port = parts.hostname, parts.port
+        except ValueError:
+            host = None
+        if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
+            raise InvalidInputError(
+                f"policy {self.text}",
+                f"{self.target!r} is no host with a port from 1 to 65535",
+                f"Write {_example(self.scheme)}",
+            )
+        return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
+
+    def execution(self) -> Execution:
+        """Return how the chunks of the policy are played.
+
+        Raises:
+            InvalidInputError: If an option is no number, or the numbers do not go together.
+        """
+        return Execution(
+            horizon=self.whole("horizon") if "horizon" in self.options else None,
+            ahead=self.whole("ahead", 0),
+            ensemble=self.number("ensemble") if "ensemble" in self.options else None,
+        )
+
+    def number(self, name: str, default: float = 0.0) -> float:
+        """Return a finite number of at least 0.
+
+        Args:
+            name: Name of the option.
+            default: What it is when it is not given.
+
+        Raises:
+            InvalidInputError: If it is something else.
+        """
+        text = self.options.get(name)
+        if text is None:
+            return default
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 <= value < math.inf:
+            raise InvalidInputError(
+                f"policy {self.text}", f"{name}={text} is no number of at least 0", "Give such a one"
+            )
+        return value
+
+    def whole(self, name: str, default: int = 0) -> int:
+        """Return a whole number of at least 0.
+
+        Args:
+            name: Name of the option.
+            default: What it is when it is not given.
+
+        Raises:
+            InvalidInputError: If it is something else.
+        """
+        value = self.number(name, float(default))
+        if value != int(value):
+            raise InvalidInputError(
+                f"policy {self.text}", f"{name}={self.options[name]} is no whole number", "Give one, such as 8"
+            )
+        return int(value)
+
+    def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
+        """Return one of several words.
+
+        Args:
+            name: Name of the option.
+            choices: The words.
+            default: What it is when it is not given.
+
+        Raises:
+            UnknownNameError: If it is another word.
+        """
+        if name not in self.options:
+            return default
+        for word in choices:
+            if word == self.options[name]:
+                return word
+        raise UnknownNameError(name, self.options[name], choices)
+
+    def __str__(self) -> str:
+        """Return the address as it was given."""
+        return self.text
+
+
+def _example(scheme: str) -> str:
+    """Return an address of that scheme as it should look."""
+    port = DEFAULT_PORTS.get(scheme)
+    return f"{scheme}:CHECKPOINT" if port is None else f"{scheme}://localhost:{port}"

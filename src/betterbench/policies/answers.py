@@ -1,0 +1,352 @@
+"""A policy's answer as actions of ours: which columns mean what, in which units, frame and polarity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ConfigDict, with_config
+
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
+from betterbench.interface import Observation
+from betterbench.interface.actions import (
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    action_space,
+)
+from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
+
+Kind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
+"""What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
+position."""
+
+Polarity = Literal["close_positive", "open_positive", "closed_fraction", "open_fraction"]
+"""What the gripper's number means: its sign closes or opens, or it is a share, 1 for closed or for open, of which more
+than a half counts."""
+
+_DELTAS = ("ee_delta", "ee_delta_measured")
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class AnswerPart:
+    """Some columns of an answer.
+
+    Attributes:
+        key: Where they stand in the reply. Parts with the same key follow each other in its columns.
+        kind: What they mean.
+        size: How many columns; None for what the kind needs.
+    """
+
+    key: tuple[str, ...]
+    kind: Kind
+    size: int | None = None
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class AnswerRule:
+    """How an answer is read.
+
+    Attributes:
+        space: Which of our action spaces it means.
+        parts: Its columns.
+        rotation: Format of its rotations.
+        frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
+        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for metres.
+        rotation_unit_rad: What 1 of a delta's rotation vector or angles amounts to [rad].
+        joint_unit_rad: What 1 of a joint step amounts to [rad].
+        step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
+            None if one answer is one step, whatever the rate.
+        gripper: What the gripper's number means.
+    """
+
+    space: str = "ee_delta"
+    parts: tuple[AnswerPart, ...] = (AnswerPart(("actions",), "action"),)
+    rotation: RotationFormat = "axis_angle"
+    frame: Literal["base", "tool"] = "base"
+    translation_unit_m: float = TRANSLATION_PER_UNIT_M
+    rotation_unit_rad: float = ROTATION_PER_UNIT_RAD
+    joint_unit_rad: float = 1.0
+    step_rate_hz: float | None = None
+    gripper: Polarity = "close_positive"
+
+    def __post_init__(self) -> None:
+        """Check that the parts make an action of the space.
+
+        Raises:
+            InvalidInputError: If something is missing, doubled or out of range.
+            UnknownNameError: If there is no such action space.
+        """
+        action_space(self.space)
+        if not self.parts:
+            raise InvalidInputError("answer", "it has no parts", "Name them, such as translation, rotation, gripper")
+        for name in ("translation_unit_m", "rotation_unit_rad", "joint_unit_rad", "step_rate_hz"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < float("inf"):
+                raise InvalidInputError(f"answer: {name}", f"{value:g} is out of range", "Give more than 0")
+        for part in self.parts:
+            if part.size is not None and not 1 <= part.size <= 10_000:
+                raise InvalidInputError(
+                    f"answer: {part.kind}", f"{part.size} columns are out of range", "Give 1 or more"
+                )
+            if part.kind == "unused" and part.size is None:
+                raise InvalidInputError("answer: unused", "it does not say how many columns", "Give its size")
+            if part.kind != "unused" and part.size not in (None, self._natural(part.kind)):
+                raise InvalidInputError(
+                    f"answer: {part.kind}",
+                    f"it has {part.size} columns, and {self._natural(part.kind)} are needed",
+                    "Leave the size out",
+                )
+        needed = {"joints", "gripper"} if self.space.startswith("joint") else {"translation", "rotation", "gripper"}
+        kinds = [p.kind for p in self.parts if p.kind != "unused"]
+        if kinds != ["action"] and sorted(kinds) != sorted(needed):
+            raise InvalidInputError(
+                "answer",
+                f"it has {', '.join(kinds) or 'nothing'}",
+                f"{self.space} needs {', '.join(sorted(needed))}, once",
+            )
+        if self.frame == "tool" and self.space not in _DELTAS:
+            raise InvalidInputError("answer: frame", f"{self.space} knows no tool frame", "Use base")
+
+    @property
+    def as_is(self) -> bool:
+        """Whether it holds whole actions of ours already."""
+        return any(part.kind == "action" for part in self.parts)
+
+    def _natural(self, kind: Kind) -> int | None:
+        sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
+        return action_space(self.space).dim if kind == "action" else sizes.get(kind)
+
+    def _size(self, part: AnswerPart) -> int:
+        return part.size or self._natural(part.kind) or 0
+
+    @property
+    def columns(self) -> dict[tuple[str, ...], int]:
+        """How many columns the array under each key has."""
+        found: dict[tuple[str, ...], int] = {}
+        for part in self.parts:
+            found[part.key] = found.get(part.key, 0) + self._size(part)
+        return found
+
+    def read(
+        self,
+        reply: Mapping[Any, Any],
+        observation: Observation,
+        *,
+        ee_offset_m: tuple[float, ...],
+        control_rate_hz: float,
+    ) -> np.ndarray:
+        """Return the actions that a reply means.
+
+        Rows with a number that is not finite stay recognisable: they come back with numbers that are not finite.
+
+        Args:
+            reply: What the policy answered.
+            observation: What it was asked about.
+            ee_offset_m: What was added to the end effector's position [m]; taken off an absolute one.
+            control_rate_hz: Control rate of the run [Hz].
+
+        Returns:
+            (horizon, dim) float64 in our action space.
+
+        Raises:
+            PolicyError: If the reply has no such arrays, or a rotation in it is none.
+        """
+        arrays = {key: _rows(reply, key, width) for key, width in self.columns.items()}
+        lengths = {len(a) for a in arrays.values()}
+        if len(lengths) > 1:
+            told = ", ".join(f"{'/'.join(k)}: {len(a)}" for k, a in arrays.items())
+            raise PolicyError(f"the reply has chunks of different lengths ({told}). Send one length for all.")
+        taken: dict[str, np.ndarray] = {}
+        at = dict.fromkeys(arrays, 0)
+        for part in self.parts:
+            begin = at[part.key]
+            at[part.key] = begin + self._size(part)
+            taken[part.kind] = arrays[part.key][:, begin : at[part.key]]
+        if self.as_is:
+            return taken["action"]
+        used = np.concatenate([v for k, v in taken.items() if k != "unused"], axis=1)
+        bad = ~np.isfinite(used).all(axis=1)
+        if self._is_plain:
+            pieces = [taken["translation"], taken["rotation"]] if "translation" in taken else [taken["joints"]]
+            return np.concatenate([*pieces, taken["gripper"]], axis=1)
+        clean = {k: np.where(bad[:, None], 0.0, v) for k, v in taken.items()}
+        try:
+            actions = self._convert(clean, bad, observation, ee_offset_m, self._pace(control_rate_hz))
+        except ValueError as error:
+            raise PolicyError(f"the reply's rotation is none ({error}). Send {self.rotation}.") from error
+        actions[bad] = np.nan
+        return actions
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether the numbers are ours already, in whatever order."""
+        plain = self.gripper == "close_positive" and self.frame == "base" and self.step_rate_hz is None
+        if self.space in _DELTAS:
+            units = (self.translation_unit_m, self.rotation_unit_rad)
+            return plain and self.rotation == "axis_angle" and units == (TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD)
+        return plain and self.space == "joint_position"
+
+    def _pace(self, control_rate_hz: float) -> float:
+        """Return by how much a step is longer or shorter here than at the rate it was made for."""
+        return 1.0 if self.step_rate_hz is None else self.step_rate_hz / control_rate_hz
+
+    def _convert(
+        self,
+        taken: Mapping[str, np.ndarray],
+        bad: np.ndarray,
+        observation: Observation,
+        ee_offset_m: tuple[float, ...],
+        pace: float,
+    ) -> np.ndarray:
+        scale = np.array(action_space(self.space).scale[:-1])
+        gripper = self._close(taken["gripper"])
+        if self.space.startswith("joint"):
+            factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
+            return np.concatenate([taken["joints"] * (factor / scale), gripper], axis=1)
+        rows = [row.tolist() for row in taken["rotation"]]
+        if self.space == "ee_pose":
+            zero = from_format((0.0,) * 3, "axis_angle")
+            turns = [zero if b else from_format(row, self.rotation) for row, b in zip(rows, bad, strict=True)]
+            return np.concatenate([taken["translation"] - np.array(ee_offset_m), turns, gripper], axis=1)
+        translation = taken["translation"] * (self.translation_unit_m * pace)
+        rotation = np.zeros((len(rows), 3))
+        for i, row in enumerate(rows):
+            if bad[i]:
+                continue
+            if self.rotation == "axis_angle":
+                rotation[i] = np.multiply(row, self.rotation_unit_rad)
+            elif self.rotation == "rpy":
+                rotation[i] = to_axis_angle(from_format([v * self.rotation_unit_rad for v in row], "rpy"))
+            else:
+                rotation[i] = to_axis_angle(from_format(row, self.rotation))
+        rotation *= pace
+        if self.frame == "tool":
+            self._to_base(translation, rotation, observation)
+        return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
+
+    def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
+        """Turn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
+        tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
+        for i in range(len(translation)):
+            turn = from_axis_angle(rotation[i].tolist())
+            translation[i] = rotate(tool, translation[i].tolist())
+            rotation[i] = rotate(tool, rotation[i].tolist())
+            tool = multiply(tool, turn)
+
+    def _close(self, gripper: np.ndarray) -> np.ndarray:
+        """Return the gripper's column with positive for closing."""
+        if self.gripper == "close_positive":
+            return gripper
+        if self.gripper == "open_positive":
+            return -gripper
+        above = np.where(gripper > 0.5, 1.0, -1.0)
+        return above if self.gripper == "closed_fraction" else -above
+
+    def write(
+        self, actions: np.ndarray, observation: Observation, *, ee_offset_m: tuple[float, ...], control_rate_hz: float
+    ) -> dict[tuple[str, ...], np.ndarray]:
+        """Return what a policy with this layout would answer to mean these actions: the inverse of :meth:`read`.
+
+        Args:
+            actions: (horizon, dim) in our action space.
+            observation: What the policy was asked about.
+            ee_offset_m: What was added to the end effector's position [m].
+            control_rate_hz: Control rate of the run [Hz].
+
+        Returns:
+            Per key of the reply its array (horizon, columns), float64.
+        """
+        given = np.asarray(actions, dtype=np.float64)
+        scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
+        body, gripper = given[:, :-1], given[:, -1:]
+        kinds: dict[str, np.ndarray] = {"gripper": self._as_policy(gripper)}
+        if self.as_is:
+            kinds["action"] = given
+        elif self.space.startswith("joint"):
+            factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
+            kinds["joints"] = body * (scale / factor)
+        elif self.space == "ee_pose":
+            kinds["translation"] = body[:, :3] + np.array(ee_offset_m)
+            kinds["rotation"] = np.array([to_format(q.tolist(), self.rotation) for q in body[:, 3:]])
+        else:
+            moves, turns = (body * scale)[:, :3], (body * scale)[:, 3:]
+            if self.frame == "tool":
+                self._to_tool(moves, turns, observation)
+            kinds["translation"] = moves / (self.translation_unit_m * pace)
+            kinds["rotation"] = self._turns(turns / pace)
+        columns: dict[tuple[str, ...], list[np.ndarray]] = {}
+        for part in self.parts:
+            blank = np.zeros((len(given), self._size(part)))
+            columns.setdefault(part.key, []).append(kinds.get(part.kind, blank))
+        return {key: np.concatenate(parts, axis=1) for key, parts in columns.items()}
+
+    def _to_tool(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
+        """Turn deltas in the base's frame to the tool's, in place."""
+        tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
+        for i in range(len(translation)):
+            translation[i] = rotate(conjugate(tool), translation[i].tolist())
+            rotation[i] = rotate(conjugate(tool), rotation[i].tolist())
+            tool = multiply(tool, from_axis_angle(rotation[i].tolist()))
+
+    def _turns(self, vectors: np.ndarray) -> np.ndarray:
+        if self.rotation == "axis_angle":
+            return vectors / self.rotation_unit_rad
+        forms = np.array([to_format(from_axis_angle(v.tolist()), self.rotation) for v in vectors])
+        return forms / self.rotation_unit_rad if self.rotation == "rpy" else forms
+
+    def _as_policy(self, gripper: np.ndarray) -> np.ndarray:
+        if self.gripper == "close_positive":
+            return gripper
+        if self.gripper == "open_positive":
+            return -gripper
+        closed = (gripper > 0.0).astype(np.float64)
+        return closed if self.gripper == "closed_fraction" else 1.0 - closed
+
+
+def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
+    """Return what stands under a key of a reply.
+
+    Args:
+        reply: The reply.
+        key: A name, or the names on the way through nested maps.
+
+    Raises:
+        PolicyError: If there is nothing; the text names what there is.
+    """
+    found: object = reply
+    for name in key:
+        if not isinstance(found, Mapping) or name not in found:
+            there = ", ".join(sorted(str(k)[:40] for k in found)[:20]) if isinstance(found, Mapping) else "no map"
+            raise PolicyError(f"the reply has no {'/'.join(key)!r}. It has: {there or 'nothing'}.")
+        found = found[name]
+    return found
+
+
+def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
+    """Return the array under a key as (horizon, width) float64."""
+    name, given = "/".join(key), pick(reply, key)
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        array = np.asarray(None)
+    if array.dtype.kind not in "fiu":
+        kind = array.dtype if isinstance(given, np.ndarray) else type(given).__name__
+        raise PolicyError(f"the reply's {name!r} is no array of real numbers ({kind}). Send float32 or float64.")
+    shape = array.shape
+    while array.ndim > 2 and array.shape[0] == 1:
+        array = array[0]
+    if array.ndim == 1:
+        array = array[:, None] if width == 1 else array[None]
+    if array.ndim != 2 or array.shape[1] != width:
+        raise PolicyError(
+            f"the reply's {name!r} has shape {shape}. The adapter reads ({width},) or (horizon, {width}); "
+            "choose another preset, or correct the adapter."
+        )
+    if len(array) == 0:
+        raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
+    return array.astype(np.float64)

@@ -1,0 +1,101 @@
+"""Gathering: what several callers ask at the same time is answered in one call."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+Question = TypeVar("Question")
+Answer = TypeVar("Answer")
+
+MAX_BATCH = 16
+"""Questions that one call answers at most, unless another number is asked for."""
+
+
+@dataclass
+class _Ticket(Generic[Question, Answer]):
+    """One question on its way."""
+
+    question: Question
+    done: threading.Event = field(default_factory=threading.Event)
+    answer: Answer | None = None
+    problem: BaseException | None = None
+
+
+class Gatherer(Generic[Question, Answer]):
+    """Answers the questions of many threads in one thread, all that wait at a moment together.
+
+    Nothing waits for company: while one call is under way the next questions gather by themselves, so a busy policy
+    gets large batches and an idle one answers at once. Where a batch fails its questions are asked one by one, so that
+    a caller sees the fault of its own question only.
+    """
+
+    def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Answer]], *, limit: int = MAX_BATCH) -> None:
+        """Start the thread.
+
+        Args:
+            answer: Answers one or more questions, in their order.
+            limit: Questions in one call at most.
+        """
+        self._answer, self._limit = answer, max(1, limit)
+        self._waiting: queue.SimpleQueue[_Ticket[Question, Answer] | None] = queue.SimpleQueue()
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="gatherer", daemon=True)
+        self._thread.start()
+
+    def ask(self, question: Question) -> Answer:
+        """Return the answer to a question; what the answering function raised for it is raised here.
+
+        Raises:
+            RuntimeError: If the gatherer is closed.
+        """
+        if self._closed:
+            raise RuntimeError("the policy is being shut down")
+        ticket: _Ticket[Question, Answer] = _Ticket(question)
+        self._waiting.put(ticket)
+        while not ticket.done.wait(1.0):
+            if not self._thread.is_alive():
+                raise RuntimeError("the policy has been shut down")
+        if ticket.problem is not None:
+            raise ticket.problem
+        return ticket.answer  # type: ignore[return-value]
+
+    def close(self) -> None:
+        """Answer what waits, then end the thread."""
+        self._closed = True
+        self._waiting.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        while True:
+            tickets = [self._waiting.get()]
+            while len(tickets) < self._limit:
+                try:
+                    tickets.append(self._waiting.get_nowait())
+                except queue.Empty:
+                    break
+            asked = [t for t in tickets if t is not None]
+            if asked:
+                self._serve(asked)
+            if len(asked) < len(tickets):
+                return
+
+    def _serve(self, tickets: list[_Ticket[Question, Answer]]) -> None:
+        try:
+            answers = list(self._answer([t.question for t in tickets]))
+            if len(answers) != len(tickets):
+                raise ValueError(f"the policy gave {len(answers)} answers to {len(tickets)} observations")  # noqa: TRY301
+        except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread that asked
+            if len(tickets) > 1:
+                for ticket in tickets:
+                    self._serve([ticket])
+                return
+            tickets[0].problem = problem
+        else:
+            for ticket, answer in zip(tickets, answers, strict=True):
+                ticket.answer = answer
+        for ticket in tickets:
+            ticket.done.set()

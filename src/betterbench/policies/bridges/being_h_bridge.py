@@ -1,0 +1,223 @@
+"""Serves a policy object behind openpi's websocket protocol: one file, to be copied beside the policy.
+
+It needs ``websockets`` (14 or newer), ``msgpack`` and ``numpy``, and of the policy a method ``get_action(dict) ->
+dict`` as Being-H's has. Write a file that makes the policy::
+
+    # my_policy.py, beside this file, in the environment of Being-H
+    from BeingH.inference.policy import InternVLPolicy
+
+    def make():
+        return InternVLPolicy(model_path="path/to/checkpoint", ...)  # with the options of your own server script
+
+and serve what it makes, then evaluate it from any machine::
+
+    python being_h_bridge.py my_policy:make --port 8000
+    better eval --policy "openpi://HOST:8000?preset=being_h_libero&horizon=16" ...
+
+It listens on this machine only unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` asks clients for a key.
+Nothing is unpickled on either side. One question at a time reaches the policy, however many clients are connected.
+
+Real-time chunking (``--inference-delay`` in control steps): what the policy answers as ``action_unified`` is kept for
+the connection and given back as ``prev_chunk`` with ``inference_delay`` at the next question. A new episode must begin
+without it, so it is done only for clients that say where they are: add a state with the key ``better/step`` and the one
+part ``step`` to the adapter. The policy is not shown that number.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hmac
+import http
+import importlib
+import logging
+import os
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgpack
+import numpy as np
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import Server, ServerConnection, serve
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from websockets.http11 import Request, Response
+
+logger = logging.getLogger("being_h_bridge")
+
+MAX_FRAME_BYTES = 256 * 1024 * 1024
+"""Largest question that is read."""
+
+
+class Policy(Protocol):
+    """What is served."""
+
+    def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """Return ``action.<name>`` entries, each (chunk, size) or (1, chunk, size)."""
+
+
+def encode(value: object) -> bytes:
+    """Return the frame of a value in openpi's dialect of msgpack.
+
+    Args:
+        value: Maps, lists, texts, numbers and NumPy arrays.
+    """
+    return bytes(msgpack.packb(value, default=_mark))
+
+
+def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
+    """Return the value of a frame in openpi's dialect of msgpack.
+
+    Args:
+        frame: What a client sent.
+
+    Raises:
+        ValueError: If it is malformed.
+    """
+    if isinstance(frame, str):
+        raise TypeError("a question is a text in place of a binary frame")
+    return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
+
+
+def _mark(thing: object) -> object:
+    thing = _plain(thing)
+    if isinstance(thing, (np.ndarray, np.generic)) and thing.dtype.kind not in "biufSU":
+        raise ValueError(f"an array of {thing.dtype} has no form on the wire")
+    if isinstance(thing, np.ndarray):
+        return {b"__ndarray__": True, b"data": thing.tobytes(), b"dtype": thing.dtype.str, b"shape": thing.shape}
+    if isinstance(thing, np.generic):
+        return {b"__npgeneric__": True, b"data": thing.item(), b"dtype": thing.dtype.str}
+    raise ValueError(f"a {type(thing).__name__} has no form on the wire")
+
+
+def _read(form: dict[Any, Any]) -> object:
+    if b"__ndarray__" in form:
+        dtype = np.dtype(form[b"dtype"])
+        if dtype.kind not in "biufSU":
+            raise ValueError(f"an array of {dtype} is not read")
+        return np.frombuffer(form[b"data"], dtype).reshape(form[b"shape"]).copy()
+    if b"__npgeneric__" in form:
+        return np.dtype(form[b"dtype"]).type(form[b"data"])
+    return form
+
+
+class Bridge:
+    """Answers the questions of all connections with one policy, one after the other."""
+
+    def __init__(self, policy: Policy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
+        """Prepare.
+
+        Args:
+            policy: What answers.
+            inference_delay: Control steps that pass while the policy computes, for real-time chunking.
+            api_key: Key that clients have to show, or None.
+        """
+        self._policy, self._delay, self._api_key = policy, inference_delay, api_key
+        self._one_at_a_time = threading.Lock()
+
+    def listen(self, host: str, port: int) -> Server:
+        """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it.
+
+        Args:
+            host: Interface to listen on.
+            port: Port to listen on; 0 for any free one.
+        """
+        return serve(
+            self._converse,
+            host,
+            port,
+            compression=None,
+            max_size=MAX_FRAME_BYTES,
+            process_request=self._admit,
+        )
+
+    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        if request.path == "/healthz":
+            return connection.respond(http.HTTPStatus.OK, "OK\n")
+        given = request.headers.get("Authorization", "")
+        if self._api_key is not None and not hmac.compare_digest(given.encode(), f"Api-Key {self._api_key}".encode()):
+            return connection.respond(http.HTTPStatus.UNAUTHORIZED, "Wrong or missing key\n")
+        return None
+
+    def _converse(self, connection: ServerConnection) -> None:
+        """Speak first, then answer question after question; an error goes out as text and ends the connection."""
+        kept: dict[str, Any] = {}
+        with contextlib.suppress(ConnectionClosed):
+            connection.send(encode({"server": "being_h_bridge", "policy": type(self._policy).__name__}))
+            while True:
+                frame = connection.recv()
+                try:
+                    reply = encode(self._answer(decode(frame), kept))
+                except Exception:  # the policy's own faults are told to whoever asked
+                    logger.exception("a question could not be answered")
+                    connection.send(traceback.format_exc())
+                    connection.close(1011, "The policy failed")
+                    return
+                connection.send(reply)
+
+    def _answer(self, observation: object, kept: dict[str, Any]) -> dict[str, Any]:
+        if not isinstance(observation, dict):
+            raise TypeError(f"a question is a {type(observation).__name__} in place of a map")
+        step = observation.pop("better/step", None)
+        goes_on = isinstance(step, int) and isinstance(kept.get("step"), int) and step > kept["step"]
+        if goes_on and "chunk" in kept:
+            observation |= {"prev_chunk": kept["chunk"], "inference_delay": self._delay}
+        began = time.monotonic()
+        with self._one_at_a_time:
+            answer = dict(self._policy.get_action(observation))
+        chunk = answer.pop("action_unified", None)
+        kept.clear()
+        if chunk is not None:
+            kept.update(step=step, chunk=chunk)
+        reply: dict[str, Any] = {
+            name: np.asarray(_plain(value), np.float32) if name.startswith("action.") else value
+            for name, value in answer.items()
+        }
+        reply["server_timing"] = {"infer_ms": 1000.0 * (time.monotonic() - began)}
+        return reply
+
+
+def _plain(value: object) -> object:
+    """Return a tensor as an array, without importing torch for it, and everything else as it is."""
+    detach = getattr(value, "detach", None)
+    return value if detach is None else detach().float().cpu().numpy()
+
+
+def main() -> int:
+    """Serve the policy that the command line names.
+
+    Returns:
+        Exit status.
+    """
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("make", help="MODULE:FUNCTION that makes the policy when it is called without arguments")
+    parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=8000, help="port to listen on (default: %(default)s)")
+    parser.add_argument("--inference-delay", type=int, default=0, help="control steps, for real-time chunking")
+    parser.add_argument("--api-key-env", help="environment variable with the key that clients have to show")
+    options = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    where, _, name = options.make.partition(":")
+    sys.path.insert(0, str(Path.cwd()))
+    make: Callable[[], Policy] = getattr(importlib.import_module(where), name or "make")
+    key = None
+    if options.api_key_env:
+        key = os.environ.get(options.api_key_env)
+        if not key:
+            parser.error(f"the environment variable {options.api_key_env} holds no key")
+    bridge = Bridge(make(), inference_delay=options.inference_delay, api_key=key)
+    with bridge.listen(options.host, options.port) as server:
+        logger.info("serving %s on ws://%s:%d", options.make, options.host, server.socket.getsockname()[1])
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

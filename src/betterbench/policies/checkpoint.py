@@ -1,0 +1,288 @@
+"""A checkpoint of LeRobot: its weights, what is done before and after them, and what it declares to see and answer."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import importlib
+import json
+import re
+import sys
+import threading
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
+from betterbench.policies.address import PolicyAddress
+
+_PREPROCESSOR = "policy_preprocessor.json"
+_HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
+_INSIDE = "pretrained_model"
+
+CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
+"""Types of policies that answer a whole chunk from one observation alone. The others remember what they saw."""
+
+NOISE_TYPES = ("smolvla", "pi0", "pi05")
+"""Those of them that begin with noise, which is given to them, so that an answer does not depend on who asks beside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What a checkpoint declares.
+
+    Attributes:
+        pictures: Per key of a picture its (height, width) [pixel].
+        states: Per key of a vector its size.
+        action: Numbers of an action.
+    """
+
+    pictures: Mapping[str, tuple[int, int]]
+    states: Mapping[str, int]
+    action: int
+
+    @classmethod
+    def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
+        """Read the configuration of a policy.
+
+        Args:
+            config: The configuration.
+            where: What to call the policy in an error.
+
+        Raises:
+            InvalidInputError: If it wants what no observation holds, or answers something else than an action.
+        """
+        pictures, states = {}, {}
+        for key, feature in (config.input_features or {}).items():
+            kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
+            if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
+                # Cameras that the policy was trained to miss stay out; it fills them in itself.
+                if "empty_camera" not in key:
+                    pictures[key] = (int(shape[1]), int(shape[2]))
+            elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
+                states[key] = int(shape[0])
+            else:
+                raise InvalidInputError(
+                    where,
+                    f"its input {key!r} is {kind} of shape {shape}, which no observation holds",
+                    "Train it on pictures (3, height, width), observation.state and the sentence",
+                )
+        outputs = dict(config.output_features or {})
+        shape = tuple(outputs["action"].shape) if "action" in outputs else ()
+        if len(shape) != 1:
+            raise InvalidInputError(where, f"it answers {sorted(outputs)}, no flat action", "Train it on 'action'")
+        return cls(pictures, states, int(shape[0]))
+
+
+class Checkpoint:
+    """The loaded weights with their processors, which several policies in one process share.
+
+    Attributes:
+        type: Type of the policy ("act").
+        config: Its configuration, of LeRobot's own class.
+        features: What it declares.
+        device: Where it computes.
+        versions: Versions of what it runs on.
+        lock: Held while it computes.
+    """
+
+    def __init__(self, path: str, device: str | None, where: str) -> None:
+        """Load it; nothing is loaded twice if :func:`load_checkpoint` is used.
+
+        Args:
+            path: Local folder or id on the hub.
+            device: Where to compute ("cpu", "cuda:0"); None to choose.
+            where: What to call the policy in an error.
+
+        Raises:
+            MissingDependencyError: If LeRobot, or what this type of policy needs, is not installed.
+            InvalidInputError: If there is no such checkpoint, or it cannot be used.
+        """
+        self._torch = _import("torch")
+        factory, configs = _import("lerobot.policies.factory"), _import("lerobot.configs.policies")
+        self.lock = threading.Lock()
+        self.device = self._choose_device(device, where)
+        try:
+            # LeRobot announces what it loads on stdout, which belongs to the tables of the command line.
+            with contextlib.redirect_stdout(sys.stderr):
+                self.config = configs.PreTrainedConfig.from_pretrained(path)
+                self._check_config(path, where)
+                self.config.device = self.device
+                # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
+                if getattr(self.config, "pretrained_backbone_weights", None):
+                    self.config.pretrained_backbone_weights = None
+                self.type = str(self.config.type)
+                self.features = Features.of(self.config, where)
+                made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
+                self._before, self._after = factory.make_pre_post_processors(
+                    self.config,
+                    pretrained_path=path,
+                    preprocessor_overrides={"device_processor": {"device": self.device}},
+                )
+        except ImportError as error:
+            raise MissingDependencyError(
+                f"{where} needs a package that is not installed ({error}). "
+                "Install LeRobot with the extra of its type, such as pip install 'lerobot[smolvla]'."
+            ) from error
+        except BetterError:
+            raise
+        except Exception as error:
+            # Whatever LeRobot raises about a checkpoint that it cannot use is one line for the user.
+            problem = " ".join(str(error).split())[:300] or type(error).__name__
+            raise InvalidInputError(
+                where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
+            ) from error
+        self.policy = made.to(self.device).eval()
+        self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
+
+    def _choose_device(self, device: str | None, where: str) -> str:
+        torch = self._torch
+        if device is None:
+            mps = getattr(torch.backends, "mps", None)
+            return "cuda" if torch.cuda.is_available() else "mps" if mps and mps.is_available() else "cpu"
+        try:
+            torch.zeros(1, device=device)
+        except (RuntimeError, AssertionError, ValueError) as error:
+            problem = " ".join(str(error).split())[:160]
+            raise InvalidInputError(
+                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or leave it out"
+            ) from error
+        return device
+
+    def _check_config(self, path: str, where: str) -> None:
+        if getattr(self.config, "use_peft", False):
+            raise InvalidInputError(where, "it holds an adapter of PEFT alone", "Merge it into its base and save that")
+        folder = Path(path)
+        if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
+            raise InvalidInputError(
+                where,
+                f"it has no {_PREPROCESSOR}, so nothing says how its numbers are normalised",
+                "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
+            )
+
+    def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
+        """Return a policy with the same weights and a memory of its own."""
+        # A shallow copy shares the modules; reset() replaces what a policy remembers, in this copy only.
+        made = copy.copy(self.policy)
+        made.reset()
+        return made
+
+    def chunks(self, batch: Mapping[str, Any], seeds: Sequence[int]) -> np.ndarray:
+        """Return the chunks of several environments.
+
+        Args:
+            batch: Pictures (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the sentences as "task".
+            seeds: For a policy that begins with noise a number for each of them, from which it is drawn.
+
+        Returns:
+            (B, horizon, dim) float64, in the units of the data it was trained on.
+        """
+        torch = self._torch
+        with self.lock, torch.inference_mode(), self._precision():
+            prepared = self._before(dict(batch))
+            extra = {"noise": self._noise(seeds)} if self.type in NOISE_TYPES else {}
+            raw = self.policy.predict_action_chunk(prepared, **extra)
+            # The processors were written for one action per environment: each action is a row of its own for them.
+            done = self._after(raw.reshape(-1, raw.shape[-1]))
+        actions = done.reshape(*raw.shape[:2], -1)[..., : self.features.action]
+        return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
+
+    def step(self, policy: Any, batch: Mapping[str, Any], seed: int) -> np.ndarray:  # noqa: ANN401 - LeRobot's
+        """Return the next action of one environment, (1, dim) float64.
+
+        Args:
+            policy: What :meth:`sibling` returned for it.
+            batch: As for :meth:`chunks`, with B = 1.
+            seed: Number from which noise is drawn.
+        """
+        torch = self._torch
+        devices = [torch.device(self.device)] if self.device.startswith("cuda") else []
+        with self.lock, torch.inference_mode(), self._precision(), torch.random.fork_rng(devices):
+            torch.manual_seed(seed)
+            done = self._after(policy.select_action(self._before(dict(batch))))
+        return np.asarray(done.float().cpu().numpy(), dtype=np.float64).reshape(1, -1)[:, : self.features.action]
+
+    def tensor(self, array: np.ndarray) -> Any:  # noqa: ANN401 - a tensor
+        """Return an array as a tensor."""
+        return self._torch.from_numpy(array)
+
+    def _precision(self) -> contextlib.AbstractContextManager[Any]:
+        if getattr(self.config, "use_amp", False):
+            amp: contextlib.AbstractContextManager[Any] = self._torch.autocast(self.device.partition(":")[0])
+            return amp
+        return contextlib.nullcontext()
+
+    def _noise(self, seeds: Sequence[int]) -> Any:  # noqa: ANN401 - a tensor
+        shape = (int(self.config.chunk_size), int(self.config.max_action_dim))
+        drawn = [np.random.default_rng(seed).standard_normal(shape, dtype=np.float32) for seed in seeds]
+        return self._torch.from_numpy(np.stack(drawn)).to(self.device)
+
+
+_LOADED: weakref.WeakValueDictionary[tuple[str, str | None], Checkpoint] = weakref.WeakValueDictionary()
+_LOADING = threading.Lock()
+
+
+def load_checkpoint(address: PolicyAddress) -> Checkpoint:
+    """Return a checkpoint; the same object for everyone in this process who asks for it while somebody has it.
+
+    Args:
+        address: "lerobot:CHECKPOINT", a folder or an id on the hub, with the option ``device``.
+
+    Raises:
+        MissingDependencyError: If LeRobot is not installed.
+        InvalidInputError: If there is no such checkpoint, or it cannot be used.
+    """
+    where = f"policy {address}"
+    _import("torch")
+    _import("lerobot")
+    path = _located(address.target, where)
+    key = (path, address.options.get("device"))
+    with _LOADING:
+        found = _LOADED.get(key)
+        if found is None:
+            found = Checkpoint(*key, where)
+            _LOADED[key] = found
+        return found
+
+
+def _located(target: str, where: str) -> str:
+    """Return the folder that holds the configuration, or the id on the hub."""
+    folder = Path(target).expanduser()
+    if (folder / _INSIDE / "config.json").is_file():
+        folder /= _INSIDE
+    if (folder / "config.json").is_file():
+        _check_form(folder / "config.json", where)
+        return str(folder.resolve())
+    if folder.exists() or not _HUB_ID.fullmatch(target):
+        there = "holds no config.json" if folder.exists() else "does not exist"
+        raise InvalidInputError(
+            where,
+            f"{target} {there}",
+            "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub",
+        )
+    return target
+
+
+def _check_form(file: Path, where: str) -> None:
+    try:
+        form = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
+    if not isinstance(form, dict) or not isinstance(form.get("type"), str):
+        raise InvalidInputError(
+            where, f"{file.name} names no type of policy, so it is no checkpoint of LeRobot", "Name another folder"
+        )
+
+
+def _import(name: str) -> Any:  # noqa: ANN401 - LeRobot is not installed where types are checked
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"lerobot: needs LeRobot, which is not installed ({error}). Run pip install 'betterbench[lerobot]', "
+            "or serve the checkpoint from an environment that has it: better serve lerobot:CHECKPOINT."
+        ) from error

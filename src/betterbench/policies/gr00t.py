@@ -1,0 +1,413 @@
+"""Client of Isaac GR00T's inference server: ``gr00t://host:port``.
+
+ZeroMQ REQ/REP, one msgpack map per question: an endpoint, its data, and the token where the server wants one. The
+server tells its modalities, which are compared with the adapter whenever a connection is made. Facts: Isaac-GR00T,
+``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
+
+A server that looks at the present only takes the observations of many environments in one question
+(:class:`Gr00tBatchClient`). One that wants several time steps of pictures or state gets a client for each environment,
+which has to see every control step to know them: it plays the chunks itself, one action at a time.
+
+Servers of the first N1.5 releases pickle with torch. They are not supported, on purpose: unpickling a stranger's answer
+runs the stranger's code.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
+from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, Policy, PolicyInfo
+from betterbench.policies.adapter import Adapter, put
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.handshake import Declaration
+from betterbench.policies.link import Link, Terms, api_key
+from betterbench.policies.modality import SEEN, Modalities, name_of
+from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
+from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.requester import Requester
+from betterbench.policies.wire import decode_gr00t, encode_gr00t
+
+Layout = Literal["nested", "flat", "n1.5"]
+"""How an observation is sent: maps by modality (N1.6), one map with names such as ``video.front`` (N1.6 with its
+simulation wrapper), or that map as the data itself, without options (N1.5)."""
+
+Seen = Mapping[str, Mapping[str, np.ndarray]]
+"""By modality and name, (1, 1, ...) arrays of one environment at one time step."""
+
+_ERROR = b"ERROR"
+_PICKLES = (b"PK\x03\x04", b"\x80\x02")
+_NO_PICKLES = (
+    "It is an old N1.5 server, which pickles with torch. That is not supported, on purpose, because unpickling a "
+    "stranger's answer runs the stranger's code. Update Isaac-GR00T, whose servers speak msgpack."
+)
+_LONGEST_ERROR = 500
+
+
+class Gr00tServer:
+    """One connection: a socket over which the server has answered, and whose modalities fit the adapter."""
+
+    def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
+        """Connect, ask whether the server is alive, and compare modalities.
+
+        Args:
+            address: Address of the server.
+            adapter: What this side gives and reads.
+            token: Token to show, or None.
+            timeout_s: Longest time that all this may take [s].
+
+        Raises:
+            OSError: If the server is not there, or not ready.
+            HandshakeError: If it refuses the token, speaks another protocol or declares other modalities.
+        """
+        end = time.monotonic() + timeout_s
+        self._where, self._token = where_of(address), token
+        self._requester = Requester(*address.server(), timeout_s=timeout_s)
+        try:
+            self._greet("ping", end)
+            self.modalities = Modalities.read(self._greet("get_modality_config", end), self._where)
+            self.modalities.check(adapter, self._where)
+        except BaseException:
+            self.close()
+            raise
+
+    def _greet(self, endpoint: str, end: float) -> object:
+        try:
+            return self.call(endpoint, None, end - time.monotonic())
+        except PolicyError as error:
+            hint = "" if "nauthorized" not in str(error) else " Give api_key_env=NAME with the variable of its token."
+            raise HandshakeError(f"{error}{hint}") from error
+
+    def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float) -> Any:  # noqa: ANN401 - as decoded
+        """Ask something.
+
+        Args:
+            endpoint: What is asked for.
+            data: What goes with it, or None.
+            timeout_s: Longest time until the answer is there [s].
+
+        Returns:
+            The decoded answer.
+
+        Raises:
+            OSError: If no answer came.
+            PolicyError: If it is an error of the server's, or cannot be read.
+        """
+        question: dict[str, Any] = {"endpoint": endpoint}
+        if data is not None:
+            question["data"] = data
+        if self._token is not None:
+            question["api_token"] = self._token
+        answer = self._requester.ask(encode_gr00t(question), max(0.0, timeout_s))
+        if answer.startswith(_PICKLES) or (answer == _ERROR and endpoint == "ping"):
+            raise PolicyError(f"{self._where} answers {answer[:5]!r} to {endpoint}. {_NO_PICKLES}")
+        if answer == _ERROR:
+            raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
+        reply = decode_gr00t(answer)
+        if isinstance(reply, Mapping) and "error" in reply:
+            lines = [line.strip() for line in str(reply["error"]).splitlines() if line.strip()]
+            raise PolicyError(f"{self._where} reports an error: {lines[-1][:_LONGEST_ERROR] if lines else 'no text'}")
+        return reply
+
+    def close(self) -> None:
+        """End the connection."""
+        self._requester.close()
+
+
+class Gr00tClient:
+    """A GR00T policy; each environment has a client of its own.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the server declares in the terms of the other clients: nothing beyond its modalities.
+        modalities: What it declares.
+        info: What the policy says about itself.
+    """
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
+        """Connect and compare modalities.
+
+        Args:
+            address: Address of the server.
+            seed: Seed of the jitter between attempts.
+
+        Raises:
+            PolicyUnavailableError: If the server cannot be reached.
+            HandshakeError: If its modalities are not those of the adapter.
+            InvalidInputError: If an option of the address is malformed, or does not go with a server that wants several
+                time steps.
+            UnknownNameError: If a name in the address does not exist.
+        """
+        self.adapter = adapter_of(address, GR00T_NEW_EMBODIMENT)
+        self.server = Declaration(where_of(address))
+        self._address, self._where = address, where_of(address)
+        self._layout = address.choice("layout", get_args(Layout), "nested")
+        self._token = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
+        self._known: Modalities | None = None
+        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self.modalities = self._link.open().modalities
+        declared = {"layout": self._layout, "modalities": self.modalities.to_json()}
+        self.info: PolicyInfo = describe_policy(address, self.adapter, declared)
+        self._lock = threading.Lock()
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name."""
+        return self._link.figures
+
+    def _dial(self, timeout_s: float) -> Gr00tServer:
+        server = Gr00tServer(self._address, self.adapter, self._token, timeout_s=timeout_s)
+        if self._known is not None and server.modalities != self._known:
+            server.close()
+            raise HandshakeError(f"{self._where} came back with other modalities. Start the run again.")
+        self._known = server.modalities
+        return server
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's, before the run starts.
+
+        Args:
+            space: Action space of the run.
+            observation: What the run renders.
+            rate_hz: Control rate of the run [Hz].
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode.
+
+        Raises:
+            HandshakeError: If it wants actions of another kind.
+        """
+        check_start(self.adapter, start, self._where)
+        self._link.count_anew()
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the reply cannot be used, or none came.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        return self._ask([self._seen(observation)], [observation])[0]
+
+    def close(self) -> None:
+        """End the connection."""
+        self._link.close()
+
+    def _seen(self, observation: Observation) -> Seen:
+        """Return what the policy is shown of one observation."""
+        seen: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in SEEN}
+        for key, picture in self.adapter.pictures(observation).items():
+            seen["video"][name_of(key)] = picture[None, None]
+        for rule in self.adapter.states:
+            value = rule.read(
+                observation,
+                ee_offset_m=self.adapter.ee_offset_m,
+                gripper_opening_m=self.adapter.gripper_opening_m,
+            )
+            seen["state"][name_of(rule.key)] = np.atleast_1d(np.asarray(value))[None, None]
+        return seen
+
+    def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
+        """Ask for the actions of some environments.
+
+        Args:
+            seen: What each of them sees, (1, T, ...) arrays.
+            observations: The same before it was adapted.
+
+        Returns:
+            Per environment (horizon, dim) float64.
+        """
+        message: dict[str, Any] = {
+            kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
+        }
+        data = self._data(message, [observation.instruction for observation in observations])
+        with self._lock:
+            reply = self._link.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
+        arrays = self._arrays(reply, len(observations))
+        return [
+            self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
+            for i, observation in enumerate(observations)
+        ]
+
+    def _data(self, message: dict[str, Any], sentences: list[str]) -> dict[str, Any]:
+        """Return the data of ``get_action`` in the layout that the server wants."""
+        language = self.modalities.language
+        name = language[0] if language else name_of(self.adapter.instruction.key)
+        if self._layout == "nested":
+            observation = {**message, "language": {name: [[sentence] for sentence in sentences]}}
+            return {"observation": observation, "options": None}
+        flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
+        flat[name] = sentences
+        return flat if self._layout == "n1.5" else {"observation": flat, "options": None}
+
+    def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
+        """Return the arrays of a reply by their bare names, each (count, horizon, dim).
+
+        Raises:
+            PolicyError: If it holds something else.
+        """
+        actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
+        if not isinstance(actions, Mapping):
+            raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} and no actions.")
+        arrays = {}
+        for key, value in actions.items():
+            name = str(key).removeprefix("action.")
+            if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+                raise PolicyError(f"{self._where}: the action {name!r} is no array of real numbers.")
+            array = value[None] if value.ndim == 2 and count == 1 else value
+            if array.ndim != 3 or len(array) != count:
+                raise PolicyError(
+                    f"{self._where}: the action {name!r} has shape {value.shape}. "
+                    f"Send ({count}, horizon, size), one chunk for each environment asked about."
+                )
+            arrays[name] = array
+        return arrays
+
+    def _as_adapter(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Return the arrays under the keys by which the adapter looks for them."""
+        message: dict[str, Any] = {}
+        for key in self.adapter.answer.columns:
+            name = name_of(key)
+            if name not in arrays:
+                raise PolicyError(
+                    f"{self._where}: the reply has no action {name!r}. It has: {', '.join(sorted(arrays)) or 'none'}."
+                )
+            put(message, key, arrays[name])
+        return message
+
+
+class Gr00tBatchClient(Gr00tClient):
+    """A GR00T policy that looks at the present only; one client asks for many environments."""
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode in one of the environments; there is nothing to forget.
+
+        Raises:
+            HandshakeError: If it wants actions of another kind.
+        """
+        check_start(self.adapter, start, self._where)
+
+    def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
+        """Return the next actions of several environments, asked for in one question.
+
+        Args:
+            observations: What each of them sees now; one or more.
+
+        Returns:
+            Per observation (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the reply cannot be used, or none came.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        return self._ask([self._seen(observation) for observation in observations], observations)
+
+
+class Gr00tHistoryClient(Gr00tClient):
+    """A GR00T policy that is given several time steps; it sees every control step and plays its chunks itself."""
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
+        """Connect and compare modalities; see :class:`Gr00tClient`."""
+        super().__init__(address, seed=seed)
+        if self.info.execution.ahead or self.info.execution.ensemble is not None:
+            self.close()
+            raise InvalidInputError(
+                f"policy {address}",
+                "the server wants several time steps, so it is asked between two steps and never ahead",
+                "Leave ahead and ensemble out",
+            )
+        self._horizon = self.info.execution.horizon
+        self.info = PolicyInfo(
+            self.info.name,
+            action_space=self.info.action_space,
+            needs_images=self.info.needs_images,
+            metadata={**self.info.metadata, "played by the client": f"{self._horizon or 'all'} actions of each chunk"},
+            execution=Execution(),
+        )
+        self._frames: dict[int, Seen] = {}
+        self._chunk: list[np.ndarray] = []
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Forget the last episode, on the server too where it has a word for it.
+
+        Raises:
+            HandshakeError: If the episode wants actions of another kind.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        super().reset(start)
+        self._frames, self._chunk = {}, []
+        with self._lock:
+            self._link.request(_forget)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played.
+
+        Raises:
+            PolicyError: If the reply cannot be used, or none came.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        steps = self.modalities.steps
+        self._frames[observation.step] = self._seen(observation)
+        oldest = observation.step + min(wanted[0] for wanted in steps.values())
+        # The last one before the oldest step stays: it stands for that step if the step itself was not seen.
+        for step in sorted(s for s in self._frames if s < oldest)[:-1]:
+            del self._frames[step]
+        if not self._chunk:
+            seen = {
+                kind: {
+                    name: np.concatenate([self._frame(observation.step + s)[kind][name] for s in steps[kind]], axis=1)
+                    for name in self._frames[observation.step][kind]
+                }
+                for kind in SEEN
+            }
+            self._chunk = list(self._ask([seen], [observation])[0][: self._horizon])
+        return self._chunk.pop(0)[None]
+
+    def _frame(self, step: int) -> Seen:
+        """Return what was seen at a step, or last before it; before the first one, the first."""
+        before = [s for s in self._frames if s <= step]
+        return self._frames[max(before) if before else min(self._frames)]
+
+
+def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
+    """Return a client of a GR00T server, which takes batches if the server looks at the present only.
+
+    Args:
+        address: Address of the server.
+        seed: Seed of the jitter between attempts.
+
+    Raises:
+        PolicyUnavailableError: If the server cannot be reached.
+        HandshakeError: If its modalities are not those of the adapter.
+        InvalidInputError: If an option of the address is malformed.
+        UnknownNameError: If a name in the address does not exist.
+    """
+    client = Gr00tBatchClient(address, seed=seed)
+    if not client.modalities.remembers:
+        return client
+    client.close()
+    return Gr00tHistoryClient(address, seed=seed)
+
+
+def where_of(address: PolicyAddress) -> str:
+    """Return what to call a server in messages."""
+    return f"policy server {address.scheme}://{address.target}"
+
+
+def _forget(server: Gr00tServer, timeout_s: float) -> None:
+    """Tell a server that an episode begins; those of N1.5 have no word for it."""
+    try:
+        server.call("reset", {"options": None}, timeout_s)
+    except PolicyError as error:
+        if "nknown endpoint" not in str(error):
+            raise

@@ -1,0 +1,203 @@
+"""Handshakes: what each side declares about its conventions, and the comparison that stops a run when they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+from betterbench.errors import BetterError, HandshakeError
+from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.fitting import EVERY_CAMERA
+
+PROTOCOL = 1
+"""Version of what our own servers declare."""
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """What one side says about its conventions; what it leaves out is not compared.
+
+    Attributes:
+        who: What to call this side in messages.
+        preset: Name of the layout of observations.
+        action_space: Name of the action space.
+        action_dim: Numbers of an action.
+        action_low: Smallest value of each number.
+        action_high: Largest value of each number.
+        action_scale: What one unit of each number amounts to.
+        action_convention: Frame, reference and polarity in words.
+        position: Format of translations or positions ("delta_xyz").
+        rotation: Format of rotations ("axis_angle").
+        gripper: Polarity of the gripper ("close_positive").
+        state: Format of the robot's state.
+        language: Whether the sentence is sent, or wanted ("sentence").
+        rate_hz: Control rate [Hz].
+        cameras: Pictures by key, each with (width, height) or None for any size. What one side wants, the other one
+            has to give; more may be given.
+    """
+
+    who: str
+    preset: str | None = None
+    action_space: str | None = None
+    action_dim: int | None = None
+    action_low: tuple[float, ...] | None = None
+    action_high: tuple[float, ...] | None = None
+    action_scale: tuple[float, ...] | None = None
+    action_convention: str | None = None
+    position: str | None = None
+    rotation: str | None = None
+    gripper: str | None = None
+    state: str | None = None
+    language: str | None = None
+    rate_hz: float | None = None
+    cameras: Mapping[str, tuple[int, int] | None] | None = None
+
+    def rows(self) -> dict[str, str]:
+        """Return what is declared as texts by name, for tables."""
+        shown = {}
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name not in ("who", "cameras") and value is not None:
+                shown[entry.name.replace("_", " ")] = value if isinstance(value, str) else _text(value)
+        for key, size in (self.cameras or {}).items():
+            shown[f"camera {key}"] = _size(size)
+        return shown
+
+
+def declare_space(who: str, space: ActionSpace) -> Declaration:
+    """Return the declaration of an action space alone.
+
+    Args:
+        who: What to call the side that declares it.
+        space: The action space.
+    """
+    return Declaration(
+        who,
+        action_space=space.name,
+        action_dim=space.dim,
+        action_low=space.low,
+        action_high=space.high,
+        action_scale=space.scale,
+        action_convention=space.convention,
+    )
+
+
+def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
+    """Return what an adapter gives to a policy and takes from it.
+
+    Args:
+        who: What to call this side in messages.
+        adapter: The adapter.
+        rate_hz: Control rate of the run [Hz]; None for that of the adapter.
+    """
+    answer = adapter.answer
+    space = action_space(answer.space)
+    absolute = answer.space == "ee_pose"
+    return Declaration(
+        who,
+        preset=adapter.name,
+        action_space=space.name,
+        action_dim=sum(answer.columns.values()),
+        action_low=space.low if answer.as_is else None,
+        action_high=space.high if answer.as_is else None,
+        action_scale=space.scale if answer.as_is else None,
+        action_convention=space.convention if answer.as_is else None,
+        position=None if space.name.startswith("joint") else "absolute_xyz" if absolute else "delta_xyz",
+        rotation=None if space.name.startswith("joint") else answer.rotation,
+        gripper=answer.gripper,
+        state=", ".join(part for rule in adapter.states for part in rule.parts) or None,
+        language="sentence",
+        rate_hz=adapter.control_rate_hz if rate_hz is None else rate_hz,
+        cameras={
+            "/".join(rule.key): None if rule.width is None or rule.height is None else (rule.width, rule.height)
+            for rule in adapter.views
+        },
+    )
+
+
+def read_server(who: str, form: object) -> Declaration:
+    """Read what one of our own servers declares.
+
+    Args:
+        who: What to call the server in messages.
+        form: What stands under ``betterbench`` in its metadata.
+
+    Raises:
+        HandshakeError: If it is malformed or of another version.
+    """
+    if not isinstance(form, Mapping):
+        raise HandshakeError(f"{who} declares conventions that are no map. Update the server.")
+    version = form.get("protocol")
+    if not isinstance(version, int) or version != PROTOCOL:
+        raise HandshakeError(
+            f"{who} speaks version {str(version)[:20]} of our declaration, this side {PROTOCOL}. "
+            "Install the same release on both sides."
+        )
+    preset, rate, space = form.get("preset"), form.get("control_rate_hz"), form.get("action_space")
+    if not isinstance(preset, str) or not isinstance(space, Mapping):
+        raise HandshakeError(f"{who} declares no preset or no action space. Update the server.")
+    try:
+        declared = ActionSpace.from_json(space)
+    except BetterError as error:
+        raise HandshakeError(f"{who} declares an action space that cannot be read ({error})") from error
+    cameras = form.get("cameras")
+    sizes: dict[str, tuple[int, int] | None] = {}
+    for key, size in cameras.items() if isinstance(cameras, Mapping) else ():
+        known = isinstance(size, (list, tuple)) and len(size) == 2 and all(isinstance(side, int) for side in size)
+        sizes[str(key)] = (int(size[0]), int(size[1])) if known else None
+    return Declaration(
+        who,
+        preset=preset,
+        action_space=declared.name,
+        action_dim=declared.dim,
+        action_low=declared.low,
+        action_high=declared.high,
+        action_scale=declared.scale,
+        action_convention=declared.convention,
+        rate_hz=float(rate) if isinstance(rate, (int, float)) and not isinstance(rate, bool) else None,
+        cameras=sizes or None,
+    )
+
+
+def compare(ours: Declaration, theirs: Declaration) -> None:
+    """Stop when two sides differ in anything that both declare.
+
+    Args:
+        ours: What this side gives and takes.
+        theirs: What the policy's side wants and answers.
+
+    Raises:
+        HandshakeError: If they differ; the text names both sides' values of everything in which they do.
+    """
+    found = []
+    for entry in fields(Declaration):
+        if entry.name in ("who", "cameras"):
+            continue
+        mine, other = getattr(ours, entry.name), getattr(theirs, entry.name)
+        if mine is not None and other is not None and mine != other:
+            name = entry.name.replace("_", " ")
+            found.append(f"{name}: {ours.who} says {_text(mine)}, {theirs.who} says {_text(other)}")
+    given = ours.cameras or {}
+    if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
+        for key, wanted in (theirs.cameras or {}).items():
+            if key not in given:
+                there = ", ".join(given) or "no pictures"
+                found.append(f"camera {key}: {theirs.who} wants it, {ours.who} gives {there}")
+            elif wanted is not None and given[key] not in (None, wanted):
+                found.append(f"camera {key}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
+    if found:
+        raise HandshakeError(
+            f"The two sides declare different conventions: {'; '.join(found)}. "
+            "Choose another preset, or correct the adapter, the run or the server."
+        )
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(_text(v) for v in value)})"
+    return f"{value:g}" if isinstance(value, float) else repr(value) if isinstance(value, str) else str(value)
+
+
+def _size(size: tuple[int, int] | None) -> str:
+    return "any size" if size is None else f"{size[0]} x {size[1]}"

@@ -1,0 +1,362 @@
+"""Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
+
+The checkpoint says which pictures, which state and how many numbers of an action it was trained with; from that comes
+an adapter, unless the address gives one. Normalisation is done by the checkpoint's own processors.
+
+Policies that answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many
+environments, and every answer depends on its observation alone, the noise of the flow policies included. All others
+(diffusion, VQ-BeT, TD-MPC and whatever has a memory of observations) are asked at every step and play their chunks
+themselves, as LeRobot's own evaluation does; their instances share the weights.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, InvalidInputError
+from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, Policy, PolicyInfo
+from betterbench.policies.adapter import Adapter, InstructionRule
+from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.answers import AnswerPart, AnswerRule
+from betterbench.policies.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
+from betterbench.policies.fitting import PictureRule
+from betterbench.policies.handshake import Declaration
+from betterbench.policies.presets import adapter_of
+from betterbench.policies.proprioception import StatePart, StateRule
+from betterbench.policies.remote import check_run, check_start, describe_policy
+
+_TASK = ("task",)
+_ACTION = ("action",)
+_STATES: Mapping[str, tuple[StatePart, ...]] = {
+    "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
+    "joints": ("joint_positions", "gripper_width"),
+}
+"""The two states of our LeRobot environment; both have eight numbers."""
+
+_CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
+_KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
+"""What others call our cameras: LIBERO's names in LeRobot's own data sets."""
+
+_WRIST_WORDS = ("wrist", "hand", "gripper")
+
+
+class LerobotPolicy:
+    """A policy that answers whole chunks; one instance serves many environments.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the checkpoint declares in the terms of the other clients: its pictures.
+        info: What the policy says about itself.
+    """
+
+    def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
+        """Prepare.
+
+        Args:
+            address: Address of the policy.
+            checkpoint: Its weights.
+
+        Raises:
+            InvalidInputError: If the checkpoint leaves something open, which the text names.
+            HandshakeError: If the adapter of the address gives something else than the checkpoint wants.
+            UnknownNameError: If a name in the address does not exist.
+        """
+        self._address, self._checkpoint = address, checkpoint
+        self._where = f"policy {address}"
+        features = checkpoint.features
+        # An adapter of the user's is not completed by guesses, and need not be.
+        named = "preset" in address.options or "adapter" in address.options
+        self.adapter = adapter_of(address, None if named else derive_adapter(address, features))
+        compare_features(self.adapter, features, self._where)
+        self.server = Declaration(
+            self._where, cameras={key: (size[1], size[0]) for key, size in features.pictures.items()}
+        )
+        info = describe_policy(address, self.adapter, {})
+        self.info: PolicyInfo = replace(
+            info,
+            metadata={
+                **info.metadata,
+                "policy type": checkpoint.type,
+                "device": checkpoint.device,
+                **{f"{name} version": version for name, version in checkpoint.versions.items()},
+            },
+            execution=self._execution(),
+            heavy=True,
+        )
+
+    def _execution(self) -> Execution:
+        """Return how chunks are played: as the address says, else as the checkpoint was evaluated in LeRobot."""
+        if any(option in self._address.options for option in EXECUTION_OPTIONS):
+            return self._address.execution()
+        config = self._checkpoint.config
+        rate = getattr(config, "temporal_ensemble_coeff", None)
+        if rate is not None and rate >= 0.0:
+            return Execution(ensemble=float(rate))
+        return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's, before the run starts.
+
+        Args:
+            space: Action space of the run.
+            observation: What the run renders.
+            rate_hz: Control rate of the run [Hz].
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode in one of the environments.
+
+        Raises:
+            HandshakeError: If it wants actions of another kind.
+        """
+        check_start(self.adapter, start, self._where)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the answer cannot be read.
+        """
+        return self.act_batch([observation])[0]
+
+    def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
+        """Return the next actions of several environments.
+
+        Args:
+            observations: What each of them sees now; one or more.
+
+        Returns:
+            Per observation (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the answer cannot be read.
+        """
+        noisy = self._checkpoint.type in NOISE_TYPES
+        seeds = [seed_of(seen) for seen in observations] if noisy else []
+        chunks = self._checkpoint.chunks(self._batch(observations), seeds)
+        return [
+            self.adapter.actions({_ACTION[0]: chunk}, seen) for chunk, seen in zip(chunks, observations, strict=True)
+        ]
+
+    def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
+        """Return what LeRobot's processors take: tensors with a leading batch axis, and the sentences."""
+        tensor = self._checkpoint.tensor
+        batch: dict[str, Any] = {}
+        shown = [self.adapter.pictures(seen) for seen in observations]
+        for key in shown[0]:
+            pictures = np.stack([one[key] for one in shown]).transpose(0, 3, 1, 2)
+            batch[key[0]] = tensor(pictures.astype(np.float32) / 255.0)
+        for rule in self.adapter.states:
+            values = [
+                rule.read(
+                    seen,
+                    ee_offset_m=self.adapter.ee_offset_m,
+                    gripper_opening_m=self.adapter.gripper_opening_m,
+                )
+                for seen in observations
+            ]
+            batch[rule.key[0]] = tensor(np.stack([np.atleast_1d(value) for value in values]).astype(np.float32))
+        batch[_TASK[0]] = [seen.instruction for seen in observations]
+        return batch
+
+
+class LerobotStepPolicy:
+    """A policy with a memory; each environment has one of its own, and all share the weights.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the checkpoint declares.
+        info: What the policy says about itself.
+    """
+
+    def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
+        """Prepare; see :class:`LerobotPolicy`."""
+        given = [option for option in EXECUTION_OPTIONS if option in address.options]
+        if given:
+            raise InvalidInputError(
+                f"policy {address}",
+                f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
+                f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
+            )
+        self._inner = LerobotPolicy(address, checkpoint)
+        self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
+        self.adapter, self.server = self._inner.adapter, self._inner.server
+        self.info: PolicyInfo = replace(self._inner.info, execution=Execution())
+        self._seed = 0
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's; see :meth:`LerobotPolicy.check`."""
+        self._inner.check(space=space, observation=observation, rate_hz=rate_hz)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Forget the last episode.
+
+        Raises:
+            HandshakeError: If the episode wants actions of another kind.
+        """
+        self._inner.reset(start)
+        self._policy.reset()
+        self._seed = start.seed
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next action, (1, dim) float64.
+
+        Raises:
+            PolicyError: If the answer cannot be read.
+        """
+        batch = self._inner._batch([observation])
+        seed = seed_of(observation, self._seed)
+        return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)
+
+
+def load_lerobot(address: PolicyAddress) -> Policy:
+    """Return the policy of a checkpoint, which takes batches if it answers chunks from one observation.
+
+    Args:
+        address: "lerobot:CHECKPOINT", with the options ``device`` and ``state`` ("ee" or "joints").
+
+    Raises:
+        MissingDependencyError: If LeRobot is not installed.
+        InvalidInputError: If there is no such checkpoint, or it leaves something open.
+        HandshakeError: If the adapter of the address gives something else than the checkpoint wants.
+        UnknownNameError: If a name in the address does not exist.
+    """
+    checkpoint = load_checkpoint(address)
+    remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
+    if checkpoint.type in CHUNK_TYPES and not remembers:
+        return LerobotPolicy(address, checkpoint)
+    return LerobotStepPolicy(address, checkpoint)
+
+
+def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
+    """Return the adapter that follows from what a checkpoint declares.
+
+    Args:
+        address: Address of the policy: ``state``, ``action_space`` and ``camera.KEY`` decide what is open.
+        features: What the checkpoint declares.
+
+    Raises:
+        InvalidInputError: If something stays open; the text names the option that decides it.
+        UnknownNameError: If an option's value does not exist.
+    """
+    where = f"policy {address}"
+    layout = address.choice("state", tuple(_STATES), "ee")
+    states = []
+    for key, size in features.states.items():
+        rule = StateRule((key,), _STATES[layout])
+        if size != rule.size:
+            raise InvalidInputError(
+                where,
+                f"its {key} has {size} numbers, and those that are known here have {rule.size}",
+                "Give adapter=FILE with the parts of its state",
+            )
+        states.append(rule)
+    views = tuple(
+        PictureRule((key,), _camera(key, address, where), width, height)
+        for key, (height, width) in features.pictures.items()
+    )
+    shared = {rule.camera for rule in views if sum(other.camera == rule.camera for other in views) > 1}
+    if shared:
+        keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
+        raise InvalidInputError(
+            where, f"{keys} would all show the camera {min(shared)}", "Give camera.KEY=NAME for each"
+        )
+    return Adapter(
+        "lerobot",
+        views=views,
+        states=tuple(states),
+        instruction=InstructionRule(_TASK),
+        answer=_answer(address, features, where),
+    )
+
+
+def compare_features(adapter: Adapter, features: Features, where: str) -> None:
+    """Compare what an adapter gives and reads with what a checkpoint declares.
+
+    Raises:
+        HandshakeError: If they differ; the text names both.
+    """
+    wanted = {
+        **{key: f"a picture of {width} x {height}" for key, (height, width) in features.pictures.items()},
+        **{key: f"{size} numbers" for key, size in features.states.items()},
+        "action": f"{features.action} numbers",
+    }
+    given = {
+        **{"/".join(r.key): f"a picture of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
+        **{"/".join(rule.key): f"{rule.size} numbers" for rule in adapter.states},
+        **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
+    }
+    found = [
+        f"{key}: the checkpoint says {wanted.get(key, 'nothing')}, the adapter {given.get(key, 'nothing')}"
+        for key in sorted({*wanted, *given})
+        if wanted.get(key) != given.get(key) and not (key in features.pictures and "any" in given.get(key, ""))
+    ]
+    if adapter.instruction.key != _TASK or adapter.instruction.depth:
+        found.append("the sentence: LeRobot takes it as a string under 'task'")
+    if found:
+        raise HandshakeError(
+            f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found)}. "
+            "Correct the adapter, or leave it out."
+        )
+
+
+def seed_of(observation: Observation, salt: int = 0) -> int:
+    """Return a number that depends on what is seen, and on nothing that is asked beside it.
+
+    Args:
+        observation: What is seen.
+        salt: Another number that goes in.
+    """
+    digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
+    digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
+    digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
+    for name, picture in sorted(observation.images.items()):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(picture).tobytes())
+    return int.from_bytes(digest.digest()[:8], "little") >> 1
+
+
+def _camera(key: str, address: PolicyAddress, where: str) -> str:
+    """Return which of our cameras a picture shows."""
+    given = address.options.get(f"camera.{key}")
+    if given is not None:
+        return given
+    name = key.rpartition(".")[2].lower()
+    if name in _CAMERAS:
+        return name
+    if name in _KNOWN_AS:
+        return _KNOWN_AS[name]
+    if any(word in name for word in _WRIST_WORDS):
+        return "wrist"
+    raise InvalidInputError(
+        where,
+        f"nothing says which camera {key} shows",
+        f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}",
+    )
+
+
+def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
+    """Return how actions of so many numbers are read."""
+    space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
+    turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
+    parts = (
+        (AnswerPart(_ACTION, "joints"), AnswerPart(_ACTION, "gripper"))
+        if space.startswith("joint")
+        else (AnswerPart(_ACTION, "translation"), AnswerPart(_ACTION, "rotation"), AnswerPart(_ACTION, "gripper"))
+    )
+    if not space:
+        raise InvalidInputError(
+            where,
+            f"its actions have {features.action} numbers, and nothing says what they mean",
+            "Add action_space=NAME (joint_position, joint_delta or ee_pose have 8), or adapter=FILE",
+        )
+    return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

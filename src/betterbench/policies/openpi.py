@@ -1,0 +1,178 @@
+"""Client of openpi's websocket protocol: ``openpi://host:port``.
+
+The server speaks first, one map of metadata. Then each binary frame with an observation is answered by one with
+actions; a text frame is an error and ends the connection. There is no reset: every observation stands for itself.
+Facts: openpi's ``packages/openpi-client``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import PolicyError
+from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_server
+from betterbench.policies.link import Link, Terms, api_key
+from betterbench.policies.presets import NATIVE, adapter_of
+from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.websocket import WebSocket
+from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+
+
+class OpenpiClient:
+    """A policy behind openpi's protocol; each environment has a client of its own.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the server declares.
+        last_reply: What it answered last, apart from the actions: its timing, for instance.
+    """
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
+        """Connect and compare conventions.
+
+        Args:
+            address: Address of the server.
+            seed: Seed of the jitter between attempts.
+            max_bytes: Largest message that is taken [byte].
+
+        Raises:
+            PolicyUnavailableError: If the server cannot be reached.
+            HandshakeError: If it declares other conventions than the address asks for.
+            InvalidInputError: If neither side says which pictures and state the policy wants.
+            UnknownNameError: If a name in the address does not exist.
+        """
+        adapter_of(address, NATIVE)  # what is wrong with the address itself is told before anybody is dialled
+        self._address, self._max_bytes = address, max_bytes
+        self._key = api_key(address)
+        self._where = f"policy server {address.scheme}://{address.target}"
+        self._start: EpisodeStart | None = None
+        self._server_s = 0.0
+        self.adapter: Adapter | None = None
+        self.server = Declaration(self._where)
+        self.last_reply: dict[str, Any] = {}
+        self._metadata: Mapping[str, Any] = {}
+        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self._link.open()
+        ours = self._metadata.get("betterbench")
+        wants = ours.get("needs_images") if isinstance(ours, Mapping) else None
+        self.info: PolicyInfo = describe_policy(
+            address, self._adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
+        )
+
+    @property
+    def _adapter(self) -> Adapter:
+        if self.adapter is None:
+            raise AssertionError("the handshake chooses the adapter")
+        return self.adapter
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name with their unit."""
+        return {**self._link.figures, "policy_server_s": round(self._server_s, 6)}
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; the server is not told, the protocol has no word for it.
+
+        Raises:
+            HandshakeError: If the episode wants actions of another kind.
+        """
+        check_start(self._adapter, start, self._where)
+        self._start, self._server_s = start, 0.0
+        self._link.count_anew()
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the reply cannot be used, or none came.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        frame = encode_openpi(self._adapter.request(observation, self._start))
+
+        def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
+            end = time.monotonic() + timeout_s
+            connection.send(frame, timeout_s)
+            return self._read(connection.receive(end - time.monotonic()))
+
+        reply = self._link.request(exchange)
+        actions = self._adapter.actions(reply, observation)
+        taken = {key[0] for key in self._adapter.answer.columns}
+        self.last_reply = {str(k): v for k, v in reply.items() if k not in taken}
+        timing = reply.get("server_timing")
+        spent = timing.get("infer_ms") if isinstance(timing, Mapping) else None
+        if isinstance(spent, (int, float)) and 0.0 <= spent < 1e9:
+            self._server_s += 0.001 * float(spent)
+        return actions
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's, before the run starts.
+
+        Args:
+            space: Action space of the run.
+            observation: What the run renders.
+            rate_hz: Control rate of the run [Hz].
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        check_run(self._adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
+
+    def close(self) -> None:
+        """End the connection."""
+        self._link.close()
+
+    def _dial(self, timeout_s: float) -> WebSocket:
+        """Connect, read the metadata and compare; after a restart of the server it is done again."""
+        end = time.monotonic() + timeout_s
+        connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
+        try:
+            self._agree(self._read(connection.receive(end - time.monotonic())))
+        except TimeoutError as error:
+            connection.close()
+            raise TimeoutError("it took the connection and sent no metadata; is it an openpi server?") from error
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _agree(self, metadata: Mapping[Any, Any]) -> None:
+        """Choose the adapter at the first handshake, and compare conventions at each.
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        declared = metadata.get("betterbench")
+        theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
+        adapter = self.adapter
+        if adapter is None:
+            adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
+            if theirs.action_space is not None and adapter.answer.as_is and "action_space" not in self._address.options:
+                adapter = adapter.in_space(theirs.action_space)
+        layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
+        if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
+            theirs = replace(theirs, preset=adapter.name)  # the server reads this layout too
+        compare(declare_adapter("this side", adapter), theirs)
+        self.adapter, self.server = adapter, theirs
+        self._metadata = {str(k): v for k, v in metadata.items()}
+
+    def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
+        """Return the map in a frame.
+
+        Raises:
+            PolicyError: If it is an error of the server's, or no map.
+        """
+        if isinstance(frame, str):
+            lines = [line.strip() for line in frame.splitlines() if line.strip()]
+            raise PolicyError(f"{self._where} reports an error: {lines[-1][:500] if lines else 'without a text'}")
+        value = decode_openpi(frame)
+        if not isinstance(value, Mapping):
+            raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")
+        return value

@@ -1,0 +1,252 @@
+"""The adapters of known policies, and what an address changes about them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface.actions import ACTION_SPACES
+from betterbench.policies.adapter import Adapter, InstructionRule
+from betterbench.policies.address import CAMERA_OPTION, PolicyAddress
+from betterbench.policies.answers import AnswerPart, AnswerRule, Polarity
+from betterbench.policies.fitting import EVERY_CAMERA, Fit, PictureRule, Turn
+from betterbench.policies.proprioception import StateRule
+from betterbench.policies.rotation import RotationFormat
+
+_TURNS: dict[str, Turn] = {"0": 0, "90": 90, "180": 180, "270": 270}
+
+
+def _twist(*keys: str) -> tuple[AnswerPart, ...]:
+    """Return translation, rotation and gripper, under one key or under one each."""
+    translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
+    return (
+        AnswerPart((translation,), "translation"),
+        AnswerPart((rotation,), "rotation"),
+        AnswerPart((gripper,), "gripper"),
+    )
+
+
+NATIVE = Adapter(
+    "native",
+    views=(PictureRule(("better/images/{camera}",), EVERY_CAMERA),),
+    states=(
+        StateRule(("better/step",), ("step",), "int64", scalar=True),
+        StateRule(("better/joint_positions",), ("joint_positions",), "float64"),
+        StateRule(("better/joint_velocities",), ("joint_velocities",), "float64"),
+        StateRule(("better/ee_position",), ("ee_position",), "float64"),
+        StateRule(("better/ee_quaternion",), ("ee_quaternion_wxyz",), "float64"),
+        StateRule(("better/gripper_width",), ("gripper_width",), "float64", scalar=True),
+    ),
+    instruction=InstructionRule(("prompt",)),
+    episode_key=("better/episode",),
+)
+"""Our own observation, whole, over openpi's wire; the answer is an action of ours, played as it is."""
+
+OPENPI_LIBERO = Adapter(
+    "openpi_libero",
+    views=(
+        PictureRule(("observation/image",), "front", 224, 224),
+        PictureRule(("observation/wrist_image",), "wrist", 224, 224),
+    ),
+    states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("prompt",)),
+    answer=AnswerRule("ee_delta", _twist("actions")),
+)
+"""The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
+
+This is the layout for a policy that was fine-tuned on demonstrations of ours. Two things differ for a checkpoint that
+was trained on LIBERO itself, and are asked for by ``mirror=true&ee_offset=-0.66,0,0.912``:
+
+- Its client turns both pictures by 180 degrees. LIBERO's renderer delivers the rows from the bottom up (robosuite's
+  "opengl" convention), so a flip of the rows alone would set them upright; the turn also swaps left and right. What
+  such a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue 295, huggingface/lerobot
+  issue 3830, ARISE-Initiative/robosuite issue 56). Ours are upright and not mirrored, so they are never to be turned,
+  which would show the world on its head, and are mirrored only for such a checkpoint.
+- Its tool position is in LIBERO's world, ours in the frame of the robot's base, which stands at (-0.66, 0, 0.912) m in
+  LIBERO's table scenes.
+
+The state is the tool's position and rotation vector and the two finger joints.
+"""
+
+OPENPI_DROID = Adapter(
+    "openpi_droid",
+    views=(
+        PictureRule(("observation/exterior_image_1_left",), "left_shoulder", 224, 224),
+        PictureRule(("observation/wrist_image_left",), "wrist", 224, 224),
+    ),
+    states=(
+        StateRule(("observation/joint_position",), ("joint_positions",)),
+        StateRule(("observation/gripper_position",), ("gripper_closed_fraction",)),
+    ),
+    instruction=InstructionRule(("prompt",)),
+    answer=AnswerRule(
+        "joint_delta",
+        (AnswerPart(("actions",), "joints"), AnswerPart(("actions",), "gripper")),
+        joint_unit_rad=0.2,
+        step_rate_hz=15.0,
+        gripper="closed_fraction",
+    ),
+)
+"""The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
+
+DROID's actions are seven joint velocities in units of 0.2 rad per step at 15 Hz, that is 3 rad/s (``droid/robot_ik/
+robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), of which
+the client executes whether it is above a half. They are played as velocities: at our 20 Hz one unit is a step of
+0.15 rad, and ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds
+are slowed down and counted as clipped. DROID adds a step to the measured joint angles, we to the last commanded ones.
+The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, which ``--observation droid`` renders;
+``camera.observation/exterior_image_1_left=front`` shows the front view instead.
+"""
+
+GR00T_NEW_EMBODIMENT = Adapter(
+    "gr00t_new_embodiment",
+    views=(PictureRule(("video", "front"), "front", 256, 256), PictureRule(("video", "wrist"), "wrist", 256, 256)),
+    states=(
+        StateRule(("state", "ee_position"), ("ee_position",)),
+        StateRule(("state", "ee_rotation"), ("ee_axis_angle",)),
+        StateRule(("state", "gripper"), ("gripper_width",)),
+    ),
+    instruction=InstructionRule(("language", "annotation.human.action.task_description"), depth=2),
+    answer=AnswerRule("ee_delta", _twist("ee_position", "ee_rotation", "gripper")),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
+
+Keys and slices of a new embodiment are those of the ``meta/modality.json`` it was fine-tuned with; these are the ones
+of our own export. The server tells its own at connection, and they are compared.
+"""
+
+BEING_H_LIBERO = Adapter(
+    "being_h_libero",
+    views=(
+        PictureRule(("video.top_view",), "front", 224, 224),
+        PictureRule(("video.wrist_view",), "wrist", 224, 224),
+    ),
+    states=(
+        StateRule(("state.eef_position",), ("ee_position",)),
+        StateRule(("state.eef_rotation",), ("ee_axis_angle",)),
+        StateRule(("state.libero_gripper_position",), ("gripper_fingers",)),
+    ),
+    instruction=InstructionRule(("language.instruction",), depth=1),
+    answer=AnswerRule(
+        "ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.libero_gripper_position")
+    ),
+    leading_axes=1,
+)
+"""Being-H0.5 with its LIBERO data config (BeingBeyond/Being-H, ``BeingH/inference/service.py``). For a checkpoint
+trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+
+VLA_EVAL = Adapter(
+    "vla_eval",
+    views=(PictureRule(("images", "agentview"), "front"), PictureRule(("images", "wrist"), "wrist")),
+    states=(StateRule(("states",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("task_description",)),
+    answer=AnswerRule("ee_delta", _twist("actions")),
+)
+"""The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
+model servers take: pictures by camera, eight numbers of state, and the sentence. Sizes are the server's business.
+Servers that want one picture take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+
+PRESETS: dict[str, Adapter] = {
+    adapter.name: adapter
+    for adapter in (NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, BEING_H_LIBERO, VLA_EVAL)
+}
+
+
+def preset(name: str) -> Adapter:
+    """Return a preset by name.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+    """
+    try:
+        return PRESETS[name]
+    except KeyError:
+        raise UnknownNameError("preset", name, PRESETS) from None
+
+
+def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
+    """Return the adapter that an address asks for.
+
+    Args:
+        address: Address with ``preset`` or ``adapter`` and what differs from them.
+        default: The adapter if it names neither; None where none is safe.
+
+    Raises:
+        InvalidInputError: If it names both or neither, or an option is malformed.
+        UnknownNameError: If a name in it does not exist.
+    """
+    options, where = address.options, f"policy {address}"
+    if "preset" in options and "adapter" in options:
+        raise InvalidInputError(where, "it gives both preset and adapter", "Give one")
+    if "preset" in options:
+        adapter = preset(options["preset"])
+    elif "adapter" in options:
+        adapter = Adapter.load(Path(options["adapter"]))
+    elif default is not None:
+        adapter = default
+    else:
+        raise InvalidInputError(
+            where,
+            "neither it nor the server says which pictures and state the policy wants",
+            f"Add ?preset=NAME ({', '.join(sorted(PRESETS))}) or ?adapter=FILE",
+        )
+    cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
+    if cameras:
+        adapter = adapter.with_cameras(cameras)
+    return replace(
+        adapter,
+        views=tuple(_picture(rule, address) for rule in adapter.views),
+        answer=_answer(adapter.answer, address),
+        ee_offset_m=_offset(address) if "ee_offset" in options else adapter.ee_offset_m,
+    )
+
+
+def _picture(rule: PictureRule, address: PolicyAddress) -> PictureRule:
+    width, height = _size(address) if "size" in address.options else (rule.width, rule.height)
+    return replace(
+        rule,
+        width=width,
+        height=height,
+        fit=address.choice("fit", get_args(Fit), rule.fit),
+        keep=address.number("keep", rule.keep),
+        turn=_TURNS[address.choice("turn", tuple(_TURNS), str(rule.turn))],
+        mirror=address.choice("mirror", ("true", "false"), str(rule.mirror).lower()) == "true",
+    )
+
+
+def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
+    units = address.choice("units", ("libero", "physical", "preset"), "preset")
+    translation = {"libero": 0.05, "physical": 1.0, "preset": rule.translation_unit_m}[units]
+    rotation = {"libero": 0.5, "physical": 1.0, "preset": rule.rotation_unit_rad}[units]
+    return replace(
+        rule,
+        space=address.choice("action_space", tuple(ACTION_SPACES), rule.space),
+        translation_unit_m=translation,
+        rotation_unit_rad=rotation,
+        frame=address.choice("frame", ("base", "tool"), rule.frame),
+        rotation=address.choice("rotation", get_args(RotationFormat), rule.rotation),
+        gripper=address.choice("gripper", get_args(Polarity), rule.gripper),
+    )
+
+
+def _size(address: PolicyAddress) -> tuple[int, int]:
+    text = address.options["size"]
+    width, _, height = text.partition("x")
+    sides = (width, height or width)
+    if not all(s.isdecimal() and s.isascii() and len(s) <= 4 for s in sides):
+        raise InvalidInputError(f"policy {address}", f"size={text} is no size", "Write size=224 or size=320x240")
+    return int(sides[0]), int(sides[1])
+
+
+def _offset(address: PolicyAddress) -> tuple[float, float, float]:
+    text = address.options["ee_offset"]
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InvalidInputError(
+            f"policy {address}", f"ee_offset={text} is no triple of metres", "Write ee_offset=-0.66,0,0.912"
+        ) from None
+    return x, y, z

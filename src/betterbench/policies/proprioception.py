@@ -1,0 +1,126 @@
+"""The state of the robot as a policy wants it: which numbers, in which format and order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import ConfigDict, with_config
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
+from betterbench.interface import Observation
+from betterbench.policies.rotation import ROTATION_SIZES, to_format
+
+StatePart = Literal[
+    "ee_position",
+    "ee_quaternion_wxyz",
+    "ee_quaternion_xyzw",
+    "ee_axis_angle",
+    "ee_rpy",
+    "ee_rotation_6d",
+    "ee_rotation_6d_rows",
+    "ee_rotation_6d_interleaved",
+    "ee_matrix",
+    "gripper_width",
+    "gripper_fingers",
+    "gripper_open_fraction",
+    "gripper_closed_fraction",
+    "joint_positions",
+    "joint_velocities",
+    "step",
+    "zero",
+]
+"""What a state can hold. ``gripper_fingers`` are the positions [m] of two finger joints, the second negated, as
+robosuite and LIBERO give them; the fractions are of the full opening; ``zero`` is a place that the policy leaves
+unused."""
+
+_SIZES: dict[str, int] = {
+    "ee_position": 3,
+    "gripper_fingers": 2,
+    "joint_positions": 7,
+    "joint_velocities": 7,
+    **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
+}
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class StateRule:
+    """One vector of the robot's state.
+
+    Attributes:
+        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
+        parts: What it holds, in order.
+        dtype: Type of its numbers.
+        scalar: True to send a plain number instead of an array; for one part of one number.
+    """
+
+    key: tuple[str, ...]
+    parts: tuple[StatePart, ...]
+    dtype: Literal["float32", "float64", "int64"] = "float32"
+    scalar: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that it holds something.
+
+        Raises:
+            InvalidInputError: If it holds nothing, or a scalar more than one number.
+        """
+        where = f"state {'/'.join(self.key)}"
+        if not self.parts:
+            raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")
+        if self.scalar and self.size != 1:
+            raise InvalidInputError(where, f"a scalar cannot hold {self.size} numbers", "Leave scalar out")
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return sum(_SIZES.get(part, 1) for part in self.parts)
+
+    def read(
+        self, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
+    ) -> np.ndarray | float | int:
+        """Return the state of an observation.
+
+        Args:
+            observation: What is seen now.
+            ee_offset_m: Added to the position of the end effector, for policies with another origin [m].
+            gripper_opening_m: Distance of the pads that counts as fully open [m].
+
+        Returns:
+            (size,) array of the type that the policy wants, or a number for a scalar.
+        """
+        values: list[float] = []
+        for part in self.parts:
+            if part == "ee_position":
+                values += [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+            elif part == "joint_positions":
+                values += observation.joint_positions.tolist()
+            elif part == "joint_velocities":
+                values += observation.joint_velocities.tolist()
+            elif part == "step":
+                values.append(observation.step)
+            elif part == "zero":
+                values.append(0.0)
+            elif part == "ee_axis_angle":
+                w, x, y, z = observation.ee_quaternion.tolist()
+                values += to_axis_angle_near((w, x, y, z), TOOL_DOWN)
+            elif part.startswith("gripper_"):
+                values += _gripper(part, observation.gripper_width, gripper_opening_m)
+            else:
+                values += to_format(observation.ee_quaternion.tolist(), part.removeprefix("ee_"))  # type: ignore[arg-type]
+        if self.scalar:
+            return int(values[0]) if self.dtype == "int64" else float(values[0])
+        return np.array(values, dtype=self.dtype)
+
+
+def _gripper(part: str, width_m: float, opening_m: float) -> list[float]:
+    if part == "gripper_width":
+        return [width_m]
+    if part == "gripper_fingers":
+        return [0.5 * width_m, -0.5 * width_m]
+    opened = min(max(width_m / opening_m, 0.0), 1.0)
+    return [opened if part == "gripper_open_fraction" else 1.0 - opened]

@@ -1,0 +1,104 @@
+"""What the clients of websocket servers have in common as policies."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from betterbench.errors import HandshakeError
+from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.fitting import EVERY_CAMERA
+from betterbench.policies.handshake import Declaration, compare, declare_adapter
+
+_LONGEST_TEXT = 2000
+_MOST_ENTRIES = 100
+
+
+def describe_policy(
+    address: PolicyAddress, adapter: Adapter, declared: Mapping[str, Any], *, needs_images: bool | None = None
+) -> PolicyInfo:
+    """Return what a client says about its policy; it is stored with the run.
+
+    Args:
+        address: Address of the policy.
+        adapter: How it is spoken to.
+        declared: What the server said about itself.
+        needs_images: False if no picture is needed; None to tell from the adapter.
+    """
+    metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
+    for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
+        metadata[f"server: {str(name)[:100]}"] = plain_text(value)
+    return PolicyInfo(
+        str(address),
+        action_space=adapter.answer.space,
+        needs_images=bool(adapter.views) if needs_images is None else needs_images,
+        metadata=metadata,
+        execution=address.execution(),
+    )
+
+
+def plain_text(value: object) -> str:
+    """Return something that a server declared as a text of bounded length."""
+    try:
+        text = value if isinstance(value, str) else json.dumps(value, default=str)
+    except TypeError:  # a map with keys that are no texts
+        text = str(value)
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+
+
+def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
+    """Check that an episode wants actions of the kind that a policy gives.
+
+    Args:
+        adapter: How the policy is spoken to.
+        start: How the episode begins.
+        who: What to call the policy in messages.
+
+    Raises:
+        HandshakeError: If it does not.
+    """
+    if start.action_space != adapter.answer.space:
+        raise HandshakeError(
+            f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
+            f"Give --action-space {adapter.answer.space}."
+        )
+
+
+def check_run(
+    adapter: Adapter, theirs: Declaration, *, space: str, observation: ObservationSpec, rate_hz: float
+) -> None:
+    """Compare the conventions of a run with those of a policy, before the run starts.
+
+    Args:
+        adapter: How the policy is spoken to.
+        theirs: What its server declares.
+        space: Action space of the run.
+        observation: What the run renders.
+        rate_hz: Control rate of the run [Hz].
+
+    Raises:
+        HandshakeError: If they differ; the text names both sides.
+    """
+    ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
+    compare(ours, theirs)
+    if space != adapter.answer.space:
+        raise HandshakeError(
+            f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
+            f"Give --action-space {adapter.answer.space}."
+        )
+    rendered = {camera.name for camera in observation.cameras}
+    missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
+    if missing:
+        raise HandshakeError(
+            f"cameras: {theirs.who} is shown {', '.join(missing)} by adapter {adapter.name}, the run renders "
+            f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the address."
+        )
+    if adapter.control_rate_hz != rate_hz:
+        raise HandshakeError(
+            f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
+            "Correct control_rate_hz in the adapter."
+        )

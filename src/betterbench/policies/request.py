@@ -1,0 +1,158 @@
+"""Requests as our server reads them: an observation in one of two layouts, checked field by field.
+
+The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds and names its trial. The LIBERO
+layout of openpi is what other people's clients send: two pictures, eight numbers and the sentence. Nothing in it tells
+the joint angles; they are NaN then, which no policy can take for a measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import from_axis_angle
+from betterbench.interface import EpisodeStart, Observation
+
+NATIVE_IMAGES = "better/images/"
+_LARGEST = 2**31 - 1
+_LARGEST_SIDE = 4096
+_MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
+_LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One question of a client.
+
+    Attributes:
+        instruction: The sentence.
+        step: Control steps since reset, or None where the client does not say.
+        start: The trial, or None where the client names none.
+        observation: What the client sees, or None where it sends neither joints nor state.
+        measured: True if the observation holds the joint angles, so that two sides can compare their states.
+    """
+
+    instruction: str
+    step: int | None
+    start: EpisodeStart | None
+    observation: Observation | None
+    measured: bool
+
+
+def read_request(message: Mapping[Any, Any]) -> Request:
+    """Read a request.
+
+    Args:
+        message: The decoded frame.
+
+    Raises:
+        InvalidInputError: If a field is missing or malformed; the text names it.
+    """
+    message = {key: value for key, value in message.items() if isinstance(key, str)}
+    instruction = message.get("prompt")
+    if not isinstance(instruction, str) or not instruction.strip():
+        raise InvalidInputError("prompt", "the sentence is missing", "Send what the robot shall do as a string")
+    step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
+    start = None if "better/episode" not in message else _start(message["better/episode"], instruction)
+    native = any(key.startswith("better/joint") for key in message)
+    if native:
+        observation: Observation | None = _native(message, instruction, step or 0)
+    elif "observation/state" in message:
+        observation = _libero(message, instruction, step or 0)
+    else:
+        observation = None
+    return Request(instruction, step, start, observation, native)
+
+
+def _start(form: object, instruction: str) -> EpisodeStart:
+    """Return the trial that a client names."""
+    if not isinstance(form, Mapping):
+        raise InvalidInputError(
+            "better/episode", f"it is a {type(form).__name__}", "Send a map with task and condition"
+        )
+    texts = {}
+    for key in ("task", "condition", "action_space"):
+        value = form.get(key)
+        if not isinstance(value, str):
+            raise InvalidInputError(f"better/episode: {key}", "it is no string", "Send the name as a string")
+        texts[key] = value
+    said = form.get("instruction", instruction)
+    return EpisodeStart(
+        said if isinstance(said, str) else instruction,
+        _whole(form.get("seed"), "better/episode: seed"),
+        texts["action_space"],
+        task=texts["task"],
+        condition=texts["condition"],
+    )
+
+
+def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
+    numbers = {name: _numbers(message.get(f"better/{name}"), f"better/{name}", n) for name, n in _MEASURED.items()}
+    return Observation(
+        instruction=instruction,
+        step=step,
+        images={
+            key.removeprefix(NATIVE_IMAGES): _picture(value, key)
+            for key, value in message.items()
+            if key.startswith(NATIVE_IMAGES)
+        },
+        gripper_width=float(_numbers(message.get("better/gripper_width"), "better/gripper_width", 1)[0]),
+        depth={},
+        masks={},
+        **numbers,
+    )
+
+
+def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
+    state = _numbers(message["observation/state"], "observation/state", 8)
+    unknown = np.full(7, math.nan)
+    return Observation(
+        instruction=instruction,
+        step=step,
+        images={name: _picture(message[key], key) for key, name in _LIBERO_CAMERAS.items() if key in message},
+        joint_positions=unknown,
+        joint_velocities=unknown.copy(),
+        ee_position=state[:3],
+        ee_quaternion=np.array(from_axis_angle(state[3:6].tolist())),
+        # The second finger of LIBERO's gripper slides the other way.
+        gripper_width=float(state[6] - state[7]),
+        depth={},
+        masks={},
+    )
+
+
+def _whole(value: object, where: str) -> int:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is no whole number from 0", "Send an integer")
+    return int(value)
+
+
+def _numbers(value: object, where: str, count: int) -> np.ndarray:
+    """Return a flat float64 array of finite numbers."""
+    try:
+        array = np.asarray(value, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError, OverflowError):
+        array = np.full(0, math.nan)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise InvalidInputError(where, f"it is not {count} finite numbers", f"Send a float array of shape ({count},)")
+    return array
+
+
+def _picture(value: object, where: str) -> np.ndarray:
+    if (
+        not isinstance(value, np.ndarray)
+        or value.dtype != np.uint8
+        or value.ndim != 3
+        or value.shape[2] != 3
+        or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= _LARGEST_SIDE
+    ):
+        found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise InvalidInputError(where, f"it is {found}", "Send an upright RGB picture, (height, width, 3) uint8")
+    return value

@@ -1,0 +1,242 @@
+"""The server of the openpi protocol: metadata first, then one frame in, one frame out, an error as text.
+
+What is served is somebody else's business: a server is given a function that makes a :class:`Session` for each
+connection. Every connection has a thread of its own, so a client that is slow, that breaks off or that sends garbage
+harms nobody else. Facts of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hmac
+import http
+import logging
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.sync.server import Server, ServerConnection, serve
+
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_PORT = 8000
+"""The port of openpi's own server."""
+LOOPBACK = "127.0.0.1"
+
+_ERROR_CODE = 1011
+_CLOSE_TIMEOUT_S = 2.0
+
+
+class Session(Protocol):
+    """Answers the requests of one connection, one after the other."""
+
+    def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
+
+        Raises:
+            BetterError: If the request cannot be answered; its text travels to the client as it is.
+        """
+
+    def close(self) -> None:
+        """Forget the connection."""
+
+
+class PolicyServer:
+    """Serves sessions until it is told to stop; a context manager that starts and stops it.
+
+    Attributes:
+        host: Interface it listens on.
+        port: Port it listens on, the real one where any free port was asked for.
+    """
+
+    def __init__(
+        self,
+        make_session: Callable[[], Session],
+        *,
+        metadata: Mapping[str, Any],
+        host: str = LOOPBACK,
+        port: int = DEFAULT_PORT,
+        api_key: str | None = None,
+        on_stop: Callable[[], None] | None = None,
+    ) -> None:
+        """Bind the socket; nobody is answered before :meth:`start`.
+
+        Args:
+            make_session: Makes what answers one connection.
+            metadata: What the server declares to every client that connects.
+            host: Interface to listen on.
+            port: Port to listen on; 0 for any free one.
+            api_key: Key that clients have to show, or None.
+            on_stop: Called once when all connections have ended.
+
+        Raises:
+            InvalidInputError: If it is not possible to listen there.
+        """
+        self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
+        self._greeting = encode_openpi(dict(metadata))
+        self._lock = threading.Lock()
+        self._open: dict[ServerConnection, threading.Thread] = {}
+        self._thread: threading.Thread | None = None
+        self._server: Server = serve(
+            self._converse,
+            sock=_listen(host, port),
+            compression=None,
+            max_size=MAX_FRAME_BYTES,
+            process_request=self._admit,
+            # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
+            ping_interval=None,
+            close_timeout=_CLOSE_TIMEOUT_S,
+            logger=_quiet(),
+        )
+        self.host = host
+        self.port = int(self._server.socket.getsockname()[1])
+
+    @property
+    def client_host(self) -> str:
+        """Name under which a client on this machine reaches it."""
+        return LOOPBACK if self.host in ("0.0.0.0", "::", "") else self.host  # noqa: S104 - compared, not bound
+
+    @property
+    def address(self) -> str:
+        """Address to evaluate what is served here."""
+        host = self.client_host
+        return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    def start(self) -> None:
+        """Answer clients from now on, in threads of this process."""
+        self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve:{self.port}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more connections, close those that are open, and wait until their threads have ended."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            self._server.socket.close()
+            return
+        self._server.shutdown()
+        thread.join()
+        # Older releases of websockets leave the open connections to their handlers.
+        with self._lock:
+            left = list(self._open.items())
+        for connection, _ in left:
+            with contextlib.suppress(Exception):
+                connection.close(1001)
+        for _, worker in left:
+            worker.join(_CLOSE_TIMEOUT_S)
+        if self._on_stop is not None:
+            self._on_stop()
+
+    def __enter__(self) -> Self:
+        """Start."""
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop."""
+        self.stop()
+
+    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer health checks, and send strangers away."""
+        if request.path == "/healthz":
+            return connection.respond(http.HTTPStatus.OK, "OK\n")
+        if self._api_key is not None:
+            shown = request.headers.get("Authorization", "")
+            if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
+                return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server wants an Api-Key.\n")
+        return None
+
+    def _converse(self, connection: ServerConnection) -> None:
+        """Talk to one client until it leaves."""
+        client = _name_of(connection.remote_address)
+        with self._lock:
+            self._open[connection] = threading.current_thread()
+        logger.info("%s connected", client)
+        answered, session = 0, None
+        timing: dict[str, float] = {}
+        try:
+            session = self._make_session()
+            connection.send(self._greeting)
+            for frame in connection:
+                began = time.perf_counter()
+                reply = self._reply(session, frame)
+                reply["server_timing"] = {"infer_ms": 1000.0 * (time.perf_counter() - began)} | timing
+                connection.send(encode_openpi(reply))
+                timing = {"prev_total_ms": 1000.0 * (time.perf_counter() - began)}
+                answered += 1
+        except ConnectionClosed:
+            pass
+        except Exception as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
+            text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
+            logger.warning("%s: %s", client, text.strip().splitlines()[-1])
+            with contextlib.suppress(ConnectionClosed):
+                connection.send(text)
+                connection.close(_ERROR_CODE, "The reason is in the frame before.")
+        finally:
+            with self._lock:
+                self._open.pop(connection, None)
+            if session is not None:
+                session.close()
+            logger.info("%s left after %d answers", client, answered)
+
+    def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
+        """Return the reply to a frame.
+
+        Raises:
+            InvalidInputError: If the frame is no request.
+        """
+        if isinstance(frame, str):
+            raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
+        request = decode_openpi(frame)
+        if not isinstance(request, dict):
+            raise InvalidInputError(
+                "the request", f"it is a {type(request).__name__}", "Send a map, as openpi's client"
+            )
+        return dict(session.answer(request))
+
+
+def _listen(host: str, port: int) -> socket.socket:
+    """Return a listening socket.
+
+    Raises:
+        InvalidInputError: If it cannot be had.
+    """
+    if not 0 <= port <= 65535:
+        raise InvalidInputError("--port", f"{port} is no port", "Give 1 to 65535, or 0 for any free one")
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family)
+    except OSError as problem:
+        if problem.errno == errno.EADDRINUSE:
+            raise InvalidInputError(
+                "--port", f"{port} is in use on {host}", "Give another one, or 0 for any free one"
+            ) from None
+        if problem.errno == errno.EACCES:
+            raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
+        raise InvalidInputError(
+            "--host",
+            f"{host!r} is no interface of this machine ({problem.strerror})",
+            "127.0.0.1 is this machine alone",
+        ) from None
+
+
+def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket
+    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
+
+
+def _quiet() -> logging.Logger:
+    """Return a logger for the library: it logs a traceback for every port scan and every client that breaks off."""
+    quiet = logging.getLogger(f"{__name__}.websockets")
+    quiet.setLevel(logging.CRITICAL)
+    return quiet

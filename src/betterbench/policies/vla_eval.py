@@ -1,0 +1,341 @@
+"""Client of vla-evaluation-harness: ``vla-eval://host:port``, some twenty families of models behind one protocol.
+
+Messages are maps of type, payload, sequence number and time. Both sides say hello; then an episode is started, every
+observation is answered by an action with its number, and the episode is ended. Facts: ``vla_eval/protocol`` and
+``vla_eval/model_servers/serve.py`` of the package vla-eval.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+import betterbench
+from betterbench.errors import HandshakeError, PolicyError
+from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.handshake import Declaration, compare
+from betterbench.policies.link import Link, Terms, api_key
+from betterbench.policies.presets import VLA_EVAL, adapter_of
+from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.websocket import WebSocket
+from betterbench.policies.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
+
+PROTOCOL_VERSION = 1
+"""Version of the protocol that is spoken here."""
+
+_MOST_STRAYS = 64
+_ROTATIONS = {
+    "axis_angle": "axis_angle",
+    "rpy": "euler_xyz",
+    "quaternion_xyzw": "quaternion_xyzw",
+    "rotation_6d_interleaved": "rot6d_interleaved",
+}
+_GRIPPERS = {
+    "close_positive": ("binary_close_positive",),
+    "open_positive": ("binary_close_negative",),
+    "closed_fraction": ("binary_close_01", "continuous_01"),
+    "open_fraction": ("continuous_01",),
+}
+_STATES = {
+    ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
+    ("ee_position", "ee_rpy", "gripper_fingers"): "eef_pos3_euler3_gripper2",
+    ("ee_position", "ee_quaternion_xyzw", "gripper_width"): "eef_pos3_quat4_gripper1",
+    ("joint_positions",): "joint_positions",
+}
+_RAW = "raw"
+
+Kind = Literal["hello", "observation", "action", "episode_start", "episode_end", "error"]
+
+
+class VlaEvalClient:
+    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the server declares.
+    """
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
+        """Connect, say hello and compare conventions.
+
+        Args:
+            address: Address of the server.
+            seed: Seed of the jitter between attempts.
+            max_bytes: Largest message that is taken [byte].
+
+        Raises:
+            PolicyUnavailableError: If the server cannot be reached.
+            HandshakeError: If it declares other conventions than the address asks for.
+            UnknownNameError: If a name in the address does not exist.
+        """
+        self._address, self._max_bytes = address, max_bytes
+        self._key = api_key(address)
+        self._where = f"policy server {address.scheme}://{address.target}"
+        self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
+        self._wanted = adapter_of(address, VLA_EVAL)
+        self.adapter: Adapter = self._wanted
+        self.server = Declaration(self._where)
+        self._hello: Mapping[Any, Any] = {}
+        self._start: EpisodeStart | None = None
+        self._sequence = 0
+        self._asked = 0
+        self._running_on: WebSocket | None = None
+        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self._link.open()
+        self.info: PolicyInfo = describe_policy(address, self.adapter, {str(k): v for k, v in self._hello.items()})
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name with their unit."""
+        return self._link.figures
+
+    def reset(self, start: EpisodeStart) -> None:
+        """End the last episode and begin one; the server learns the sentence and nothing else of the trial.
+
+        Raises:
+            HandshakeError: If the episode wants actions of another kind.
+            PolicyError: If the server breaks.
+            PolicyUnavailableError: If it cannot be reached.
+        """
+        check_start(self.adapter, start, self._where)
+        self._end_episode()
+        self._start, self._asked = start, 0
+        self._link.count_anew()
+        self._link.request(self._begin_episode, replies=False)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64.
+
+        Raises:
+            PolicyError: If the reply cannot be used, or none came.
+            PolicyUnavailableError: If the server cannot be reached.
+        """
+        payload = self.adapter.request(observation, self._start)
+
+        def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
+            end = time.monotonic() + timeout_s
+            if self._running_on is not connection and self._start is not None:
+                # The connection is new since the episode began, and the server knows nothing of the episode.
+                self._begin_episode(connection, timeout_s)
+            sent = self._send(connection, "observation", payload, timeout_s)
+            return self._reply(connection, sent, end)
+
+        reply = self._link.request(exchange)
+        self._asked += 1
+        return self.adapter.actions(reply, observation)
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's, before the run starts.
+
+        Args:
+            space: Action space of the run.
+            observation: What the run renders.
+            rate_hz: Control rate of the run [Hz].
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        check_run(self.adapter, Declaration(self._where), space=space, observation=observation, rate_hz=rate_hz)
+
+    def close(self) -> None:
+        """End the episode and the connection."""
+        self._end_episode()
+        self._link.close()
+
+    def _dial(self, timeout_s: float) -> WebSocket:
+        """Connect, say hello and compare; after a restart of the server it is done again."""
+        end = time.monotonic() + timeout_s
+        connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
+        try:
+            said = {
+                "harness_version": f"betterbench {betterbench.__version__}",
+                "protocol_version": PROTOCOL_VERSION,
+                "benchmark": "betterbench",
+            }
+            sent = self._send(connection, "hello", said, timeout_s)
+            self._agree(self._reply(connection, sent, end, expected="hello"))
+        except TimeoutError as error:
+            connection.close()
+            raise TimeoutError("it took the connection and answers no hello; is it a vla-eval server?") from error
+        except BaseException:
+            connection.close()
+            raise
+        return connection
+
+    def _agree(self, hello: Mapping[Any, Any]) -> None:
+        """Shape the adapter by what the server asks for, and compare conventions.
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        version = hello.get("protocol_version")
+        if not isinstance(version, int) or version != PROTOCOL_VERSION:
+            raise HandshakeError(
+                f"{self._where} speaks version {str(version)[:20]} of the protocol, this side {PROTOCOL_VERSION}."
+            )
+        adapter = shaped_by(self._wanted, hello.get("observation_params"))
+        theirs, ours = declare_specs(self._where, hello, adapter)
+        compare(ours, theirs)
+        self.adapter, self.server, self._hello = adapter, theirs, hello
+
+    def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
+        if self._start is None:
+            raise AssertionError("an episode begins with a start")
+        self._send(connection, "episode_start", {"task": {"name": self._start.instruction}}, timeout_s)
+        self._running_on = connection
+
+    def _end_episode(self) -> None:
+        """Tell the server that the episode is over, if it still listens; how it went is not the policy's to know."""
+        connection, self._running_on = self._running_on, None
+        if connection is None or not self._link.holds(connection):
+            return
+        try:
+            self._send(connection, "episode_end", {"steps": self._asked}, 1.0)
+        except (OSError, PolicyError):
+            self._link.drop()
+
+    def _send(self, connection: WebSocket, kind: Kind, payload: Mapping[str, Any], timeout_s: float) -> int:
+        """Send a message and return its number."""
+        self._sequence += 1
+        message = {"type": kind, "payload": dict(payload), "seq": self._sequence, "timestamp": time.time()}
+        connection.send(encode_vla_eval(message, images=self._images), timeout_s)
+        return self._sequence
+
+    def _reply(self, connection: WebSocket, sent: int, end: float, *, expected: Kind = "action") -> Mapping[Any, Any]:
+        """Return the payload of the answer to a message.
+
+        Errors have the number of the message they are about: one about the start of the episode comes before.
+
+        Raises:
+            OSError: If none comes in time.
+            PolicyError: If it is an error or no message.
+        """
+        for _ in range(_MOST_STRAYS):
+            frame = connection.receive(end - time.monotonic())
+            message = decode_vla_eval(frame) if isinstance(frame, bytes) else None
+            if not isinstance(message, Mapping) or not isinstance(message.get("payload"), Mapping):
+                raise PolicyError(f"{self._where} sent what is no message with a type and a payload.")
+            payload: Mapping[Any, Any] = message["payload"]
+            kind, number = message.get("type"), message.get("seq")
+            if not isinstance(kind, str) or not isinstance(number, int):
+                raise PolicyError(f"{self._where} sent a message without a type or without a number.")
+            if kind == "error":
+                text = " ".join(str(payload.get("error", "without a text")).split())
+                raise PolicyError(f"{self._where} reports an error: {text[:500]}")
+            if kind == expected and number == sent:
+                return payload
+            if number >= sent:
+                raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
+        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that answer nothing.")
+
+
+def shaped_by(adapter: Adapter, parameters: object) -> Adapter:
+    """Return the adapter without what a server does not ask for.
+
+    Servers take what they need of what they are sent, so all there is goes to those that do not decline it.
+
+    Args:
+        adapter: The adapter.
+        parameters: What the server said under ``observation_params``.
+
+    Raises:
+        HandshakeError: If it asks for absolute actions and the adapter reads deltas.
+    """
+    if not isinstance(parameters, Mapping):
+        return adapter
+    if parameters.get("absolute_action") is True and adapter.answer.space != "ee_pose":
+        raise HandshakeError(
+            f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. "
+            "Give action_space=ee_pose with the rotation format of the model, and --action-space ee_pose."
+        )
+    if parameters.get("send_wrist_image") is False:
+        adapter = replace(adapter, views=tuple(v for v in adapter.views if "wrist" not in v.key[-1]))
+    if parameters.get("send_state") is False:
+        adapter = replace(adapter, states=())
+    return adapter
+
+
+def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
+    """Return what a server declares and what the adapter offers, in words that can be compared.
+
+    As in the harness, a format ``raw`` promises nothing, and ranges are no conventions: its own constant for rotation
+    vectors allows +-3.15 for numbers that are scaled to +-1. Names of pictures are its users' business, since servers
+    take them in order; how many there are is compared.
+
+    Args:
+        who: What to call the server in messages.
+        hello: What it said.
+        adapter: How it is spoken to.
+
+    Returns:
+        Its side and ours.
+
+    Raises:
+        HandshakeError: If its specs are malformed.
+    """
+    action, seen = _specs(who, hello, "action_spec"), _specs(who, hello, "observation_spec")
+    answer = adapter.answer
+    joints = answer.space.startswith("joint")
+    position = None if joints else "absolute_xyz" if answer.space == "ee_pose" else "delta_xyz"
+    # Where a format of theirs is one that we mean, it stands on both sides; else each side has its own word.
+    told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
+    meant = {
+        "position": () if position is None else (position,),
+        "rotation": () if joints else (_ROTATIONS.get(answer.rotation, answer.rotation),),
+        "gripper": _GRIPPERS[answer.gripper],
+    }
+    said = {
+        name: None if (w := told[name]) is None else w if w in words else (*words, "joints")[0]
+        for name, words in meant.items()
+    }
+    theirs = Declaration(who, position=told["position"], rotation=told["rotation"], gripper=told["gripper"])
+    ours = Declaration("this side", position=said["position"], rotation=said["rotation"], gripper=said["gripper"])
+    state = _format(seen, "state")
+    if "state" in seen:
+        parts = tuple(part for rule in adapter.states for part in rule.parts)
+        sent = _STATES.get(parts, ", ".join(parts))
+        if not parts:
+            theirs, ours = replace(theirs, state=state or "any"), replace(ours, state="none")
+        elif state is not None:
+            fits = sent == state or sent in seen["state"].accepts
+            theirs, ours = replace(theirs, state=state), replace(ours, state=state if fits else sent)
+    pictures = [key for key, spec in seen.items() if spec.format == "rgb_hwc_uint8"]
+    given = ["/".join(view.key) for view in adapter.views]
+    if len(pictures) > len(given):
+        cameras: dict[str, tuple[int, int] | None] = dict.fromkeys(pictures[len(given) :])
+        theirs, ours = replace(theirs, cameras=cameras), replace(ours, cameras=dict.fromkeys(given))
+    return theirs, ours
+
+
+@dataclass(frozen=True, slots=True)
+class _Spec:
+    """One component as it is declared: its format, and formats that are taken in place of it."""
+
+    format: str | None
+    accepts: tuple[str, ...]
+
+
+def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
+    given = hello.get(name)
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
+        raise HandshakeError(f"{who} declares an {name} that is no map of components.")
+    found = {}
+    for key, spec in given.items():
+        told, accepts = spec.get("format"), spec.get("accepts")
+        words = [word for word in accepts if isinstance(word, str)] if isinstance(accepts, list) else []
+        found[str(key)] = _Spec(told if isinstance(told, str) else None, tuple(words))
+    return found
+
+
+def _format(specs: Mapping[str, _Spec], name: str) -> str | None:
+    """Return the format that a component is declared in, or None where nothing is promised."""
+    told = specs[name].format if name in specs else None
+    return None if told == _RAW else told

@@ -1,0 +1,125 @@
+"""What `better eval` shows while it runs: pace, time left, successes, errors, and how the policy answers."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.cli.tally import Tally, duration, pace, service
+from betterbench.errors import RecordError
+from betterbench.evaluation import Progress
+from betterbench.recording import JournalEntry, RunFolder, read_outcome, read_record
+
+
+def progress(done: int, planned: int, elapsed_s: float, *, started_with: int = 0) -> Progress:
+    return Progress(done, planned, elapsed_s, started_with, None)
+
+
+@pytest.mark.parametrize(
+    ("state", "text"),
+    [
+        (progress(0, 100, 0.0), ""),
+        (progress(40, 100, 12.0, started_with=40), ""),
+        (progress(10, 100, 60.0), "10/min, 9 min left"),
+        (progress(50, 100, 60.0, started_with=40), "10/min, 5 min left"),
+        (progress(1, 1200, 40.0), "1.5/min, 13 h 19 min left"),
+        (progress(100, 100, 30.0), "200/min, 0 s left"),
+    ],
+)
+def test_pace_counts_this_session_only(state, text):
+    assert pace(state) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.2, "0 s"), (89.4, "89 s"), (90.0, "2 min"), (5399.0, "1 h 30 min"), (7260.0, "2 h 01 min")]
+)
+def test_durations_are_for_people(seconds, text):
+    assert duration(seconds) == text
+
+
+def entry(seed: int, **wall: float) -> JournalEntry:
+    return JournalEntry("morning_coffee", "T1", "T1", seed, wall=wall)
+
+
+def test_service_says_how_the_policy_answered():
+    entries = [
+        entry(0, policy_latency_p50_s=0.1, policy_latency_max_s=0.2, policy_s=10.0, retries=2.0, reconnects=1.0),
+        entry(1, policy_latency_p50_s=0.12, policy_latency_max_s=3.4, policy_s=20.0, retries=0.0),
+        entry(2, policy_latency_p50_s=0.14, policy_latency_max_s=0.3, policy_s=10.0),
+        entry(3),
+    ]
+    text = service(entries, 20.0)
+    assert text == "120 ms per answer (slowest 3400 ms), 2.0 requests under way on average, 2 retries, 1 reconnect"
+    assert service([entry(0)], 1.0) == ""
+    assert service([entry(0, policy_latency_p50_s=1e-5)], 1.0) == "under 1 ms per answer (slowest under 1 ms)"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tally")
+    (folder / "plugin.py").write_text(
+        "import numpy as np\n"
+        "from betterbench.interface import PolicyInfo\n"
+        "class Policy:\n"
+        "    info = PolicyInfo('sometimes', needs_images=False)\n"
+        "    def reset(self, start):\n"
+        "        self.seed = start.seed\n"
+        "    def act(self, observation):\n"
+        "        if self.seed == 1:\n"
+        "            raise RuntimeError('out of memory')\n"
+        "        return np.zeros(7)\n",
+        encoding="utf-8",
+    )
+    arguments = ["--policy", f"python:{folder / 'plugin.py'}:Policy", "--tasks", "morning_coffee"]
+    arguments += ["--variations", "T1", "--trials", "2", "--observation", "state_only", "--workers", "1"]
+    assert main(["eval", *arguments, "--envs", "2", "--out", str(folder / "run")]) == 0
+    return folder / "run"
+
+
+def test_a_tally_is_that_of_the_records(run):
+    folder = RunFolder.open(run)
+    tally = Tally()
+    tally.resume(folder)
+    records = list(folder.records())
+    assert tally.judged == len(records) == 4
+    assert tally.successes == sum(r.outcome.success for r in records)
+    assert tally.policy_errors == 2
+    tally.add(folder, dataclasses.replace(entry(0), status="error", message="no memory"))
+    assert tally.broken == 1
+    note = tally.note(progress(4, 8, 60.0))
+    assert note == f"4.0/min, 60 s left · {tally.successes}/4 right · 2 errors · 1 broke down"
+
+
+def test_better_eval_ends_with_how_the_policy_answered(run, capsys, monkeypatch):
+    monkeypatch.setattr("betterbench.cli.evaluate.LOG_EVERY_S", 0.0)
+    policy = json.loads((run / "run.json").read_bytes())["plan"]["policy"]
+    (run / "journal.jsonl").write_text(
+        "".join(f"{line}\n" for line in (run / "journal.jsonl").read_text(encoding="utf-8").splitlines()[:3]),
+        encoding="utf-8",
+    )
+    arguments = ["--policy", policy, "--tasks", "morning_coffee", "--variations", "T1", "--trials", "2"]
+    assert main(["eval", *arguments, "--observation", "state_only", "--workers", "1", "--out", str(run)]) == 0
+    shown = capsys.readouterr()
+    assert "per answer (slowest" in shown.err
+    assert "\n4/4 trials · " in shown.err, "a log has lines where a terminal has a bar"
+    assert "success" in shown.out
+
+
+def test_an_outcome_is_read_without_the_rest(run):
+    folder = RunFolder.open(run)
+    for e in folder.entries():
+        path = folder.record_path(e.task, e.condition, e.seed)
+        assert read_outcome(path) == read_record(path).outcome
+
+
+def test_a_damaged_record_has_no_outcome(run, tmp_path):
+    with pytest.raises(RecordError, match="no such record"):
+        read_outcome(tmp_path / "none.parquet")
+    data = bytearray(next((run / "records").rglob("*.parquet")).read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "bad.parquet").write_bytes(bytes(data))
+    with pytest.raises(RecordError, match="digest"):
+        read_outcome(tmp_path / "bad.parquet")

@@ -1,0 +1,117 @@
+"""Vector environments: the same trials as one by one, whatever runs them, and nothing lost at an automatic reset."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import betterbench  # noqa: F401 - makes the tasks known to Gymnasium
+from betterbench.episodes import Observer
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import get_task
+
+pytestmark = pytest.mark.physics
+
+ID = "BeTTER/MorningCoffee-v0"
+MOVE = np.array([[0.3, -0.2, 0.1, 0.0, 0.1, 0.2, 1.0]], dtype=np.float32)
+
+
+def vector(mode: str = "sync", *, envs: int = 2, vector_kwargs: dict | None = None, **arguments: object):
+    arguments = {"observation": "state_only", "quality": "fast", **arguments}
+    return gymnasium.make_vec(ID, num_envs=envs, vectorization_mode=mode, vector_kwargs=vector_kwargs, **arguments)
+
+
+def rows(envs, steps: int = 4) -> np.ndarray:
+    """All that two environments show over some steps, seeds 5 and 6."""
+    seen, _ = envs.reset(seed=5)
+    found = [seen]
+    for _ in range(steps):
+        found.append(envs.step(np.repeat(MOVE, 2, axis=0))[0])
+    return np.array([np.concatenate([s[k].reshape(2, -1) for k in sorted(s)], axis=1) for s in found])
+
+
+@pytest.mark.render
+def test_the_pictures_and_measurements_are_those_that_a_policy_sees():
+    envs = vector(observation="default")
+    seen, info = envs.reset(seed=[8, 3])
+    for step in range(3):
+        for i, seed in enumerate((8, 3)):
+            task = get_task("morning_coffee")
+            scene = Scene(task, task.training[0], seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+            scene.reset()
+            for _ in range(step):
+                scene.step(MOVE[0].astype(np.float64))
+            observer = Observer(observation_spec("default"))
+            shown = observer.observe(scene, scene.state())
+            observer.close()
+            for camera in ("front", "wrist"):
+                assert np.array_equal(seen[camera][i], shown.images[camera])
+            for name in ("joint_positions", "joint_velocities", "ee_position", "ee_quaternion"):
+                assert np.array_equal(seen[name][i], getattr(shown, name))
+            assert seen["gripper_width"][i] == shown.gripper_width
+            assert info["instruction"][i] == shown.instruction
+        seen, *_, info = envs.step(np.repeat(MOVE, 2, axis=0))
+    envs.close()
+
+
+def test_every_environment_has_its_own_seed_and_sentence():
+    envs = vector(variation="L1")
+    _, info = envs.reset(seed=[11, 2])
+    assert info["seed"].tolist() == [11, 2]
+    assert envs.reset(seed=7)[1]["seed"].tolist() == [7, 8]
+    told = envs.get_attr("instruction")
+    assert told == tuple(info["instruction"])
+    assert told[0].endswith(".")
+    assert envs.get_attr("step_limit") == (350, 350)
+    envs.close()
+
+
+def test_spawned_processes_give_what_this_process_gives():
+    here, there = vector(), vector("async", vector_kwargs={"context": "spawn"})
+    try:
+        assert np.array_equal(rows(here), rows(there))
+        assert here.get_attr("instruction") == there.get_attr("instruction")
+    finally:
+        here.close()
+        there.close()
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_forked_servers_give_pictures_too():
+    here = vector(observation="default")
+    there = vector("async", vector_kwargs={"context": "forkserver"}, observation="default")
+    try:
+        assert np.array_equal(rows(here), rows(there))
+    finally:
+        here.close()
+        there.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
+def test_success_is_told_once_whatever_resets_the_environment(mode):
+    # Staying still is right here, so that an open hand that never moves succeeds when the time is over.
+    envs = vector(envs=1, variation="T1", vector_kwargs={"autoreset_mode": mode})
+    envs.reset(seed=0)
+    still = np.array([[0.0] * 6 + [-1.0]], dtype=np.float32)
+    limit = envs.get_attr("step_limit")[0]
+    for _ in range(limit):
+        _, reward, terminated, truncated, info = envs.step(still)
+        if terminated[0] or truncated[0]:
+            break
+    assert terminated[0]
+    assert reward[0] == 1.0
+    told = info["final_info"] if mode is AutoresetMode.SAME_STEP else info
+    assert told["success"][0]
+    assert told["step"][0] == limit
+    if mode is not AutoresetMode.DISABLED:
+        _, reward, terminated, _, info = envs.step(still)
+        assert not terminated[0]
+        assert info["step"][0] == (1 if mode is AutoresetMode.SAME_STEP else 0)
+        assert info["seed"][0] != 0, "the next trial is another one"
+    envs.close()

@@ -1,0 +1,144 @@
+"""Workers elsewhere: what they deliver is what a worker here writes, and they leave nothing behind."""
+
+from __future__ import annotations
+
+import dataclasses
+import socket
+from pathlib import Path
+
+import pytest
+
+from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError
+from betterbench.evaluation import cluster, evaluate
+from betterbench.evaluation.cluster import Cluster, Outpost, Turn, versions_here
+from betterbench.evaluation.trial import Setting
+
+pytestmark = pytest.mark.physics
+
+
+def outpost(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> Outpost:
+    setting = Setting("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
+    return Outpost(setting, (run.path / "run.json").read_bytes(), known)
+
+
+def delivered(post: Outpost, trials) -> Turn:
+    """Returns what comes of trials, in one turn."""
+    turns = [post.turn(trials)]
+    while sum(len(t.deliveries) for t in turns) < len(trials):
+        turns.append(post.turn(()))
+        assert turns[-1].problem is None
+    scenes = {name: data for t in turns for name, data in t.scenes.items()}
+    return Turn(tuple(d for t in turns for d in t.deliveries), scenes)
+
+
+@pytest.mark.parametrize("envs", [1, 3])
+def test_what_an_outpost_delivers_is_what_a_run_here_writes(uninterrupted, tiny_plan, run_content, envs):
+    post = outpost(uninterrupted, envs=envs)
+    try:
+        assert post.prepare({}) == versions_here()
+        found = delivered(post, tiny_plan().trials)
+    finally:
+        post.close()
+    content = {f"scenes/{name}.zip": data for name, data in found.scenes.items()}
+    for delivery in found.deliveries:
+        entry = delivery.entry
+        content[f"records/{entry.task}/{entry.condition}/{entry.seed}.parquet"] = delivery.record
+    assert content == run_content(uninterrupted.path)
+    assert not Path("/nowhere").exists()
+
+
+def test_scenes_that_the_run_holds_already_are_not_sent(uninterrupted, tiny_plan):
+    known = tuple(path.stem for path in uninterrupted.path.glob("scenes/*.zip"))
+    post = outpost(uninterrupted, known=known)
+    try:
+        post.prepare({})
+        found = delivered(post, tiny_plan(trials=2).trials)
+        assert not found.scenes
+        assert all(d.record for d in found.deliveries)
+    finally:
+        post.close()
+
+
+def test_a_scene_is_sent_once(uninterrupted, tiny_plan):
+    post = outpost(uninterrupted)
+    sent: list[str] = []
+    try:
+        post.prepare({})
+        for trial in [*tiny_plan().trials, *tiny_plan().trials]:
+            sent += delivered(post, (trial,)).scenes
+    finally:
+        post.close()
+    assert sorted(sent) == sorted(path.stem for path in uninterrupted.path.glob("scenes/*.zip"))
+
+
+def test_an_outpost_leaves_nothing_behind(uninterrupted, tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    post = outpost(uninterrupted)
+    post.prepare({})
+    assert list(tmp_path.iterdir())
+    post.turn(tiny_plan(trials=2).trials)
+    post.close()
+    post.close()
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InvalidInputError, match="not prepared"):
+        post.turn(())
+
+
+def test_what_stops_a_run_is_delivered_too(uninterrupted, tiny_plan, monkeypatch):
+    post = outpost(uninterrupted)
+    try:
+        post.prepare({})
+
+        def broken(timeout_s):
+            raise PremiseError("a stranger stands in the slot")
+
+        monkeypatch.setattr(post._worker, "finished", broken)
+        turn = post.turn(tiny_plan(trials=1).trials)
+        assert isinstance(turn.problem, PremiseError)
+        assert turn.deliveries == ()
+    finally:
+        post.close()
+
+
+def test_a_trial_that_breaks_down_has_no_record(uninterrupted, tiny_plan):
+    trial = dataclasses.replace(tiny_plan().trials[0], task="no_such_task")
+    post = outpost(uninterrupted)
+    try:
+        post.prepare({})
+        (delivery,) = delivered(post, (trial,)).deliveries
+        assert delivery.entry.status == "error"
+        assert delivery.record is None
+    finally:
+        post.close()
+
+
+def test_an_outpost_that_cannot_work_says_why(uninterrupted):
+    post = outpost(uninterrupted, policy="randum")
+    try:
+        assert "randum" in post.prepare({})["problem"]
+    finally:
+        post.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"), [({"replicas": 0}, "--replicas"), ({"replica_gpus": -1.0}, "--replica-gpus")]
+)
+def test_impossible_numbers_are_refused(arguments, text):
+    with pytest.raises(InvalidInputError, match=text):
+        Cluster(**arguments)
+
+
+def test_a_cluster_that_is_not_there_is_named_at_once(tiny_plan, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+    for given in (address, f"ray://{address}"):
+        with pytest.raises(InvalidInputError, match=f"no Ray cluster at {given}"):
+            evaluate(tiny_plan(), tmp_path / "run", engine="ray", cluster=Cluster(given))
+    assert not (tmp_path / "run").exists()
+
+
+def test_without_ray_nothing_is_written(tiny_plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(MissingDependencyError, match=r"pip install 'betterbench\[ray\]'"):
+        evaluate(tiny_plan(), tmp_path / "run", engine="ray")
+    assert not (tmp_path / "run").exists()

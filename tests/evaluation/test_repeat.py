@@ -1,0 +1,153 @@
+"""A run is repeated from its ``run.json``: the same bits, or a clear line that says why that cannot be."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.errors import RecordError, RunConflictError, UnknownNameError
+from betterbench.evaluation import make_plan
+from betterbench.evaluation.repeat import repeated_plan
+from betterbench.recording import RunFolder
+
+pytestmark = pytest.mark.physics
+
+
+@pytest.fixture
+def changed(uninterrupted, tmp_path):
+    """Returns a function that writes a copy of the run's description with a change, and returns the file."""
+
+    def write(change):
+        form = json.loads((uninterrupted.path / "run.json").read_bytes())
+        change(form["plan"])
+        (tmp_path / "other").mkdir(exist_ok=True)
+        (tmp_path / "other" / "run.json").write_text(json.dumps(form), encoding="utf-8")
+        return tmp_path / "other" / "run.json"
+
+    return write
+
+
+@pytest.mark.parametrize("given", ["run.json", ""])
+def test_the_plan_of_a_run_comes_back(uninterrupted, tiny_plan, given):
+    assert repeated_plan(uninterrupted.path / given) == tiny_plan()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"trials": 2, "seed": 3, "observation": "official", "quality": "high"},
+        {"tasks": ["office_drawer"], "trials": 1, "action_space": "joint_delta", "observation": "state_only"},
+        {"variations": ["fast_food/T1", "L2"], "trials": 1},
+    ],
+    ids=["all tasks", "one task", "some variations"],
+)
+def test_every_plan_comes_back(tmp_path, options):
+    plan = make_plan("openpi://host:8000?preset=openpi_libero&horizon=5", **options)
+    run = RunFolder.start(tmp_path / "run", plan.to_json())
+    assert repeated_plan(run.path) == plan
+    assert repeated_plan(run.path).to_json() == plan.to_json()
+
+
+def test_better_eval_from_repeats_a_run_bit_for_bit(uninterrupted, tmp_path, run_content, capsys):
+    out = tmp_path / "again"
+    source = uninterrupted.path / "run.json"
+    arguments = ["eval", "--from", str(source), "--out", str(out), "--workers", "1", "--uncertified", "--json"]
+    assert main(arguments) == 0
+    assert json.loads(capsys.readouterr().out)["variations"]["n"] == 4
+    assert run_content(out) == run_content(uninterrupted.path)
+    assert json.loads((out / "run.json").read_bytes())["plan"] == uninterrupted.plan
+
+
+def test_another_policy_can_run_the_same_trials(uninterrupted, tiny_plan):
+    plan = repeated_plan(uninterrupted.path, policy="noop")
+    assert plan.policy == "noop"
+    assert plan.trials == tiny_plan().trials
+
+
+OTHER = {
+    "mujoco": (lambda p: p["engine"].update(mujoco="3.16.0"), 'engine.mujoco was "3.16.0" there and is "3.17'),
+    "suite": (lambda p: p.update(suite_version="0.9"), 'suite_version was "0.9" there'),
+    "task": (lambda p: p["task_versions"].update(morning_coffee=99), "task_versions.morning_coffee was 99 there"),
+    "rate": (lambda p: p.update(control_rate_hz=15.0), "control_rate_hz was 15.0 there and is 20.0 here"),
+    "preset": (lambda p: p["quality"].update(shadows=True), "quality.shadows was true there and is false here"),
+    "lost": (lambda p: p.pop("suite_version"), "suite_version was null there"),
+}
+
+
+@pytest.mark.parametrize(("change", "text"), OTHER.values(), ids=OTHER.keys())
+def test_other_versions_are_refused_unless_allowed(changed, tiny_plan, change, text):
+    file = changed(change)
+    with pytest.raises(RunConflictError) as caught:
+        repeated_plan(file)
+    assert text in str(caught.value)
+    assert "--allow-other-versions" in str(caught.value)
+    assert repeated_plan(file, allow_other_versions=True) == tiny_plan()
+
+
+def test_all_differences_are_named_at_once(changed):
+    def both(plan):
+        plan["engine"]["mujoco"] = "3.16.0"
+        plan["task_versions"]["morning_coffee"] = 99
+
+    with pytest.raises(RunConflictError, match=r"engine\.mujoco was .*; task_versions\.morning_coffee was"):
+        repeated_plan(changed(both))
+
+
+def test_another_package_version_alone_changes_no_result(changed, tiny_plan):
+    assert repeated_plan(changed(lambda p: p.update(package_version="0.0.1"))) == tiny_plan()
+
+
+BROKEN = {
+    "no trials": (lambda p: p.pop("trials"), RecordError, "plan.trials is missing"),
+    "trial": (lambda p: p["trials"][0].pop("seed"), RecordError, r"plan.trials\[0\] has not the fields"),
+    "seed": (lambda p: p["trials"][1].update(seed=-1), RecordError, r"plan.trials\[1\].seed is -1"),
+    "kind": (lambda p: p["trials"][1].update(axis=3), RecordError, r"plan.trials\[1\].axis is 3"),
+    "twice": (lambda p: p["trials"].append(p["trials"][0]), RecordError, r"plan.trials\[4\] is planned twice"),
+    "policy": (lambda p: p.pop("policy"), RecordError, "plan.policy is missing"),
+    "task": (lambda p: p["trials"][0].update(task="morning_cofee"), UnknownNameError, "Did you mean 'morning_coffee'"),
+    "observation": (lambda p: p.update(observation="default"), RecordError, "plan.observation.name"),
+}
+
+
+@pytest.mark.parametrize(("change", "error", "text"), BROKEN.values(), ids=BROKEN.keys())
+def test_a_broken_file_is_named(changed, change, error, text):
+    with pytest.raises(error, match=text):
+        repeated_plan(changed(change))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--tasks", "fast_food"), "--tasks: --from repeats a run as it was"),
+        (("--trials", "3"), "--trials: --from repeats"),
+        (("--quality", "high"), "--quality: --from repeats"),
+    ],
+)
+def test_what_the_run_has_answered_is_not_asked_again(uninterrupted, tmp_path, capsys, arguments, text):
+    assert main(["eval", "--from", str(uninterrupted.path), *arguments, "--out", str(tmp_path / "run")]) == 2
+    assert text in capsys.readouterr().err.replace("\n", " ")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_policy_or_a_run_has_to_be_named(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["eval", "--tasks", "fast_food"]) == 2
+    assert "--policy: no policy is named" in capsys.readouterr().err.replace("\n", " ")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_policy_that_declares_something_else_is_no_repetition(uninterrupted, tmp_path, capsys):
+    source = tmp_path / "source"
+    shutil.copytree(uninterrupted.path, source)
+    form = json.loads((source / "run.json").read_bytes())
+    form["context"]["policy"]["metadata"] = {"checkpoint": "before"}
+    (source / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    arguments = ["eval", "--from", str(source), "--out", str(tmp_path / "run"), "--uncertified"]
+    assert main(arguments) == 2
+    text = capsys.readouterr().err.replace("\n", " ")
+    assert "is not the one of this run" in text
+    assert "policy.metadata.checkpoint" in text
+    assert not (tmp_path / "run").exists()

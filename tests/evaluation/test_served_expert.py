@@ -1,0 +1,62 @@
+"""The law of mirrors: an expert behind the server leaves the same record as a local one, bit for bit."""
+
+from __future__ import annotations
+
+import functools
+
+import pytest
+
+from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.evaluation import TrialName, open_server
+from betterbench.experts import make_expert
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.policies.connect import connect
+from betterbench.recording.parquet import record_bytes
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+
+TRIAL = TrialName("morning_coffee", "train1", 1)
+CONTEXT = TrialContext(policy="the same name")
+
+
+def scene():
+    task, condition = TRIAL.resolve()
+    return Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("standard"))
+
+
+@functools.cache
+def local(policy):
+    here = scene()
+    return run_episode(here, make_expert(policy, here), context=CONTEXT).record
+
+
+def remote(policy, options="", chunk=8):
+    with open_server(policy, port=0, chunk=chunk) as server:
+        client = connect(f"{server.address}{options}")
+        try:
+            assert not client.info.needs_images
+            assert client.info.action_space == "ee_delta"
+            observer = Observer(observation_spec("state_only"))
+            return run_episode(scene(), client, context=CONTEXT, observer=observer).record
+        finally:
+            client.close()
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "chunk"),
+    [
+        ("expert", "", 8),
+        ("expert", "?horizon=5", 8),
+        ("expert", "?horizon=6&ahead=2", 8),
+        ("zoo:shape?tremor=0.001", "?preset=native", 13),
+    ],
+)
+def test_the_record_is_that_of_the_local_policy(policy, options, chunk):
+    here, there = local(policy), remote(policy, options, chunk)
+    assert there.outcome == here.outcome
+    assert record_bytes(there) == record_bytes(here)
+
+
+def test_the_expert_solves_the_trial_that_is_compared():
+    assert local("expert").outcome.success

@@ -1,0 +1,334 @@
+"""Workers: many environments in one thread, policies in others, and results that depend on neither."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from betterbench.errors import InvalidInputError, PolicyUnavailableError
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.evaluation.agents import Minds
+from betterbench.evaluation.trial import Setting
+from betterbench.evaluation.worker import Worker, usual_envs
+from betterbench.recording import RunFolder
+
+pytestmark = pytest.mark.physics
+
+PLUGIN = '''
+import hashlib, pathlib, threading, time
+import numpy as np
+from betterbench.errors import PolicyUnavailableError
+from betterbench.interface import Execution, PolicyInfo
+
+HERE = pathlib.Path(__file__).parent
+MADE = []
+
+ENOUGH = 40
+
+def enough(observation):
+    """Ends a trial long before its step limit, which keeps the tests short."""
+    if observation.step >= ENOUGH:
+        raise RuntimeError("enough")
+
+class Slow:
+    """Answers chunks that depend on the trial and the step alone, after a while that depends on neither."""
+    info = PolicyInfo("slow", needs_images=False, execution=Execution(ahead=2))
+    def __init__(self):
+        MADE.append(self)
+        self.draw = np.random.default_rng(len(MADE))
+        self.seed = None
+        self.closed = 0
+    def reset(self, start):
+        self.seed = start.seed
+    def act(self, observation):
+        enough(observation)
+        time.sleep(self.draw.uniform(0.0, 0.01))
+        draw = np.random.default_rng([self.seed, observation.step])
+        return np.hstack([draw.uniform(-1, 1, (8, 6)), -np.ones((8, 1))])
+    def close(self):
+        self.closed += 1
+
+class Batched:
+    """Answers batches; each answer depends on its observation alone."""
+    info = PolicyInfo("batched", needs_images=False)
+    batches = []
+    def reset(self, start):
+        pass
+    def act(self, observation):
+        return self.act_batch([observation])[0]
+    def act_batch(self, observations):
+        for o in observations:
+            enough(o)
+        time.sleep(0.005)
+        self.batches.append(len(observations))
+        moves = [np.tile(np.sin(10 * o.joint_positions[:6]), (8, 1)) for o in observations]
+        return [np.hstack([move, -np.ones((8, 1))]) for move in moves]
+
+class Crashes(Slow):
+    def act(self, observation):
+        if self.seed == 1 and observation.step >= 8:
+            raise RuntimeError("out of memory")
+        return super().act(observation)
+
+class Hangs(Slow):
+    gate = threading.Event()
+    def act(self, observation):
+        if self.seed == 1 and observation.step >= 6:
+            self.gate.wait(60.0)
+        return super().act(observation)
+
+class HangingBatch(Batched):
+    gate = threading.Event()
+    def act_batch(self, observations):
+        if any(o.step >= 16 for o in observations) and not (HERE / "hung").exists():
+            (HERE / "hung").touch()
+            self.gate.wait(60.0)
+        return super().act_batch(observations)
+
+class Gone(Slow):
+    def act(self, observation):
+        if self.seed == 2:
+            raise PolicyUnavailableError("the server is gone")
+        return super().act(observation)
+
+class Looking(Slow):
+    """Answers what depends on every pixel."""
+    info = PolicyInfo("looking", execution=Execution(horizon=4, ahead=1))
+    def act(self, observation):
+        if observation.step >= 20:
+            raise RuntimeError("enough")
+        pixels = b"".join(observation.images[name].tobytes() for name in sorted(observation.images))
+        draw = np.random.default_rng(int.from_bytes(hashlib.sha256(pixels).digest()[:8], "little"))
+        return np.hstack([draw.uniform(-1, 1, (6, 6)), -np.ones((6, 1))])
+
+class Heavy(Batched):
+    """Keeps a mark of every process that it is loaded into."""
+    batches = []
+    def act_batch(self, observations):
+        moves = [np.tile(np.sin(10 * o.joint_positions[:6]), (50, 1)) for o in observations]
+        return [np.hstack([move, -np.ones((50, 1))]) for move in moves]
+    info = PolicyInfo("heavy", needs_images=False, heavy=True)
+    def __init__(self):
+        import os
+        (HERE / f"loaded-{os.getpid()}").touch()
+
+class Mortal(Heavy):
+    """Its process dies in the middle of the run, once."""
+    def act_batch(self, observations):
+        import os, signal
+        marker = HERE / "died"
+        if any(o.step == 100 for o in observations) and not marker.exists():
+            marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act_batch(observations)
+'''
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    file = tmp_path / "plugin_of_workers.py"
+    file.write_text(PLUGIN, encoding="utf-8")
+    return f"python:{file}"
+
+
+@pytest.fixture
+def module(monkeypatch):
+    """Gives the module of the policies that were made last."""
+    from betterbench.policies import plugin as loader
+
+    loaded = []
+    ordinary = loader._load_file
+
+    def load(path):
+        loaded.append(ordinary(path))
+        return loaded[-1]
+
+    monkeypatch.setattr(loader, "_load_file", load)
+    return loaded
+
+
+@pytest.fixture(autouse=True)
+def no_thread_is_left():
+    yield
+    until = time.monotonic() + 5.0
+    while any(t.name in ("respondent", "gatherer") for t in threading.enumerate()) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert [t.name for t in threading.enumerate() if t.name in ("respondent", "gatherer")] == []
+
+
+def outcomes(run: RunFolder) -> dict[int, tuple[str, str | None]]:
+    return {r.metadata.seed: (r.n_steps, r.outcome.error) for r in run.records()}
+
+
+OVER = (44, "RuntimeError: enough")
+"""How a trial of `Slow` ends that nothing goes wrong with: what is asked at step 42 is used two steps later."""
+
+
+def test_records_do_not_depend_on_environments_order_or_latency(plugin, tiny_plan, tmp_path, run_content):
+    plan = tiny_plan(f"{plugin}:Slow", trials=3)
+    one = evaluate(plan, tmp_path / "one", envs=1)
+    three = evaluate(plan, tmp_path / "three", envs=3)
+    assert outcomes(one) == {0: OVER, 1: OVER, 2: OVER}
+    assert run_content(three.path) == run_content(one.path)
+    other = evaluate(dataclasses.replace(plan, trials=plan.trials[::-1]), tmp_path / "other", envs=2)
+    assert run_content(other.path) == run_content(one.path)
+
+
+@pytest.mark.render
+def test_pictures_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_content):
+    plan = make_plan(
+        f"{plugin}:Looking",
+        tasks=["morning_coffee"],
+        variations=["T1"],
+        trials=2,
+        observation="default",
+        quality="fast",
+    )
+    one = evaluate(plan, tmp_path / "one", envs=1)
+    assert {r.n_steps for r in one.records()} == {24}
+    assert len({r.metadata.scene_hash for r in one.records()}) < len(plan.trials), "some share a renderer"
+    assert run_content(evaluate(plan, tmp_path / "four", envs=4).path) == run_content(one.path)
+
+
+@pytest.mark.slow
+def test_records_do_not_depend_on_workers(plugin, tiny_plan, tmp_path, run_content):
+    plan = tiny_plan(f"{plugin}:Slow", trials=3)
+    one = evaluate(plan, tmp_path / "one", envs=1)
+    two = evaluate(plan, tmp_path / "two", workers=2, envs=2)
+    assert len({e.wall["worker"] for e in two.entries()}) == 2
+    assert run_content(two.path) == run_content(one.path)
+
+
+def test_the_journal_says_where_the_time_went(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Slow", trials=2), tmp_path / "run", envs=2)
+    for entry in run.entries():
+        wall = entry.wall
+        assert 0.0 < wall["policy_latency_p50_s"] <= wall["policy_latency_max_s"] <= wall["policy_s"]
+        assert min(wall["simulation_s"], wall["setup_s"], wall["write_s"]) > 0.0
+        assert wall["simulation_s"] + wall["observe_s"] <= wall["duration_s"] <= wall["total_s"]
+
+
+def test_each_environment_has_an_instance_of_a_plain_policy_and_closes_it(plugin, tiny_plan, tmp_path, module):
+    evaluate(tiny_plan(f"{plugin}:Slow", trials=3), tmp_path / "run", envs=2)
+    made = [m for loaded in module for m in loaded.MADE]
+    assert len(made) == 2
+    assert [m.closed for m in made] == [1, 1]
+
+
+def test_a_policy_that_takes_batches_is_made_once_and_gets_what_waits_together(plugin, tiny_plan, tmp_path, module):
+    plan = tiny_plan(f"{plugin}:Batched", trials=4)
+    run = evaluate(plan, tmp_path / "run", envs=4)
+    assert [e.status for e in run.entries()] == ["done"] * 4
+    assert len(module) == 1
+    batches = module[0].Batched.batches
+    assert sum(batches) == 4 * 5
+    assert max(batches) > 1
+
+
+def test_the_size_of_batches_changes_no_record(plugin, tiny_plan, tmp_path, run_content):
+    plan = tiny_plan(f"{plugin}:Batched", trials=3)
+    one = evaluate(plan, tmp_path / "one", envs=1)
+    assert run_content(evaluate(plan, tmp_path / "three", envs=3).path) == run_content(one.path)
+
+
+def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Crashes", trials=3), tmp_path / "run", envs=3)
+    assert outcomes(run) == {0: OVER, 1: (14, "RuntimeError: out of memory"), 2: OVER}
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_a_policy_that_hangs_ends_its_own_trial_and_gets_a_new_thread(plugin, tiny_plan, tmp_path, module, envs):
+    try:
+        run = evaluate(tiny_plan(f"{plugin}:Hangs", trials=3), tmp_path / "run", envs=envs, policy_timeout_s=2.0)
+    finally:
+        for loaded in module:
+            loaded.Hangs.gate.set()
+    reason = "the policy gave no answer within 2 s. Raise --policy-timeout."
+    assert outcomes(run) == {0: OVER, 1: (8, reason), 2: OVER}
+
+
+def test_a_batch_that_hangs_costs_no_trial_that_waited_behind_it(plugin, tiny_plan, tmp_path, module):
+    try:
+        run = evaluate(tiny_plan(f"{plugin}:HangingBatch", trials=3), tmp_path / "run", envs=3, policy_timeout_s=2.0)
+    finally:
+        for loaded in module:
+            loaded.HangingBatch.gate.set()
+    ends = list(outcomes(run).values())
+    assert any("gave no answer within 2 s" in reason for _, reason in ends)
+    assert (40, OVER[1]) in ends, "another instance answers the others"
+
+
+def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, tiny_plan, tmp_path):
+    plan = tiny_plan(f"{plugin}:Gone", trials=4)
+    with pytest.raises(PolicyUnavailableError, match="the server is gone"):
+        evaluate(plan, tmp_path / "run")
+    entries = {e.seed: (e.status, e.message) for e in RunFolder.open(tmp_path / "run").entries()}
+    assert entries == {0: ("done", OVER[1]), 1: ("done", OVER[1]), 2: ("error", "the server is gone")}
+    Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("self.seed == 2", "False"), encoding="utf-8")
+    again = evaluate(plan, tmp_path / "run")
+    assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
+
+
+def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
+    plan = tiny_plan(f"{plugin}:Slow", trials=3)
+    RunFolder.start(tmp_path / "run", plan.to_json())
+    setting = Setting(
+        str(tmp_path / "run"), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, envs=2
+    )
+    with Worker(setting) as worker:
+        assert worker.finished(0.0) == []
+        assert worker.free == 2
+        worker.start(plan.trials[0])
+        worker.start(plan.trials[1])
+        assert worker.free == 0
+        with pytest.raises(InvalidInputError, match="every environment of the worker is taken"):
+            worker.start(plan.trials[2])
+        assert worker.finished(0.0) == [], "it goes on for as long as it is told to"
+        entries = []
+        while len(entries) < 2:
+            entries += worker.finished(1.0)
+        assert {e.seed for e in entries} == {0, 1}
+        worker.start(plan.trials[2])
+    assert worker.free == 2, "a trial that had not ended is dropped"
+
+
+@pytest.mark.parametrize(
+    ("policy", "envs"),
+    [("expert", 1), ("noop", 1), ("random", 1), ("Slow", 1), ("Batched", 4)],
+)
+def test_the_usual_number_of_environments(plugin, policy, envs):
+    with Minds(f"{plugin}:{policy}" if policy[0].isupper() else policy) as minds:
+        assert usual_envs(minds) == envs
+
+
+@pytest.mark.parametrize("envs", [0, 257])
+def test_an_impossible_number_of_environments_is_refused_before_anything_is_written(tiny_plan, tmp_path, envs):
+    with pytest.raises(InvalidInputError, match="--envs"):
+        evaluate(tiny_plan(), tmp_path / "run", envs=envs)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_several_workers_share_one_process_with_the_weights(plugin, tiny_plan, tmp_path, run_content):
+    plan = tiny_plan(f"{plugin}:Heavy", trials=2)
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert len(list(tmp_path.glob("loaded-*"))) == 2, "this process, which asked for its conventions, and the host"
+    assert all(e.status == "done" for e in run.entries())
+    assert len({e.wall["worker"] for e in run.entries()}) == 2
+    assert {r.metadata.policy for r in run.records()} == {plan.policy}
+    assert run_content(evaluate(plan, tmp_path / "alone").path) == run_content(run.path)
+
+
+@pytest.mark.slow
+def test_a_host_that_dies_is_started_again_and_no_record_changes(plugin, tiny_plan, tmp_path, run_content, caplog):
+    plan = tiny_plan(f"{plugin}:Mortal", trials=2)
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert (tmp_path / "died").exists()
+    assert "is started again" in caplog.text
+    assert all(e.status == "done" for e in run.entries())
+    assert sum(e.wall["policy_reconnects"] for e in run.entries()) >= 1.0
+    assert run_content(evaluate(plan, tmp_path / "alone").path) == run_content(run.path)

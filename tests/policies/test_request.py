@@ -1,0 +1,82 @@
+"""Requests come from strangers: whatever they hold, they are read or refused in one line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from betterbench.errors import InvalidInputError
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.presets import NATIVE
+from betterbench.policies.request import read_request
+from betterbench.policies.wire import decode_openpi, encode_openpi
+
+SEEN = Observation(
+    instruction="Put the red mug on the ring.",
+    step=7,
+    images={"front": np.arange(48, dtype=np.uint8).reshape(4, 4, 3)},
+    joint_positions=np.linspace(-1.0, 1.0, 7),
+    joint_velocities=np.linspace(0.1, 0.7, 7),
+    ee_position=np.array([0.1, 0.2, 0.3]),
+    ee_quaternion=np.array([0.5, 0.5, -0.5, 0.5]),
+    gripper_width=0.0417,
+    depth={},
+    masks={},
+)
+START = EpisodeStart(SEEN.instruction, 3, "ee_delta", task="morning_coffee", condition="T1")
+
+
+def message(**changes):
+    return decode_openpi(encode_openpi({**NATIVE.request(SEEN, START), **changes}))
+
+
+def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
+    request = read_request(message())
+    assert (request.start, request.step, request.instruction) == (START, 7, SEEN.instruction)
+    assert request.measured
+    assert request.observation is not None
+    for name in ("joint_positions", "joint_velocities", "ee_position", "ee_quaternion"):
+        np.testing.assert_array_equal(getattr(request.observation, name), getattr(SEEN, name))
+    assert request.observation.gripper_width == SEEN.gripper_width
+    np.testing.assert_array_equal(request.observation.images["front"], SEEN.images["front"])
+
+
+anything = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63)
+    | st.floats()
+    | st.text(max_size=5)
+    | st.binary(max_size=5)
+    | st.sampled_from([np.zeros((2, 3)), np.zeros(7, np.int8), np.zeros((3, 3, 3), np.uint8), np.zeros(0)]),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5) | st.integers(), inner, max_size=3),
+    max_leaves=8,
+)
+keys = [*sorted(NATIVE.request(SEEN, START)), "observation/state", "observation/image", "better/images/x"]
+
+
+@given(key=st.sampled_from(keys), value=anything, inner=st.sampled_from(["task", "seed", "action_space", None]))
+def test_any_value_under_any_key_is_read_or_refused_in_one_line(key, value, inner):
+    told = message()
+    if inner is not None and key == "better/episode":
+        value = {**told[key], inner: value}
+    try:
+        request = read_request({**told, key: value})
+    except InvalidInputError as error:
+        refused = str(error)
+        assert "\n" not in refused
+        return
+    assert request.observation is not None
+    assert np.isfinite(request.observation.joint_positions).all()
+
+
+@pytest.mark.parametrize(
+    "missing", ["prompt", "better/joint_positions", "better/ee_quaternion", "better/gripper_width"]
+)
+def test_a_missing_field_is_named(missing):
+    told = message()
+    del told[missing]
+    with pytest.raises(InvalidInputError, match=missing):
+        read_request(told)

@@ -1,0 +1,245 @@
+"""Our server of the openpi protocol, talked to in raw frames: greeting, answers, errors, keys, health, shutdown."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+import threading
+
+import msgpack
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.policies.batching import Gatherer
+from betterbench.policies.server import PolicyServer
+
+PATIENCE_S = 20
+
+
+class Echo:
+    """Answers the number it is sent, and knows how many it has answered on its own connection."""
+
+    closed = 0
+
+    def __init__(self):
+        self.answered = 0
+
+    def answer(self, request):
+        if request.get("fault") == "clean":
+            raise PolicyError("the oven is cold. Light it")
+        if request.get("fault") == "bug":
+            raise ZeroDivisionError("a bug")
+        self.answered += 1
+        return {"actions": np.full((2, 7), float(request["number"])), "answered": self.answered}
+
+    def close(self):
+        type(self).closed += 1
+
+
+@pytest.fixture
+def server():
+    Echo.closed = 0
+    with PolicyServer(Echo, metadata={"what": "echo"}, port=0) as made:
+        yield made
+
+
+def client(server, **options):
+    return connect(f"ws://127.0.0.1:{server.port}", compression=None, max_size=None, **options)
+
+
+def ask(link, **request):
+    link.send(msgpack.packb(request))
+    return msgpack.unpackb(link.recv(timeout=PATIENCE_S), strict_map_key=False)
+
+
+def array(form):
+    return np.frombuffer(form[b"data"], dtype=form[b"dtype"]).reshape(form[b"shape"])
+
+
+def test_the_server_speaks_first_and_answers_frame_by_frame(server):
+    with client(server) as link:
+        assert msgpack.unpackb(link.recv(timeout=PATIENCE_S)) == {"what": "echo"}
+        first, second = ask(link, number=1), ask(link, number=2)
+    np.testing.assert_array_equal(array(first["actions"]), np.full((2, 7), 1.0))
+    np.testing.assert_array_equal(array(second["actions"]), np.full((2, 7), 2.0))
+    assert set(first["server_timing"]) == {"infer_ms"}
+    assert set(second["server_timing"]) == {"infer_ms", "prev_total_ms"}
+
+
+def test_every_connection_has_a_session_of_its_own(server):
+    with client(server) as one, client(server) as two:
+        one.recv(timeout=PATIENCE_S), two.recv(timeout=PATIENCE_S)
+        assert [ask(one, number=1)["answered"], ask(two, number=1)["answered"], ask(one, number=1)["answered"]] == [
+            1,
+            1,
+            2,
+        ]
+
+
+@pytest.mark.parametrize(
+    ("frame", "text"),
+    [
+        (b"\xc1garbage", "frame"),
+        (b"", "frame"),
+        (msgpack.packb([1, 2]), "list"),
+        ("a text frame", "binary"),
+        (msgpack.packb({"number": 1, "x": {b"__ndarray__": True, b"data": b"1", b"dtype": "|O", b"shape": [1]}}), ""),
+        (msgpack.packb({"fault": "clean"}), "the oven is cold. Light it"),
+        (msgpack.packb({"fault": "bug"}), "ZeroDivisionError: a bug"),
+    ],
+)
+def test_a_bad_frame_is_answered_with_its_reason_and_harms_nobody_else(server, frame, text):
+    with client(server) as good, client(server) as bad:
+        good.recv(timeout=PATIENCE_S), bad.recv(timeout=PATIENCE_S)
+        bad.send(frame)
+        answer = bad.recv(timeout=PATIENCE_S)
+        assert isinstance(answer, str)
+        assert text in answer
+        with pytest.raises(ConnectionClosed) as closed:
+            bad.recv(timeout=PATIENCE_S)
+        assert closed.value.rcvd.code == 1011
+        assert ask(good, number=3)["answered"] == 1
+
+
+def test_a_deliberate_error_is_one_line_and_a_bug_a_traceback(server):
+    texts = []
+    for fault in ("clean", "bug"):
+        with client(server) as link:
+            link.recv(timeout=PATIENCE_S)
+            link.send(msgpack.packb({"fault": fault}))
+            texts.append(link.recv(timeout=PATIENCE_S))
+    assert texts[0].count("\n") == 0
+    assert texts[1].startswith("Traceback")
+
+
+def test_health_is_told_without_a_websocket(server):
+    talk = http.client.HTTPConnection("127.0.0.1", server.port, timeout=PATIENCE_S)
+    talk.request("GET", "/healthz")
+    answer = talk.getresponse()
+    assert (answer.status, answer.read().strip()) == (200, b"OK")
+    talk.close()
+
+
+def test_a_key_is_asked_for():
+    with PolicyServer(Echo, metadata={}, port=0, api_key="secret") as server:
+        for headers in ({}, {"Authorization": "Api-Key wrong"}, {"Authorization": "secret"}):
+            with pytest.raises(InvalidStatus) as refused, client(server, additional_headers=headers):
+                pass
+            assert refused.value.response.status_code == 401
+        with client(server, additional_headers={"Authorization": "Api-Key secret"}) as link:
+            assert msgpack.unpackb(link.recv(timeout=PATIENCE_S)) == {}
+
+
+def test_a_port_in_use_is_one_clear_line(server):
+    with pytest.raises(InvalidInputError, match=rf"--port: {server.port} is in use on 127.0.0.1\. Give another one"):
+        PolicyServer(Echo, metadata={}, port=server.port)
+
+
+@pytest.mark.parametrize(
+    ("host", "port", "text"), [("no.such.host.invalid", 0, "--host"), ("127.0.0.1", 70000, "70000")]
+)
+def test_where_nobody_can_listen_is_one_clear_line(host, port, text):
+    with pytest.raises(InvalidInputError, match=text):
+        PolicyServer(Echo, metadata={}, host=host, port=port)
+
+
+def test_stopping_closes_connections_and_sessions_and_frees_the_port():
+    Echo.closed = 0
+    stopped = []
+    server = PolicyServer(Echo, metadata={}, port=0, on_stop=lambda: stopped.append(True))
+    server.start()
+    with client(server) as link:
+        link.recv(timeout=PATIENCE_S)
+        assert ask(link, number=1)["answered"] == 1
+        server.stop()
+        with pytest.raises(ConnectionClosed):
+            link.recv(timeout=PATIENCE_S)
+    assert (Echo.closed, stopped) == (1, [True])
+    assert not [t for t in threading.enumerate() if t.name == f"serve:{server.port}"]
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S)
+
+
+def test_a_client_that_breaks_off_is_forgotten(server):
+    with client(server) as link:
+        link.recv(timeout=PATIENCE_S)
+        link.socket.shutdown(socket.SHUT_RDWR)
+    with client(server) as other:
+        other.recv(timeout=PATIENCE_S)
+        assert ask(other, number=1)["answered"] == 1
+
+
+def test_what_waits_is_answered_together_and_nothing_waits_for_company():
+    sizes, begun, go_on = [], threading.Event(), threading.Event()
+
+    def answer(questions):
+        sizes.append(len(questions))
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        return [q + 1 for q in questions]
+
+    gatherer = Gatherer(answer, limit=3)
+    answers = {}
+    threads = [threading.Thread(target=lambda i=i: answers.update({i: gatherer.ask(i)})) for i in range(6)]
+    threads[0].start()
+    assert begun.wait(PATIENCE_S)
+    for thread in threads[1:]:
+        thread.start()
+    for _ in range(5000):
+        if gatherer._waiting.qsize() == 5:
+            break
+        threading.Event().wait(0.001)
+    go_on.set()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    gatherer.close()
+    assert answers == {i: i + 1 for i in range(6)}
+    assert sizes == [1, 3, 2]
+
+
+def test_a_batch_that_fails_is_asked_one_by_one():
+    begun, go_on, sizes, outcomes = threading.Event(), threading.Event(), [], {}
+
+    def answer(questions):
+        sizes.append(len(questions))
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        if "bad" in questions:
+            raise ValueError("bad question")
+        return [q.upper() for q in questions]
+
+    gatherer = Gatherer(answer)
+
+    def work(question):
+        try:
+            outcomes[question] = gatherer.ask(question)
+        except ValueError as error:
+            outcomes[question] = str(error)
+
+    threads = [threading.Thread(target=work, args=(q,)) for q in ("first", "one", "bad", "two")]
+    threads[0].start()
+    assert begun.wait(PATIENCE_S)
+    for thread in threads[1:]:
+        thread.start()
+    for _ in range(5000):
+        if gatherer._waiting.qsize() == 3:
+            break
+        threading.Event().wait(0.001)
+    go_on.set()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    gatherer.close()
+    assert outcomes == {"first": "FIRST", "one": "ONE", "bad": "bad question", "two": "TWO"}
+    assert sizes == [1, 3, 1, 1, 1]
+
+
+def test_too_few_answers_are_an_error_and_a_closed_gatherer_answers_nobody():
+    gatherer = Gatherer(lambda _: [])
+    with pytest.raises(ValueError, match="0 answers to 1"):
+        gatherer.ask(1)
+    gatherer.close()
+    with pytest.raises(RuntimeError, match="shut down"):
+        gatherer.ask(1)
