@@ -60,3 +60,15 @@ def test_the_record_is_that_of_the_local_policy(policy, options, chunk):
 
 def test_the_expert_solves_the_trial_that_is_compared():
     assert local("expert").outcome.success
+
+
+def test_pictures_are_rendered_for_an_adapter_that_names_cameras():
+    with open_server("expert", port=0, trial=TRIAL) as server:
+        client = connect(f"{server.address}?preset=openpi_libero")
+        try:
+            assert client.info.needs_images
+            here = scene()
+            seen = Observer(observation_spec("default")).observe(here, here.reset())
+            assert client.act(seen).shape == (8, 7)
+        finally:
+            client.close()

@@ -27,6 +27,7 @@ from betterbench.interface.actions import EE_DELTA, JOINT_DELTA
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
 from betterbench.policies.openpi import OpenpiClient
+from betterbench.policies.remote import plain_text
 
 # {"server": "minimal"}, and {"actions": float32 array of shape (2, 7), "server_timing": {"infer_ms": 2.5}}: bytes as
 # openpi's server sends them, written down once and not by the code under test.
@@ -556,3 +557,10 @@ def test_unknown_schemes_and_options_get_the_closest():
         connect("openpi://127.0.0.1:8000?preste=openpi_libero")
     with pytest.raises(UnknownNameError, match="Did you mean 'openpi_libero'"):
         connect("openpi://127.0.0.1:8000?preset=openpi_lbero&patience=0")
+
+
+def test_a_change_beyond_what_is_kept_of_a_declaration_is_seen():
+    first, second = (plain_text("x" * 5000 + end) for end in "ab")
+    assert len(first) < 2200
+    assert first != second
+    assert plain_text("x" * 5000 + "a") == first

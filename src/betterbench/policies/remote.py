@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,15 +28,17 @@ def describe_policy(
         address: Address of the policy.
         adapter: How it is spoken to.
         declared: What the server said about itself.
-        needs_images: False if no picture is needed; None to tell from the adapter.
+        needs_images: False if the server says that it looks at no picture; None to tell from the adapter. A camera
+            that the adapter names is sent, and so rendered, all the same.
     """
+    named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
     for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
         metadata[f"server: {str(name)[:100]}"] = plain_text(value)
     return PolicyInfo(
         str(address),
         action_space=adapter.answer.space,
-        needs_images=bool(adapter.views) if needs_images is None else needs_images,
+        needs_images=bool(adapter.views) if needs_images is None else needs_images or named,
         metadata=metadata,
         execution=address.execution(),
     )
@@ -47,7 +50,10 @@ def plain_text(value: object) -> str:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a map with keys that are no texts
         text = str(value)
-    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+    if len(text) <= _LONGEST_TEXT:
+        return text
+    # The digest tells a resumed run that something beyond the cut has changed.
+    return f"{text[:_LONGEST_TEXT]}... (sha256 {hashlib.sha256(text.encode('utf-8', 'surrogatepass')).hexdigest()})"
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
