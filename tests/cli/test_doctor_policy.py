@@ -166,6 +166,35 @@ def test_a_bad_answer_is_one_clear_error(capsys, tmp_path, monkeypatch, pushes, 
 
 
 @pytest.mark.render
+def test_actions_that_a_run_would_clip_are_counted(capsys, tmp_path, monkeypatch, pushes):
+    monkeypatch.chdir(tmp_path)
+    Pushes.actions = np.vstack([Pushes.actions, 30.0 * Pushes.actions])
+    status, text, _ = run(capsys, "--policy", f"{pushes.address}?preset=openpi_libero", *SCENE)
+    assert status == 0
+    assert "5 of 10 actions: clipped in a run" in " ".join(text.split())
+
+
+def test_a_chunk_that_is_too_short_for_asking_ahead_is_named_before_a_run_breaks_on_it(
+    capsys, tmp_path, monkeypatch, pushes
+):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = run(capsys, "--policy", f"{pushes.address}?preset=openpi_libero&ahead=5", *SCENE)
+    assert status == 2
+    assert "a chunk has 5 actions" in " ".join(err.split())
+
+
+def test_later_answers_count_as_well(capsys, tmp_path, monkeypatch, pushes):
+    monkeypatch.chdir(tmp_path)
+    good = Pushes.answer
+    broken = np.full(7, np.nan)
+    monkeypatch.setattr(
+        Pushes, "answer", lambda self, request: {"actions": broken} if len(self.seen) > 2 else good(self, request)
+    )
+    status, _, err = run(capsys, "--policy", f"{pushes.address}?preset=openpi_libero", *SCENE)
+    assert status == 2
+    assert "x = nan" in err.replace("\n", " ")
+
+
 def test_the_arrow_begins_at_the_hand_and_points_where_the_action_leads():
     view = np.zeros((200, 200, 3), np.uint8)
     start, aim = np.array([60.0, 80.0]), np.array([60.0, 110.0])

@@ -28,7 +28,7 @@ pytest.importorskip("ray")
 PLUGIN = """
 import os, pathlib, signal
 import numpy as np
-from betterbench.interface import PolicyInfo
+from betterbench.interface import Execution, PolicyInfo
 
 HERE = pathlib.Path(__file__).parent
 
@@ -56,7 +56,7 @@ class AlwaysDies(Still):
 
 class Batches:
     '''Answers many observations at once, by each alone; notes in which processes it is.'''
-    info = PolicyInfo("batches", needs_images=False)
+    info = PolicyInfo("batches", needs_images=False, execution=Execution(horizon=3))  # of chunks of four
     def __init__(self):
         (HERE / f"{type(self).__name__}-{os.getpid()}").touch()
     def reset(self, start):

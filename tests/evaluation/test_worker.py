@@ -6,14 +6,21 @@ import dataclasses
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, PolicyUnavailableError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.agents import Minds
+from betterbench.evaluation.host import address_within
+from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting
 from betterbench.evaluation.worker import Worker, usual_envs
+from betterbench.interface import Execution, PolicyInfo
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.link import Terms
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -233,6 +240,31 @@ def test_the_size_of_batches_changes_no_record(plugin, tiny_plan, tmp_path, run_
     plan = tiny_plan(f"{plugin}:Batched", trials=3)
     one = evaluate(plan, tmp_path / "one", envs=1)
     assert run_content(evaluate(plan, tmp_path / "three", envs=3).path) == run_content(one.path)
+
+
+def test_a_policy_may_use_the_memory_of_its_answers_again():
+    def answer(observations):
+        memory[0] = observations[0]
+        return memory[: len(observations)]
+
+    memory = np.zeros((4, 7))
+    shared = SharedPolicy(SimpleNamespace(info=PolicyInfo("reusing"), act_batch=answer), 1)
+    try:
+        first = shared.seat().act(1.0)
+        second = shared.seat().act(2.0)
+    finally:
+        shared.close()
+    assert (first[0], second[0]) == (1.0, 2.0)
+
+
+def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
+    address = address_within("openpi://127.0.0.1:5", Execution(horizon=8, ahead=3), timeout_s=450.0, patience_s=9.0)
+    client = PolicyAddress.parse(address)
+    assert client.execution() == Execution(horizon=8, ahead=3)
+    terms = Terms.of(client)
+    assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (450.0, 450.0, 9.0)
+    ensemble = address_within("openpi://h", Execution(ensemble=1 / 3), timeout_s=1.0, patience_s=1.0)
+    assert PolicyAddress.parse(ensemble).execution() == Execution(ensemble=1 / 3)
 
 
 def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_path):

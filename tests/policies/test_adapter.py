@@ -338,6 +338,13 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
         ("preset=openpi_libero&adapter=x.json", "both preset and adapter"),
         ("adapter=no_such_file.json", "cannot be read"),
         ("preset=openpi", "Did you mean 'openpi_"),
+        ("preset=native&gripper=open_positive", "actions of ours"),
+        ("preset=native&rotation=rpy", "actions of ours"),
+        ("preset=native&units=physical", "actions of ours"),
+        ("preset=native&frame=tool", "actions of ours"),
+        ("preset=openpi_droid&rotation=rpy", "rotation means nothing for joint_delta"),
+        ("preset=openpi_droid&units=physical", "units means nothing for joint_delta"),
+        ("preset=openpi_libero&action_space=ee_pose&units=physical", "units means nothing for ee_pose"),
     ],
 )
 def test_malformed_changes_are_one_clear_line(query, text):

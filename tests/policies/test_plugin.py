@@ -8,6 +8,7 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import check_policy, known_policies
+from betterbench.interface import PolicyInfo
 from betterbench.policies import load_plugin
 
 GOOD = """
@@ -154,3 +155,33 @@ def test_known_policies_are_listed_once_each_with_a_sentence():
     assert all(e.summary.endswith(".") for e in entries)
     assert {e.address for e in entries if e.privileged} >= {"expert", "zoo:clumsy"}
     assert not any(e.privileged for e in entries if e.address in ("noop", "random"))
+
+
+def test_a_file_is_loaded_like_a_script_with_its_neighbours_and_dataclasses(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    (tmp_path / "neighbour_of_the_policy.py").write_text("SCALE = 0.5\n", encoding="utf-8")
+    file = tmp_path / "scripted_policy.py"
+    source = "from __future__ import annotations\nfrom dataclasses import dataclass, field\n"
+    source += "from neighbour_of_the_policy import SCALE\n" + GOOD
+    source += (
+        "@dataclass\nclass Data(Mine):\n    scale: float = SCALE\n    seen: list[str] = field(default_factory=list)\n"
+    )
+    file.write_text(source, encoding="utf-8")
+    assert load_plugin(f"{file}:Data").scale == 0.5
+
+
+@pytest.mark.parametrize(
+    ("says", "error", "text"),
+    [
+        ({"metadata": {"step": 20000}}, InvalidInputError, r"metadata\['step'\]: it is of type int. Give texts"),
+        ({"metadata": None}, InvalidInputError, "metadata: it is of type NoneType"),
+        ({"execution": {"horizon": 3}}, InvalidInputError, "execution: it is of type dict. Give Execution"),
+        ({"name": None}, InvalidInputError, "name: it is of type NoneType"),
+        ({"action_space": None}, InvalidInputError, "action_space: it is of type NoneType"),
+        ({"action_space": "ee_dleta"}, UnknownNameError, "Did you mean 'ee_delta'"),
+    ],
+)
+def test_what_a_policy_says_about_itself_is_checked_when_it_says_it(says, error, text):
+    with pytest.raises(error, match=text):
+        PolicyInfo(**{"name": "mine", **says})

@@ -43,6 +43,14 @@ def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
     np.testing.assert_array_equal(request.observation.images["front"], SEEN.images["front"])
 
 
+def test_a_policy_may_change_what_it_is_shown_as_it_may_in_its_own_process():
+    seen = read_request(message()).observation
+    assert seen is not None
+    seen.joint_positions[:] -= 1.0
+    seen.ee_quaternion[0] = 0.0
+    seen.images["front"][0] = 0
+
+
 anything = st.recursive(
     st.none()
     | st.booleans()

@@ -36,6 +36,7 @@ from websockets.asyncio.server import serve
 from betterbench.errors import BetterError, HandshakeError, PolicyError, PolicyUnavailableError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
+from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.connect import connect
 from betterbench.policies.handshake import compare
 from betterbench.policies.presets import VLA_EVAL
@@ -430,3 +431,29 @@ def test_their_codec_reads_ours_and_ours_reads_theirs():
     assert b"PNG" in pack_message(Message(MessageType.OBSERVATION, payload, 3))
     assert np.array_equal(ours["payload"]["images"]["a"], picture)
     assert ours["payload"]["states"].tolist() == [0.0, 1.0, 2.0]
+
+
+JOINT_STEPS = replace(
+    VLA_EVAL,
+    answer=AnswerRule("joint_delta", (AnswerPart(("actions",), "joints"), AnswerPart(("actions",), "gripper"))),
+)
+
+
+@pytest.mark.parametrize(
+    ("adapter", "joints", "fits"),
+    [
+        (VLA_EVAL, "joint_delta_pos", False),
+        (VLA_EVAL, "joint_positions", False),
+        (VLA_EVAL, "raw", True),
+        (JOINT_STEPS, "joint_delta_pos", True),
+        (JOINT_STEPS, "joint_positions", False),
+    ],
+)
+def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joints, fits):
+    hello = {"action_spec": {"joints": {"name": "joints", "dims": 7, "format": joints}}}
+    if fits:
+        theirs, ours = declare_specs("the server", hello, adapter)
+        compare(ours, theirs)
+        return
+    with pytest.raises(HandshakeError, match=joints):
+        declare_specs("the server", hello, adapter)

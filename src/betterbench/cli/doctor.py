@@ -119,6 +119,10 @@ def _show_consultation(found: Consultation, *, json: bool) -> None:
         *[[f"picture {s.key}", s.note] for s in found.shown],
         *[[f"state {key}", numbers_text(values)] for key, values in found.state],
         ["answer", f"{len(found.actions)} x {found.actions.shape[1]} in {found.info.action_space}; first: {first}"],
+        *(
+            [["out of range", f"{found.clipped} of {len(found.actions)} actions: clipped in a run"]]
+            * bool(found.clipped)
+        ),
         ["first request", f"{1000 * found.first_s:.1f} ms"],
         ["next requests", f"{1000 * found.p50_s:.1f} ms median, {1000 * found.max_s:.1f} ms at most"],
     ]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from betterbench.episodes import Observer, policy_boundary
-from betterbench.errors import InvalidActionError, InvalidInputError
+from betterbench.episodes.chunks import checked_chunk
+from betterbench.errors import InvalidInputError
 from betterbench.evaluation.agents import Minds, check_action_space, close_policy, is_privileged
 from betterbench.evaluation.consultation_sheet import Shown
 from betterbench.evaluation.mirror import TrialName
@@ -89,6 +90,12 @@ class Consultation:
         """Longest time of a request after the first one [s]."""
         return max(self.latencies_s)
 
+    @property
+    def clipped(self) -> int:
+        """How many actions of the first answer a run would clip, because a number is out of range."""
+        space = action_space(self.info.action_space)
+        return sum(space.clip(action).tolist() != action.tolist() for action in self.actions)
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, pictures as their sizes."""
         return {
@@ -108,6 +115,7 @@ class Consultation:
             ],
             "state": {key: values.tolist() for key, values in self.state},
             "actions": self.actions.tolist(),
+            "clipped_actions": self.clipped,
             "latency_s": {
                 "first": self.first_s,
                 "p50": self.p50_s,
@@ -172,7 +180,7 @@ def consult(
             text = condition.instruction.text
             with policy_boundary():
                 mind.reset(EpisodeStart(text, trial.seed, space.name, task=trial.task, condition=trial.condition))
-            answers = _Answers(lambda: mind.act(shown), space)
+            answers = _Answers(lambda: mind.act(shown), space, ahead=info.execution.ahead)
         actions, first_s, latencies_s = answers.ask()
         adapter = _adapter_of(mind)
         return Consultation(
@@ -220,8 +228,8 @@ def _adapter_of(mind: Policy | None) -> Adapter | None:
 class _Answers:
     """Asks several times the same, and keeps time."""
 
-    def __init__(self, ask: Callable[[], np.ndarray], space: ActionSpace) -> None:
-        self._ask, self._space = ask, space
+    def __init__(self, ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int = 0) -> None:
+        self._ask, self._space, self._ahead = ask, space, ahead
 
     def ask(self) -> tuple[np.ndarray, float, tuple[float, ...]]:
         """Return the first answer, (horizon, dim), its time and the times of those after it [s].
@@ -229,6 +237,7 @@ class _Answers:
         Raises:
             PolicyError: If the policy breaks down.
             InvalidActionError: If an answer is no chunk of actions.
+            InvalidInputError: If it is asked for further ahead than a chunk is long.
         """
         answers, times = [], []
         for _ in range(1 + REQUESTS):
@@ -236,16 +245,22 @@ class _Answers:
             with policy_boundary():
                 answers.append(np.asarray(self._ask()))
             times.append(time.perf_counter() - began)
-        first = answers[0]
-        actions = first[None] if first.ndim == 1 else first
-        if actions.ndim != 2 or not len(actions):
-            raise InvalidActionError(
-                f"the policy answered an array of shape {first.shape}. {self._space.name} wants (horizon, "
-                f"{self._space.dim}) with at least one action."
-            )
-        for action in actions:
+        # The later ones count as well: a policy may break down when it is asked again.
+        chunks = [self._checked(said) for said in answers]
+        return chunks[0], times[0], tuple(times[1:])
+
+    def _checked(self, answer: np.ndarray) -> np.ndarray:
+        """Return an answer as a run would take it, (horizon, dim) float64."""
+        chunk = checked_chunk(answer, self._space)
+        for action in chunk:
             self._space.clip(action)
-        return actions.astype(np.float64), times[0], tuple(times[1:])
+        if self._ahead >= len(chunk):
+            raise InvalidInputError(
+                "ahead",
+                f"the next chunk is asked for {self._ahead} steps before the end, and a chunk has {len(chunk)} actions",
+                "Ask less far ahead",
+            )
+        return chunk
 
 
 def _shown(seen: Observation, adapter: Adapter | None) -> tuple[Shown, ...]:

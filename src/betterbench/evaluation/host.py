@@ -15,7 +15,9 @@ from betterbench.errors import BetterError, PolicyError
 from betterbench.evaluation.agents import Minds
 from betterbench.evaluation.crew import deaf_to_interrupts, prepare_process
 from betterbench.evaluation.serving import open_server
-from betterbench.interface import PolicyInfo
+from betterbench.evaluation.trial import POLICY_TIMEOUT_S
+from betterbench.interface import Execution, PolicyInfo
+from betterbench.policies.link import LONGEST_WAIT_S
 
 logger = logging.getLogger(__name__)
 
@@ -33,13 +35,14 @@ class Host:
         takes_batches: Whether one instance answers all environments.
     """
 
-    def __init__(self, policy: str) -> None:
+    def __init__(self, policy: str, *, timeout_s: float = POLICY_TIMEOUT_S) -> None:
         """Prepare.
 
         Args:
             policy: Address of the policy.
+            timeout_s: Deadline of one answer [s].
         """
-        self._policy, self._restarts = policy, 0
+        self._policy, self._timeout_s, self._restarts = policy, timeout_s, 0
         self._port = 0
         self.takes_batches = False
         self._process: BaseProcess | None = None
@@ -82,10 +85,8 @@ class Host:
     @property
     def address(self) -> str:
         """Address at which workers ask the policy; chunks are played as the policy says."""
-        execution = self.info.execution
-        options = {"horizon": execution.horizon, "ahead": execution.ahead or None, "ensemble": execution.ensemble}
-        given = "".join(f"&{name}={value}" for name, value in options.items() if value is not None)
-        return f"openpi://127.0.0.1:{self._port}?preset=native&patience={PATIENCE_S:g}{given}"
+        address = f"openpi://127.0.0.1:{self._port}"
+        return address_within(address, self.info.execution, timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
         """Start the process again if it has died; the workers' clients find it at the same port.
@@ -121,6 +122,20 @@ class Host:
             process.kill()
             process.join()
             process.close()
+
+
+def address_within(address: str, execution: Execution, *, timeout_s: float, patience_s: float) -> str:
+    """Return the address at which the workers of a run ask a policy that the run itself serves.
+
+    Args:
+        address: Address of its server.
+        execution: How the policy says that its chunks are played.
+        timeout_s: Deadline of one answer [s].
+        patience_s: How long a server that died is waited for [s].
+    """
+    options = {"horizon": execution.horizon, "ahead": execution.ahead or None, "ensemble": execution.ensemble}
+    options |= {"timeout": min(timeout_s, LONGEST_WAIT_S), "patience": patience_s}
+    return f"{address}?preset=native" + "".join(f"&{name}={v!r}" for name, v in options.items() if v is not None)
 
 
 def serve(policy: str, port: int, answer: Connection) -> None:

@@ -19,9 +19,11 @@ from typing import Any, Self
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
 from betterbench.evaluation.cluster import ANYWHERE, Cluster, Outpost, Turn, require_ray, versions_here
+from betterbench.evaluation.host import address_within
 from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.serving import open_server
 from betterbench.evaluation.trial import Setting, on_disk
+from betterbench.interface import Execution
 from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, write_durably
 
@@ -54,7 +56,7 @@ def ray_entries(
     *,
     workers: int | None,
     cluster: Cluster = ANYWHERE,
-    served: bool = False,
+    served: Execution | None = None,
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the line of each for the journal, after its record is written.
 
@@ -64,7 +66,7 @@ def ray_entries(
         trials: The trials.
         workers: Worker actors, one processor each; None for as many as the cluster has processors.
         cluster: Where they are placed.
-        served: Whether the policy is held by replicas, of which the workers are clients.
+        served: How chunks are played, if the policy is held by replicas, of which the workers are clients.
 
     Raises:
         MissingDependencyError: If Ray is not installed.
@@ -170,6 +172,7 @@ class _Pool:
         self._waiting = deque(trials)
         self._suspects: deque[Trial] = deque()
         self._posts: list[_Post] = []
+        self._execution = Execution()
         self._replicas: list[Any] = []
         self._addresses: list[str] = []
         self._secrets: dict[str, str] = {}
@@ -178,9 +181,10 @@ class _Pool:
         self._made = 0
         self._revivals = 0
 
-    def entries(self, *, served: bool) -> Iterator[JournalEntry]:
+    def entries(self, *, served: Execution | None) -> Iterator[JournalEntry]:
         """Yield the lines of all trials as they end."""
-        if served:
+        if served is not None:
+            self._execution = served
             self._start_replicas()
         for _ in range(min(self._session.workers, len(self._waiting))):
             self._add_post()
@@ -357,7 +361,9 @@ class _Pool:
         for address, problem in self._ray.get(started):
             if problem is not None:
                 raise problem
-            addresses.append(f"{address}?preset=native&api_key_env={_KEY_NAME}&patience={_REPLICA_PATIENCE_S:g}")
+            limit = self._setting.policy_timeout_s
+            asked = address_within(address, self._execution, timeout_s=limit, patience_s=_REPLICA_PATIENCE_S)
+            addresses.append(f"{asked}&api_key_env={_KEY_NAME}")
         return replicas, addresses
 
     def _revive(self) -> bool:

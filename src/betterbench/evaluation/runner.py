@@ -106,7 +106,8 @@ def evaluate(
     )
     began = time.perf_counter()
     with ExitStack() as stack:
-        asked = _ask_policy(plan, stack, hosted=workers not in (None, 1) and engine == "local")
+        hosted = workers not in (None, 1) and engine == "local"
+        asked = _ask_policy(plan, stack, hosted=hosted, timeout_s=policy_timeout_s)
         setting = replace(setting, envs=envs or asked.envs, served_at=asked.host.address if asked.host else None)
         declared = describe_policy(plan.policy, asked.info)
         with on_disk(out):
@@ -152,13 +153,14 @@ class _Asked:
     serves_many: bool = False
 
 
-def _ask_policy(plan: Plan, stack: ExitStack, *, hosted: bool) -> _Asked:
+def _ask_policy(plan: Plan, stack: ExitStack, *, hosted: bool, timeout_s: float) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions with those of the run.
 
     Args:
         plan: The plan.
         stack: Takes what has to be closed at the end of the run.
         hosted: True to put a policy with weights into a process of its own, for several workers.
+        timeout_s: Deadline of one answer of such a policy [s].
     """
     address = plan.policy
     if not (hosted and is_in_process_model(address)):
@@ -170,7 +172,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, hosted: bool) -> _Asked:
         if not hosted or not serves_many:
             return _Asked(info, usual_envs(minds), minds, serves_many=serves_many)
         minds.close()
-    host = stack.enter_context(Host(address))
+    host = stack.enter_context(Host(address, timeout_s=timeout_s))
     check_action_space(address, host.info, plan.action_space)
     return _Asked(host.info, USUAL_ENVS if host.takes_batches else 1, None, host, serves_many=True)
 
@@ -214,7 +216,8 @@ def _entries(
         # Loaded when it is needed: Ray is an extra.
         from betterbench.evaluation.ray_engine import ray_entries  # noqa: PLC0415
 
-        yield from ray_entries(run, setting, trials, workers=workers, cluster=cluster, served=asked.serves_many)
+        served = asked.info.execution if asked.serves_many else None
+        yield from ray_entries(run, setting, trials, workers=workers, cluster=cluster, served=served)
         return
     with Crew(setting, workers or 1, watch=asked.host.watch if asked.host else None) as crew:
         yield from crew.entries(trials)

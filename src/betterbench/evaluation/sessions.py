@@ -262,7 +262,9 @@ class SharedPolicy:
         for start, _ in asked:
             if start is not None:
                 self._policy.reset(start)
-        return self._policy.act_batch([observation for _, observation in asked])
+        said = self._policy.act_batch([observation for _, observation in asked])
+        # A policy may write its next answers into the same memory, before these have been read in other threads.
+        return [np.array(answer) for answer in said]
 
 
 _Asked = tuple[EpisodeStart | None, Observation]

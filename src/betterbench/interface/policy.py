@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError
+from betterbench.interface.actions import action_space
 from betterbench.interface.observation import Observation
 
 
@@ -88,6 +89,26 @@ class PolicyInfo:
     metadata: Mapping[str, str] = field(default_factory=dict)
     execution: Execution = Execution()
     heavy: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what a user's class says, before a run is made of it.
+
+        Raises:
+            InvalidInputError: If something is of the wrong type.
+            UnknownNameError: If there is no such action space.
+        """
+        for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
+            if not isinstance(getattr(self, name), kind):
+                found = type(getattr(self, name)).__name__
+                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", f"Give {kind.__name__}")
+        entries: Iterable[tuple[object, object]] = self.metadata.items()
+        for key, value in entries:
+            if not isinstance(key, str) or not isinstance(value, str):
+                raise InvalidInputError(
+                    f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
+                )
+        if self.action_space:  # that of a replay is known when its trial is
+            action_space(self.action_space)
 
 
 class Policy(Protocol):

@@ -109,6 +109,12 @@ class AnswerRule:
                 f"it has {', '.join(kinds) or 'nothing'}",
                 f"{self.space} needs {', '.join(sorted(needed))}, once",
             )
+        if self.as_is and not self._means_ours:
+            raise InvalidInputError(
+                "answer",
+                "its numbers are actions of ours, which have one rotation format, unit, frame and gripper",
+                "Leave rotation, units, frame and gripper out, or read its parts (translation, rotation, gripper)",
+            )
         if self.frame == "tool" and self.space not in _DELTAS:
             raise InvalidInputError("answer: frame", f"{self.space} knows no tool frame", "Use base")
 
@@ -183,12 +189,22 @@ class AnswerRule:
         return actions
 
     @property
+    def _means_ours(self) -> bool:
+        """Whether every convention is the one of our own end-effector deltas."""
+        units = (self.translation_unit_m, self.rotation_unit_rad, self.step_rate_hz)
+        words = (self.rotation, self.frame, self.gripper)
+        return words == ("axis_angle", "base", "close_positive") and units == (
+            TRANSLATION_PER_UNIT_M,
+            ROTATION_PER_UNIT_RAD,
+            None,
+        )
+
+    @property
     def _is_plain(self) -> bool:
         """Whether the numbers are ours already, in whatever order."""
-        plain = self.gripper == "close_positive" and self.frame == "base" and self.step_rate_hz is None
         if self.space in _DELTAS:
-            units = (self.translation_unit_m, self.rotation_unit_rad)
-            return plain and self.rotation == "axis_angle" and units == (TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD)
+            return self._means_ours
+        plain = self.gripper == "close_positive" and self.step_rate_hz is None
         return plain and self.space == "joint_position"
 
     def _pace(self, control_rate_hz: float) -> float:

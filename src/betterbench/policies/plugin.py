@@ -82,7 +82,11 @@ def _load_file(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"betterbench_plugin_{path.stem}", path)
     if spec is None or spec.loader is None or not path.is_file():
         raise InvalidInputError(f"policy python:{path}", "there is no such file", "Name an existing Python file")
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)  # as for a script: what lies beside the file can be imported
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look the module of their class up there
     try:
         spec.loader.exec_module(module)
     except (ImportError, SyntaxError) as error:

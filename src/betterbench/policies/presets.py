@@ -221,9 +221,14 @@ def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
     units = address.choice("units", ("libero", "physical", "preset"), "preset")
     translation = {"libero": 0.05, "physical": 1.0, "preset": rule.translation_unit_m}[units]
     rotation = {"libero": 0.5, "physical": 1.0, "preset": rule.rotation_unit_rad}[units]
+    space = address.choice("action_space", tuple(ACTION_SPACES), rule.space)
+    for name in ("rotation", "units", "frame"):
+        meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")
+        if meaningless and name in address.options:
+            raise InvalidInputError(f"policy {address}", f"{name} means nothing for {space}", f"Leave {name} out")
     return replace(
         rule,
-        space=address.choice("action_space", tuple(ACTION_SPACES), rule.space),
+        space=space,
         translation_unit_m=translation,
         rotation_unit_rad=rotation,
         frame=address.choice("frame", ("base", "tool"), rule.frame),

@@ -137,7 +137,7 @@ def _whole(value: object, where: str) -> int:
 def _numbers(value: object, where: str, count: int) -> np.ndarray:
     """Return a flat float64 array of finite numbers."""
     try:
-        array = np.asarray(value, dtype=np.float64).reshape(-1)
+        array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: what comes off the wire is read-only
     except (TypeError, ValueError, OverflowError):
         array = np.full(0, math.nan)
     if array.shape != (count,) or not np.isfinite(array).all():
@@ -155,4 +155,4 @@ def _picture(value: object, where: str) -> np.ndarray:
     ):
         found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
         raise InvalidInputError(where, f"it is {found}", "Send an upright RGB picture, (height, width, 3) uint8")
-    return value
+    return value.copy()  # what comes off the wire is read-only, and a policy may do with it what it likes

@@ -48,6 +48,7 @@ _STATES = {
     ("ee_position", "ee_quaternion_xyzw", "gripper_width"): "eef_pos3_quat4_gripper1",
     ("joint_positions",): "joint_positions",
 }
+_JOINTS = {"joint_position": "joint_positions", "joint_delta": "joint_delta_pos"}
 _RAW = "raw"
 
 Kind = Literal["hello", "observation", "action", "episode_start", "episode_end", "error"]
@@ -277,11 +278,17 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
         Its side and ours.
 
     Raises:
-        HandshakeError: If its specs are malformed.
+        HandshakeError: If its specs are malformed, or it answers joints and the adapter reads something else.
     """
     action, seen = _specs(who, hello, "action_spec"), _specs(who, hello, "observation_spec")
     answer = adapter.answer
     joints = answer.space.startswith("joint")
+    declared = _format(action, "joints")
+    if declared not in (None, _JOINTS.get(answer.space)):
+        raise HandshakeError(
+            f"action: {who} answers joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
+            "Give adapter=FILE that reads joints, and --action-space with it."
+        )
     position = None if joints else "absolute_xyz" if answer.space == "ee_pose" else "delta_xyz"
     # Where a format of theirs is one that we mean, it stands on both sides; else each side has its own word.
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
