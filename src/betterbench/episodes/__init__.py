@@ -1,11 +1,12 @@
 """Episodes: one rollout of one mind in one scene, and what it leaves behind."""
 
-from betterbench.episodes.answers import Mind, Question, Reply, answer, policy_boundary
+from betterbench.episodes.answers import POLICY_BOUNDARY, Mind, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import EpisodeResult, Steps, episode_steps, run_episode
 from betterbench.episodes.observer import Observer
 
 __all__ = [
+    "POLICY_BOUNDARY",
     "EpisodeResult",
     "Mind",
     "Observer",
@@ -16,6 +17,5 @@ __all__ = [
     "answer",
     "describe",
     "episode_steps",
-    "policy_boundary",
     "run_episode",
 ]

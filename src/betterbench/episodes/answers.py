@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from types import TracebackType
 
 import numpy as np
 
@@ -58,25 +57,40 @@ def answer(mind: Mind, seen: EpisodeStart | Observation | WorldState) -> Reply:
         HandshakeError: If it has become another policy.
     """
     began = time.perf_counter()
-    with policy_boundary():
-        if isinstance(seen, EpisodeStart):
+    with POLICY_BOUNDARY:
+        if isinstance(seen, WorldState):
+            actions = np.asarray(mind.act_on_state(seen))  # type: ignore[union-attr]
+        elif isinstance(seen, EpisodeStart):
             mind.reset(seen)  # type: ignore[union-attr]
-            return Reply(_NO_ACTIONS, time.perf_counter() - began)
-        said = mind.act_on_state(seen) if isinstance(seen, WorldState) else mind.act(seen)  # type: ignore[union-attr]
-        actions = np.asarray(said)
+            actions = _NO_ACTIONS
+        else:
+            actions = np.asarray(mind.act(seen))  # type: ignore[union-attr]
     return Reply(actions, time.perf_counter() - began)
 
 
-@contextmanager
-def policy_boundary() -> Iterator[None]:
-    """Turn whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on.
+class PolicyBoundary:
+    """Turns whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on.
 
     Two things pass as they are, because they concern the whole run: a server that cannot be reached, and one that
-    declares other conventions than before.
+    declares other conventions than before. A context manager that keeps nothing, so one of it is enough: it is entered
+    at every control step of a privileged mind.
     """
-    try:
-        yield
-    except (PolicyError, HandshakeError):
-        raise
-    except (Exception, SystemExit) as problem:
-        raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
+
+    __slots__ = ()
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Raise what the problem means for the trial.
+
+        Raises:
+            PolicyError: If the policy broke, whatever it raised.
+        """
+        if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
+            raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
+
+
+POLICY_BOUNDARY = PolicyBoundary()

@@ -73,11 +73,18 @@ class Chunks:
         if self._execution.ensemble is not None:
             return (yield from self._mean(state))
         if not queue:
-            if self._asked:
-                self._asked = False
-                self._queue_up(self._answered((yield from self._pause(None))), self._passing)
-            else:
-                self._queue_up(self._answered((yield from self._pause(Question(self._see(state))))), 0)
+            question, passed = (None, self._passing) if self._asked else (Question(self._see(state)), 0)
+            self._asked = False
+            # What `_pause` does, without a generator of its own: a privileged mind is asked at every control step.
+            self._simulation_s += time.perf_counter() - self._resumed
+            try:
+                reply = yield question
+            finally:
+                self._resumed = time.perf_counter()
+            actions = self._answered(reply)
+            if not self._execution.ahead and actions.shape == (self._scene.action_space.dim,):
+                return actions  # checked when it is applied, which is at once
+            self._queue_up(actions, passed)
         if self._asks_ahead(state.step):
             self._asked, self._passing = True, len(queue)
             yield from self._pause(Question(self._see(state), wanted_in=len(queue)))
@@ -152,11 +159,8 @@ class Chunks:
         Raises:
             InvalidActionError: If it is no array of actions, or none is left.
         """
-        space, queue = self._scene.action_space, self._queue
-        if answer.shape == (space.dim,) and not self._execution.ahead:
-            queue.append(answer)  # checked when it is applied, which is at once
-            return
-        chunk = checked_chunk(answer, space)
+        queue = self._queue
+        chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon
         queue.extend(chunk[passed : passed + horizon])
         if not queue:

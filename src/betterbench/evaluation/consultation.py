@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.episodes import Observer, policy_boundary
+from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.agents import Minds, check_action_space, close_policy, is_privileged
@@ -178,7 +178,7 @@ def consult(
             finally:
                 observer.close()
             text = condition.instruction.text
-            with policy_boundary():
+            with POLICY_BOUNDARY:
                 mind.reset(EpisodeStart(text, trial.seed, space.name, task=trial.task, condition=trial.condition))
             answers = _Answers(lambda: mind.act(shown), space, ahead=info.execution.ahead)
         actions, first_s, latencies_s = answers.ask()
@@ -242,7 +242,7 @@ class _Answers:
         answers, times = [], []
         for _ in range(1 + REQUESTS):
             began = time.perf_counter()
-            with policy_boundary():
+            with POLICY_BOUNDARY:
                 answers.append(np.asarray(self._ask()))
             times.append(time.perf_counter() - began)
         # The later ones count as well: a policy may break down when it is asked again.

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from betterbench.episodes import Question, Reply, policy_boundary
+from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation.agents import Minds, needs_no_thread
 from betterbench.evaluation.manifest import describe_policy, run_context, same_policy
@@ -117,7 +117,7 @@ class DrivenRun:
         seen: Observation | None = self.begin(trial)
         while seen is not None:
             try:
-                with policy_boundary():
+                with POLICY_BOUNDARY:
                     actions = np.asarray(act(seen))
             except PolicyError as problem:
                 self.fail(str(problem))

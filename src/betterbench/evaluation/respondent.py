@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from betterbench.episodes import Reply, answer, policy_boundary
+from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.evaluation.agents import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import WorldState
@@ -88,7 +88,7 @@ class Respondent:
             outcome: Reply | BaseException
             try:
                 if self._policy is None:
-                    with policy_boundary():
+                    with POLICY_BOUNDARY:
                         self._policy = self._make()
                 outcome = answer(self._policy, seen)
             except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread of the simulation
