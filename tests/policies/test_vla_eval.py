@@ -457,3 +457,20 @@ def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joi
         return
     with pytest.raises(HandshakeError, match=joints):
         declare_specs("the server", hello, adapter)
+
+
+@pytest.mark.parametrize(
+    ("query", "spec", "warned"),
+    [("", None, True), ("preset=vla_eval&", None, False), ("", {"gripper": {"name": "gripper", "dims": 1}}, False)],
+    ids=["nobody says", "the address says", "the server says"],
+)
+def test_what_nobody_declares_is_told_before_it_is_taken_for_granted(caplog, query, spec, warned):
+    def answer(message):
+        payload = {**hello(message).payload, **({"action_spec": spec} if spec else {})}
+        return [Message(MessageType.HELLO, payload, message.seq)]
+
+    with scripted(answer) as address, client(address, f"{query}timeout=5&patience=5"):
+        pass
+    told = [r.getMessage() for r in caplog.records if "does not declare" in r.getMessage()]
+    assert bool(told) is warned
+    assert all("ee_delta" in text and "close_positive" in text for text in told)

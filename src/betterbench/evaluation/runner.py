@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.agents import Minds, check_action_space, is_in_process_model, is_remote, needs_no_thread
+from betterbench.evaluation.alarm import Alarm
 from betterbench.evaluation.cluster import ANYWHERE, Cluster, require_ray
 from betterbench.evaluation.crew import Crew
 from betterbench.evaluation.host import Host
@@ -123,10 +124,13 @@ def evaluate(
             on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))
         entries = _entries(run, setting, _by_scene(waiting), workers, engine=engine, cluster=cluster, asked=asked)
         stack.enter_context(closing(entries))
+        alarm = None if needs_no_thread(plan.policy) or started_with else Alarm(plan.policy)
         for entry in entries:
             with on_disk(out):
                 journal.append(entry)
             done += entry.status == "done"
+            if alarm is not None:
+                alarm.hear(entry)
             if entry.status == "error":
                 logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
             if on_progress is not None:

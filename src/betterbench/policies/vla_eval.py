@@ -7,6 +7,7 @@ observation is answered by an action with its number, and the episode is ended. 
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,6 +26,8 @@ from betterbench.policies.presets import VLA_EVAL, adapter_of
 from betterbench.policies.remote import check_run, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
+
+logger = logging.getLogger(__name__)
 
 PROTOCOL_VERSION = 1
 """Version of the protocol that is spoken here."""
@@ -183,6 +186,16 @@ class VlaEvalClient:
         adapter = shaped_by(self._wanted, hello.get("observation_params"))
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare(ours, theirs)
+        if not self._hello and not hello.get("action_spec") and not {"preset", "adapter"} & set(self._address.options):
+            logger.warning(
+                "%s does not declare what its actions mean; they are read as the preset %s does (%s, %s, %s). "
+                "Write ?preset=NAME or ?adapter=FILE to say so yourself.",
+                self._where,
+                adapter.name,
+                adapter.answer.space,
+                adapter.answer.rotation,
+                adapter.answer.gripper,
+            )
         self.adapter, self.server, self._hello = adapter, theirs, hello
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
