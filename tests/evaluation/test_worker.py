@@ -330,7 +330,7 @@ def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
 
 @pytest.mark.parametrize(
     ("policy", "envs"),
-    [("expert", 1), ("noop", 1), ("random", 1), ("Slow", 1), ("Batched", 4)],
+    [("expert", 1), ("noop", 1), ("random", 1), ("Slow", 1), ("Batched", 8)],
 )
 def test_the_usual_number_of_environments(plugin, policy, envs):
     with Minds(f"{plugin}:{policy}" if policy[0].isupper() else policy) as minds:

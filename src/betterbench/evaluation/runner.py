@@ -20,7 +20,7 @@ from betterbench.evaluation.host import Host
 from betterbench.evaluation.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.plan import Plan, Trial
 from betterbench.evaluation.trial import POLICY_TIMEOUT_S, Setting, on_disk
-from betterbench.evaluation.worker import MAX_ENVS, USUAL_ENVS, Worker, usual_envs
+from betterbench.evaluation.worker import MAX_ENVS, MOST_WAITING, USUAL_ENVS, Worker, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import JournalEntry, RunFolder, TrialKey
 
@@ -109,7 +109,8 @@ def evaluate(
     with ExitStack() as stack:
         hosted = workers not in (None, 1) and engine == "local"
         asked = _ask_policy(plan, stack, hosted=hosted, timeout_s=policy_timeout_s)
-        setting = replace(setting, envs=envs or asked.envs, served_at=asked.host.address if asked.host else None)
+        usual = max(1, min(asked.envs, MOST_WAITING // (workers or MOST_WAITING)))
+        setting = replace(setting, envs=envs or usual, served_at=asked.host.address if asked.host else None)
         declared = describe_policy(plan.policy, asked.info)
         with on_disk(out):
             context = run_context(
