@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import HandshakeError, PolicyError
-from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.handshake import Declaration
 from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import BEING_H_LIBERO, adapter_of
-from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.remote import Adapted, check_start, describe_policy
 from betterbench.policies.requester import Requester
 from betterbench.policies.torch_payload import import_torch, read_torch, write_torch
 
@@ -95,7 +95,7 @@ class BeingHServer:
         self._requester.close()
 
 
-class BeingHClient:
+class BeingHClient(Adapted):
     """A Being-H policy; each environment has a client of its own.
 
     With real-time chunking the server answers also with its whole chunk in its unified action space. That is sent back
@@ -141,19 +141,6 @@ class BeingHClient:
     def figures(self) -> dict[str, float]:
         """Wall-clock figures of the episode so far, by name."""
         return self._link.figures
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ.
-        """
-        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode.

@@ -22,14 +22,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
-from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, Policy, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, put
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.handshake import Declaration
 from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.modality import SEEN, Modalities, name_of
 from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
-from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.remote import Adapted, check_start, describe_policy
 from betterbench.policies.requester import Requester
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
@@ -119,7 +119,7 @@ class Gr00tServer:
         self._requester.close()
 
 
-class Gr00tClient:
+class Gr00tClient(Adapted):
     """A GR00T policy; each environment has a client of its own.
 
     Attributes:
@@ -167,19 +167,6 @@ class Gr00tClient:
             raise HandshakeError(f"{self._where} came back with other modalities. Start the run again.")
         self._known = server.modalities
         return server
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ.
-        """
-        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode.

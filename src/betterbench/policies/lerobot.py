@@ -28,7 +28,7 @@ from betterbench.policies.fitting import PictureRule
 from betterbench.policies.handshake import Declaration
 from betterbench.policies.presets import adapter_of
 from betterbench.policies.proprioception import StatePart, StateRule
-from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.remote import Adapted, check_start, describe_policy
 
 _TASK = ("task",)
 _ACTION = ("action",)
@@ -45,7 +45,7 @@ _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front",
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
-class LerobotPolicy:
+class LerobotPolicy(Adapted):
     """A policy that answers whole chunks; one instance serves many environments.
 
     Attributes:
@@ -98,19 +98,6 @@ class LerobotPolicy:
         if rate is not None and rate >= 0.0:
             return Execution(ensemble=float(rate))
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ.
-        """
-        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode in one of the environments.

@@ -108,3 +108,28 @@ def check_run(
             f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
             "Correct control_rate_hz in the adapter."
         )
+
+
+class Adapted:
+    """A policy with one adapter from its beginning, which compares itself with a run.
+
+    Attributes:
+        adapter: What the policy is shown and how its answers are read.
+        server: What the other side declares.
+    """
+
+    adapter: Adapter
+    server: Declaration
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's, before the run starts.
+
+        Args:
+            space: Action space of the run.
+            observation: What the run renders.
+            rate_hz: Control rate of the run [Hz].
+
+        Raises:
+            HandshakeError: If they differ.
+        """
+        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
