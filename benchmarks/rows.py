@@ -395,11 +395,10 @@ def policy_row(*, quick: bool) -> Iterator[Figure]:
                 observation=observation,
                 quality="fast",
             )
-            entries, spans = _timed_entries(plan, workers=WORKERS)
+            entries, wall = _timed_entries(plan, workers=WORKERS)
         policy = LATENCY_S * sum(e.wall["policy_requests"] for e in entries) / concurrency
         parts = ("simulation_s", "observe_s", "setup_s", "write_s")
         simulation = sum(e.wall[part] for e in entries for part in parts) / WORKERS
-        wall = float(np.mean(spans))
         note = (
             f"{len(entries)} trials with {WORKERS} workers of {USUAL_ENVS} environments: {wall:.1f} s; policy "
             f"{policy:.1f} s, simulation {simulation:.1f} s; load {os.getloadavg()[0]:.1f}"
@@ -408,8 +407,8 @@ def policy_row(*, quick: bool) -> Iterator[Figure]:
         yield Figure("policy", label, (wall / max(policy, simulation),), "x", "<=", 1.25, note)
 
 
-def _timed_entries(plan: Plan, *, workers: int) -> tuple[list[JournalEntry], list[float]]:
-    """Run a plan; return its journal and how long each worker was at work, its start left out [s]."""
+def _timed_entries(plan: Plan, *, workers: int) -> tuple[list[JournalEntry], float]:
+    """Run a plan; return its journal, and the time from the begin of its first trial to the end of its last [s]."""
     ended: list[tuple[JournalEntry, float]] = []
 
     def note(progress: Progress) -> None:
@@ -418,11 +417,8 @@ def _timed_entries(plan: Plan, *, workers: int) -> tuple[list[JournalEntry], lis
 
     with tempfile.TemporaryDirectory() as folder:
         evaluate(plan, Path(folder) / "run", workers=workers, on_progress=note)
-    by_worker: dict[float, list[tuple[float, float]]] = defaultdict(list)
-    for entry, end in ended:
-        by_worker[entry.wall["worker"]].append((end - entry.wall["total_s"], end))
-    spans = [max(e for _, e in times) - min(b for b, _ in times) for times in by_worker.values()]
-    return [entry for entry, _ in ended], spans
+    wall = max(end for _, end in ended) - min(end - entry.wall["total_s"] for entry, end in ended)
+    return [entry for entry, _ in ended], wall
 
 
 def diagnosis_row(*, quick: bool) -> Iterator[Figure]:

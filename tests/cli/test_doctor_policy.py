@@ -102,6 +102,21 @@ def test_json_holds_the_same(capsys, tmp_path, monkeypatch, pushes):
 
 
 @pytest.mark.render
+def test_what_nobody_declares_is_told(capsys, tmp_path):
+    file = tmp_path / "assuming.py"
+    file.write_text(
+        "from betterbench.interface import PolicyInfo\n"
+        "from betterbench.policies import Noop\n"
+        "class Assuming(Noop):\n"
+        "    info = PolicyInfo('assuming', metadata={'assumed': 'its actions are metres'})\n",
+        encoding="utf-8",
+    )
+    status, text, err = run(capsys, "--policy", f"python:{file}:Assuming", *SCENE, "--out", str(tmp_path / "a.png"))
+    assert status == 0, err
+    assert "its actions are metres" in text
+
+
+@pytest.mark.render
 @pytest.mark.parametrize("policy", ["noop", "expert"])
 def test_a_local_policy_is_drawn_too(capsys, tmp_path, policy):
     out = tmp_path / "sheet.png"

@@ -87,7 +87,7 @@ def plugin(tmp_path_factory):
 @pytest.fixture(scope="module")
 def two_workers():
     """A cluster of this machine, as small as Ray makes one."""
-    with ray_engine._Session(ray_engine._import_ray(), Cluster("local"), 2) as session:
+    with ray_engine.RaySession(Cluster("local"), 2) as session:
         yield session.ray
 
 

@@ -373,6 +373,37 @@ def test_a_policy_without_batches_gets_an_instance_for_each_client(monkeypatch):
     assert len(made) == 2
 
 
+def test_an_instance_serves_the_next_client_when_its_own_has_left_or_failed(monkeypatch):
+    made, closed = [], []
+
+    class Plain(Random):
+        def __init__(self):
+            super().__init__()
+            made.append(self)
+
+        def act(self, observation):
+            if observation.instruction == "Fail.":
+                raise RuntimeError("asked to")
+            return super().act(observation)
+
+        def close(self):
+            closed.append(self)
+
+    monkeypatch.setitem(sys.modules, "plain_policy", type(sys)("plain_policy"))
+    sys.modules["plain_policy"].Plain = Plain
+    with open_server("python:plain_policy:Plain", port=0) as server:
+        answers = []
+        for _ in range(4):
+            with Client(server) as client:
+                answers.append(client.native())
+                assert "asked to" in client.native(prompt="Fail.")
+        assert len(made) == 1
+        assert closed == []
+        for again in answers[1:]:
+            np.testing.assert_array_equal(again, answers[0])  # it began anew
+    assert closed == made
+
+
 def test_a_policy_without_an_observation_says_what_it_misses():
     with open_server("noop", port=0) as server, Client(server) as client:
         assert "it holds no observation" in client.ask({"prompt": "Go."})

@@ -11,13 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from betterbench.errors import InvalidInputError, PolicyUnavailableError
+from betterbench.errors import InvalidInputError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.agents import Minds
 from betterbench.evaluation.host import address_within
 from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting
-from betterbench.evaluation.worker import Worker, usual_envs
+from betterbench.evaluation.worker import Worker, fair_envs, usual_envs
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.link import Terms
@@ -123,6 +123,17 @@ class Heavy(Batched):
         import os
         (HERE / f"loaded-{os.getpid()}").touch()
 
+class HeavyAlone(Slow):
+    """Has weights and takes no batches."""
+    info = PolicyInfo("heavy alone", needs_images=False, heavy=True)
+    def __init__(self):
+        super().__init__()
+        import os, uuid
+        (HERE / f"loaded-{os.getpid()}-{uuid.uuid4()}").touch()
+
+class Assuming(Slow):
+    info = PolicyInfo("assuming", needs_images=False, metadata={"assumed": "its actions mean nothing"})
+
 class Mortal(Heavy):
     """Its process dies in the middle of the run, once."""
     def act_batch(self, observations):
@@ -156,6 +167,11 @@ def module(monkeypatch):
 
     monkeypatch.setattr(loader, "_load_file", load)
     return loaded
+
+
+@pytest.fixture
+def four_processors(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 4)
 
 
 @pytest.fixture(autouse=True)
@@ -301,7 +317,9 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
     entries = {e.seed: (e.status, e.message) for e in RunFolder.open(tmp_path / "run").entries()}
     assert entries == {0: ("done", OVER[1]), 1: ("done", OVER[1]), 2: ("error", "the server is gone")}
     Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("self.seed == 2", "False"), encoding="utf-8")
-    again = evaluate(plan, tmp_path / "run")
+    with pytest.raises(RunConflictError, match=r"policy\.source\.sha256 was"):
+        evaluate(plan, tmp_path / "run")
+    again = evaluate(plan, tmp_path / "run", allow_changed_policy=True)
     assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
 
 
@@ -337,6 +355,18 @@ def test_the_usual_number_of_environments(plugin, policy, envs):
         assert usual_envs(minds) == envs
 
 
+def test_what_a_run_takes_for_granted_is_told_once(plugin, tiny_plan, tmp_path, caplog):
+    run = evaluate(tiny_plan(f"{plugin}:Assuming", trials=2), tmp_path / "run", envs=2)
+    assert [r.getMessage() for r in caplog.records if r.name.endswith("runner")] == ["its actions mean nothing"]
+    assert run.context["policy"]["metadata"] == {"assumed": "its actions mean nothing"}
+
+
+@pytest.mark.parametrize(("workers", "envs"), [(1, 8), (2, 8), (4, 8), (5, 6), (16, 2), (32, 1), (256, 1)])
+def test_many_workers_do_not_queue_up_before_a_server(workers, envs):
+    assert fair_envs(8, workers) == envs
+    assert fair_envs(1, workers) == 1
+
+
 @pytest.mark.parametrize("envs", [0, 257])
 def test_an_impossible_number_of_environments_is_refused_before_anything_is_written(tiny_plan, tmp_path, envs):
     with pytest.raises(InvalidInputError, match="--envs"):
@@ -348,11 +378,22 @@ def test_an_impossible_number_of_environments_is_refused_before_anything_is_writ
 def test_several_workers_share_one_process_with_the_weights(plugin, tiny_plan, tmp_path, run_content):
     plan = tiny_plan(f"{plugin}:Heavy", trials=2)
     run = evaluate(plan, tmp_path / "run", workers=2)
-    assert len(list(tmp_path.glob("loaded-*"))) == 2, "this process, which asked for its conventions, and the host"
+    assert len(list(tmp_path.glob("loaded-*"))) == 1, "its weights are there once, in the host"
     assert all(e.status == "done" for e in run.entries())
     assert len({e.wall["worker"] for e in run.entries()}) == 2
     assert {r.metadata.policy for r in run.records()} == {plan.policy}
     assert run_content(evaluate(plan, tmp_path / "alone").path) == run_content(run.path)
+
+
+@pytest.mark.usefixtures("four_processors")
+@pytest.mark.parametrize(("workers", "loaded"), [(None, 1), pytest.param(2, 2, marks=pytest.mark.slow)])
+def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_asked_for(
+    plugin, tiny_plan, tmp_path, workers, loaded
+):
+    run = evaluate(tiny_plan(f"{plugin}:HeavyAlone", trials=2), tmp_path / "run", workers=workers)
+    assert len(list(tmp_path.glob("loaded-*"))) == loaded
+    assert [e.status for e in run.entries()] == ["done"] * 2
+    assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
 
 
 @pytest.mark.slow

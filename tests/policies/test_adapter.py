@@ -345,6 +345,8 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
         ("preset=openpi_droid&rotation=rpy", "rotation means nothing for joint_delta"),
         ("preset=openpi_droid&units=physical", "units means nothing for joint_delta"),
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units means nothing for ee_pose"),
+        ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid knows no position of the end effector"),
+        ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
     ],
 )
 def test_malformed_changes_are_one_clear_line(query, text):

@@ -270,6 +270,7 @@ def test_what_the_server_declares_is_stored_with_the_run(client):
     assert info.action_space == "ee_delta"
     assert json.loads(info.metadata["server: modalities"])["video"] == ["front", "wrist"]
     assert "gr00t_new_embodiment" in info.metadata["adapter"]
+    assert "assumed" not in info.metadata
 
 
 def test_a_run_without_the_camera_is_refused_before_it_starts(client):
@@ -361,7 +362,10 @@ def test_other_modalities_stop_with_both_sides_named(client, declared, text):
 
 def test_a_server_that_declares_nothing_is_taken_at_its_first_answer(client):
     with Server(modalities_={}) as server:
-        assert client(server).act(seen()).shape == (8, 7)
+        taken = client(server)
+        assert taken.act(seen()).shape == (8, 7)
+        assert "does not declare what its actions mean" in taken.info.metadata["assumed"]
+        assert "assumed" not in client(server, f"{QUICK}&preset=gr00t_new_embodiment").info.metadata
 
 
 def test_the_sentence_goes_under_the_name_that_the_server_gives_it(client):

@@ -43,6 +43,11 @@ def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
     np.testing.assert_array_equal(request.observation.images["front"], SEEN.images["front"])
 
 
+@pytest.mark.parametrize("shape", [(), (1,)])
+def test_a_sentence_may_come_as_the_array_that_transforms_make_of_it(shape):
+    assert read_request(message(prompt=np.full(shape, SEEN.instruction))).instruction == SEEN.instruction
+
+
 def test_a_policy_may_change_what_it_is_shown_as_it_may_in_its_own_process():
     seen = read_request(message()).observation
     assert seen is not None

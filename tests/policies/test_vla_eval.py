@@ -460,17 +460,19 @@ def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joi
 
 
 @pytest.mark.parametrize(
-    ("query", "spec", "warned"),
+    ("query", "spec", "assumed"),
     [("", None, True), ("preset=vla_eval&", None, False), ("", {"gripper": {"name": "gripper", "dims": 1}}, False)],
     ids=["nobody says", "the address says", "the server says"],
 )
-def test_what_nobody_declares_is_told_before_it_is_taken_for_granted(caplog, query, spec, warned):
+def test_what_nobody_declares_is_said_to_be_assumed(query, spec, assumed):
     def answer(message):
         payload = {**hello(message).payload, **({"action_spec": spec} if spec else {})}
         return [Message(MessageType.HELLO, payload, message.seq)]
 
-    with scripted(answer) as address, client(address, f"{query}timeout=5&patience=5"):
-        pass
-    told = [r.getMessage() for r in caplog.records if "does not declare" in r.getMessage()]
-    assert bool(told) is warned
-    assert all("ee_delta" in text and "close_positive" in text for text in told)
+    with scripted(answer) as address, client(address, f"{query}timeout=5&patience=5") as policy:
+        text = policy.info.metadata.get("assumed", "")
+    assert bool(text) is assumed
+    if assumed:
+        assert text.startswith("policy server vla-eval://127.0.0.1:")
+        assert "ee_delta" in text
+        assert "close_positive" in text

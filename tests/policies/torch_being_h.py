@@ -128,6 +128,7 @@ def connected(server, options="timeout=10&retries=0&patience=2"):
 def test_an_observation_goes_out_and_a_chunk_comes_back(make):
     with Server([chunk(make)]) as server, connected(server) as client:
         actions = client.act(seen())
+        assert "does not declare what its actions mean" in client.info.metadata["assumed"]
     assert actions.shape == (16, 7)
     assert np.all(actions == 0.5)
     asked = server.asked[0]

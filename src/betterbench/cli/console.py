@@ -53,5 +53,5 @@ def progress_bar(what: str, total: int, *, estimate: bool = True) -> Iterator[tu
         *((TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()) if estimate else ()),
         TextColumn("{task.fields[note]}", markup=False),
     )
-    with Progress(*columns, console=ERR, transient=not ERR.is_terminal) as bar:
+    with Progress(*columns, console=ERR, disable=not ERR.is_terminal) as bar:
         yield bar, bar.add_task(what, total=total, note="")

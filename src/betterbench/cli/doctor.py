@@ -114,7 +114,9 @@ def _show_consultation(found: Consultation, *, json: bool) -> None:
         print_json(found.to_json())
         return
     first = numbers_text(found.actions[0])
+    assumed = found.info.metadata.get("assumed")
     rows = [
+        *([["assumed", assumed]] if assumed else []),
         ["prompt", found.prompt],
         *[[f"picture {s.key}", s.note] for s in found.shown],
         *[[f"state {key}", numbers_text(values)] for key, values in found.state],

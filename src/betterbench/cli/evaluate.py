@@ -17,11 +17,11 @@ from betterbench.certification.coverage import cure_for
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.cli.tally import Tally, service
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import Plan, Progress, check_policy, make_plan
+from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
+from betterbench.evaluation.agents import needs_no_thread
 from betterbench.evaluation.cluster import ANYWHERE, Cluster
-from betterbench.evaluation.manifest import describe_policy
-from betterbench.evaluation.repeat import repeated_plan, require_same_policy
+from betterbench.evaluation.repeat import repeated_plan
 from betterbench.evaluation.trial import POLICY_TIMEOUT_S
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.robots import build_robot_spec
@@ -116,9 +116,6 @@ def evaluate(
             observation=observation,
             quality=quality,
         )
-    info = check_policy(plan.policy, action_space=plan.action_space)
-    if from_run is not None and policy is None and not allow_changed_policy:
-        require_same_policy(from_run, describe_policy(plan.policy, info))
     if not uncertified:
         require_certified(plan, certificate, seed=seed, trials=trials)
     say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
@@ -131,6 +128,7 @@ def evaluate(
         cluster=Cluster(ray_address, replicas, replica_gpus),
         policy_timeout=policy_timeout,
         allow_changed_policy=allow_changed_policy,
+        repeats=from_run if policy is None else None,
     )
     summary = _summary(run)
     if json:
@@ -244,6 +242,7 @@ def run_with_bar(
     cluster: Cluster = ANYWHERE,
     policy_timeout: float = POLICY_TIMEOUT_S,
     allow_changed_policy: bool = False,
+    repeats: Path | None = None,
 ) -> RunFolder:
     """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
 
@@ -256,6 +255,7 @@ def run_with_bar(
         cluster: Where the workers of the engine "ray" are placed.
         policy_timeout: Deadline of one answer of a policy in our own processes [s].
         allow_changed_policy: Go on although the policy declares something else than when the run began.
+        repeats: Run whose policy has to be the same.
     """
     prepare_robot(plan.robot)
     tally, folder, ended, elapsed_s = Tally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
@@ -285,9 +285,10 @@ def run_with_bar(
             cluster=cluster,
             policy_timeout_s=policy_timeout,
             allow_changed_policy=allow_changed_policy,
+            repeats=repeats,
             on_progress=told,
         )
-    answers = service(ended, elapsed_s)
+    answers = "" if needs_no_thread(plan.policy) else service(ended, elapsed_s)
     if answers:
         say(f"policy: {answers}")
     return run

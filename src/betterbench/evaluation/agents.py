@@ -187,7 +187,8 @@ class Minds:
         """
         info = self.info
         check_action_space(self.address, info, action_space)
-        agree = getattr(self._made, "check", None) if is_remote(self.address) else None
+        adapts = is_remote(self.address) or is_in_process_model(self.address)
+        agree = getattr(self._made, "check", None) if adapts else None
         if callable(agree) and action_space is not None and observation is not None:
             agree(space=action_space, observation=observation_spec(observation), rate_hz=CONTROL_RATE_HZ)
         return info

@@ -35,14 +35,15 @@ class Host:
         takes_batches: Whether one instance answers all environments.
     """
 
-    def __init__(self, policy: str, *, timeout_s: float = POLICY_TIMEOUT_S) -> None:
+    def __init__(self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S) -> None:
         """Prepare.
 
         Args:
             policy: Address of the policy.
+            run: Action space and observation preset of the run, with which the policy compares its conventions.
             timeout_s: Deadline of one answer [s].
         """
-        self._policy, self._timeout_s, self._restarts = policy, timeout_s, 0
+        self._policy, self._run, self._timeout_s, self._restarts = policy, run, timeout_s, 0
         self._port = 0
         self.takes_batches = False
         self._process: BaseProcess | None = None
@@ -59,7 +60,10 @@ class Host:
         try:
             said = answer.recv()  # ends as well when the process does
         except EOFError:
-            said = PolicyError(f"{self._policy}: its process died while loading. Run with --workers 1 to see why.")
+            said = PolicyError(
+                f"{self._policy}: its process ended while loading; what it wrote stands above. "
+                "With --workers 1 it is loaded in this process."
+            )
         except BaseException:
             self._end()
             raise
@@ -109,7 +113,9 @@ class Host:
     def _start(self) -> Connection:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(target=serve, args=(self._policy, self._port, theirs), name="betterbench-policy")
+        process = context.Process(
+            target=serve, args=(self._policy, self._run, self._port, theirs), name="betterbench-policy"
+        )
         with deaf_to_interrupts():
             process.start()
         theirs.close()
@@ -138,17 +144,18 @@ def address_within(address: str, execution: Execution, *, timeout_s: float, pati
     return f"{address}?preset=native" + "".join(f"&{name}={v!r}" for name, v in options.items() if v is not None)
 
 
-def serve(policy: str, port: int, answer: Connection) -> None:
+def serve(policy: str, run: tuple[str, str], port: int, answer: Connection) -> None:
     """Serve a policy until this process is ended; this is the main function of a host.
 
     Args:
         policy: Address of the policy.
+        run: Action space and observation preset of the run.
         port: Port to listen on; 0 for any free one.
         answer: Where what the policy says about itself and the port are sent, or why there is none.
     """
     prepare_process()
     with _told(answer), Minds(policy) as minds:
-        info, batches = minds.check(), minds.takes_batches
+        info, batches = minds.check(*run), minds.takes_batches
         server = open_server(policy, port=port, made=minds.take())
         with contextlib.suppress(OSError):
             answer.send((info, batches, server.port))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import math
 import os
 import secrets
 import time
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
-from betterbench.evaluation.cluster import ANYWHERE, Cluster, Outpost, Turn, require_ray, versions_here
+from betterbench.evaluation.cluster import Cluster, Outpost, Turn, versions_here
 from betterbench.evaluation.host import address_within
 from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.serving import open_server
@@ -50,39 +51,31 @@ _SCENE_ENDING = ".zip"
 
 
 def ray_entries(
+    session: RaySession,
     run: RunFolder,
     setting: Setting,
     trials: Sequence[Trial],
     *,
-    workers: int | None,
-    cluster: Cluster = ANYWHERE,
     served: Execution | None = None,
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the line of each for the journal, after its record is written.
 
     Args:
+        session: The cluster.
         run: The run; only this process writes to it.
         setting: What all trials of the run share.
         trials: The trials.
-        workers: Worker actors, one processor each; None for as many as the cluster has processors.
-        cluster: Where they are placed.
         served: How chunks are played, if the policy is held by replicas, of which the workers are clients.
 
     Raises:
-        MissingDependencyError: If Ray is not installed.
-        InvalidInputError: If the cluster cannot be reached, has no place, or has other versions.
+        InvalidInputError: If the cluster has no place, or has other versions.
         BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
     """
-    if not trials:
-        return
-    require_ray(cluster)
-    ray = _import_ray()
-    with _Session(ray, cluster, workers) as session:
-        pool = _Pool(session, run, setting, trials, cluster=cluster)
-        try:
-            yield from pool.entries(served=served)
-        finally:
-            pool.close()
+    pool = _Pool(session, run, setting, trials)
+    try:
+        yield from pool.entries(served=served)
+    finally:
+        pool.close()
 
 
 def _import_ray() -> Any:  # noqa: ANN401 -- a module without types
@@ -92,19 +85,35 @@ def _import_ray() -> Any:  # noqa: ANN401 -- a module without types
     return importlib.import_module("ray")
 
 
-class _Session:
-    """A connection to a cluster, or a cluster of this machine alone, for as long as a run takes."""
+class RaySession:
+    """A connection to a cluster, or a cluster of this machine alone, for as long as a run takes.
 
-    def __init__(self, ray: Any, cluster: Cluster, workers: int | None) -> None:  # noqa: ANN401
-        self.ray = ray
-        self._cluster, self._workers = cluster, workers
+    Attributes:
+        cluster: Where actors are placed.
+        ray: The module.
+    """
+
+    def __init__(self, cluster: Cluster, workers: int | None) -> None:
+        """Prepare.
+
+        Args:
+            cluster: Where actors are placed.
+            workers: Worker actors, one processor each; None for as many as the cluster has processors.
+        """
+        self.cluster, self.ray = cluster, _import_ray()
+        self._workers = workers
         self._mine = False
 
     def __enter__(self) -> Self:
+        """Connect, or start a cluster.
+
+        Raises:
+            InvalidInputError: If the cluster cannot be reached.
+        """
         ray = self.ray
         if ray.is_initialized():
             return self
-        address = self._cluster.given
+        address = self.cluster.given
         quiet = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.WARNING}
         try:
             if address is None or address == "local":
@@ -122,6 +131,7 @@ class _Session:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Disconnect, and end the cluster if it was started here."""
         if self._mine:
             self.ray.shutdown()
 
@@ -132,10 +142,10 @@ class _Session:
 
     def replica_gpus(self) -> float:
         """Graphics cards of each replica of the policy."""
-        asked = self._cluster.replica_gpus
+        asked = self.cluster.replica_gpus
         if asked is not None:
             return asked
-        return 1.0 if self.ray.cluster_resources().get("GPU", 0.0) >= self._cluster.replicas else 0.0
+        return 1.0 if self.ray.cluster_resources().get("GPU", 0.0) >= self.cluster.replicas else 0.0
 
 
 @dataclass(slots=True, eq=False)
@@ -164,11 +174,9 @@ class _Post:
 class _Pool:
     """The workers of a run, and what is left to do."""
 
-    def __init__(
-        self, session: _Session, run: RunFolder, setting: Setting, trials: Sequence[Trial], *, cluster: Cluster
-    ) -> None:
+    def __init__(self, session: RaySession, run: RunFolder, setting: Setting, trials: Sequence[Trial]) -> None:
         self._ray, self._session, self._run = session.ray, session, run
-        self._setting, self._cluster = setting, cluster
+        self._setting, self._cluster = setting, session.cluster
         self._waiting = deque(trials)
         self._suspects: deque[Trial] = deque()
         self._posts: list[_Post] = []
@@ -243,7 +251,9 @@ class _Pool:
             new, post.alone = [self._suspects.popleft()], True
         else:
             plenty = len(self._waiting) > self._setting.envs * len(self._posts)
-            room = self._setting.envs + plenty - len(post.trials)
+            # A fair share of a small rest: the first that is ready must not take what two could do.
+            share = math.ceil((len(self._waiting) + sum(len(p.trials) for p in self._posts)) / len(self._posts))
+            room = max(0, min(self._setting.envs + plenty, share) - len(post.trials))
             new, post.alone = [self._waiting.popleft() for _ in range(min(room, len(self._waiting)))], False
         post.trials += new
         while post.trials and len(post.calls) < _CALLS:

@@ -9,20 +9,24 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.evaluation.agents import Minds, check_action_space, is_in_process_model, is_remote, needs_no_thread
+from betterbench.evaluation.agents import Minds, is_remote, needs_no_thread
 from betterbench.evaluation.alarm import Alarm
 from betterbench.evaluation.cluster import ANYWHERE, Cluster, require_ray
 from betterbench.evaluation.crew import Crew
 from betterbench.evaluation.host import Host
 from betterbench.evaluation.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.plan import Plan, Trial
+from betterbench.evaluation.repeat import require_same_policy
 from betterbench.evaluation.trial import POLICY_TIMEOUT_S, Setting, on_disk
-from betterbench.evaluation.worker import MAX_ENVS, MOST_WAITING, USUAL_ENVS, Worker, usual_envs
+from betterbench.evaluation.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import JournalEntry, RunFolder, TrialKey
+
+if TYPE_CHECKING:
+    from betterbench.evaluation.ray_engine import RaySession
 
 logger = logging.getLogger(__name__)
 
@@ -63,6 +67,7 @@ def evaluate(
     cluster: Cluster = ANYWHERE,
     policy_timeout_s: float = POLICY_TIMEOUT_S,
     allow_changed_policy: bool = False,
+    repeats: Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet.
@@ -74,7 +79,7 @@ def evaluate(
         plan: The plan.
         out: Folder of the run; an unfinished run with the same plan is continued.
         workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine,
-            or of the cluster.
+            or of the cluster, or for one alone if each would need an instance of a policy with weights.
         envs: Environments that each worker keeps open at once, so that a policy's latency is hidden; None for 1 where
             the policy answers at once, and a few where it does not.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
@@ -82,6 +87,7 @@ def evaluate(
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]. A call that hangs
             cannot be ended: its trial is, and its thread is left alone until the process ends.
         allow_changed_policy: True to resume with a policy that declares other things than when the run began.
+        repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
         on_progress: Told after every trial.
 
     Returns:
@@ -97,8 +103,6 @@ def evaluate(
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
-    if workers is None and engine == "local":
-        workers = min(os.cpu_count() or 1, MAX_WORKERS)
     _check_numbers(workers, envs, engine, policy_timeout_s)
     if engine == "ray":
         require_ray(cluster)
@@ -107,14 +111,23 @@ def evaluate(
     )
     began = time.perf_counter()
     with ExitStack() as stack:
-        hosted = workers not in (None, 1) and engine == "local"
-        asked = _ask_policy(plan, stack, hosted=hosted, timeout_s=policy_timeout_s)
-        usual = max(1, min(asked.envs, MOST_WAITING // (workers or MOST_WAITING)))
+        processors = min(os.cpu_count() or 1, MAX_WORKERS)
+        alone = engine == "local" and (workers or processors) == 1
+        asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
+        if "assumed" in asked.info.metadata:
+            logger.warning("%s", asked.info.metadata["assumed"])
+        if workers is None and asked.takes_turns:
+            workers = 1  # each worker would load weights of its own, which has to be asked for
+        session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
+        count = session.workers if session else workers or processors
+        usual = fair_envs(asked.envs, count)
         setting = replace(setting, envs=envs or usual, served_at=asked.host.address if asked.host else None)
         declared = describe_policy(plan.policy, asked.info)
+        if repeats is not None and not allow_changed_policy:
+            require_same_policy(repeats, declared)
         with on_disk(out):
             context = run_context(
-                plan, policy=declared, engine={"name": engine, "workers": workers, "envs": setting.envs}
+                plan, policy=declared, engine={"name": engine, "workers": count, "envs": setting.envs}
             )
             run = RunFolder.start(out, plan.to_json(), context=context)
         run = same_policy(run, declared, allow_changed=allow_changed_policy)
@@ -123,7 +136,7 @@ def evaluate(
         done = started_with = len(plan.trials) - len(waiting)
         if on_progress is not None:
             on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))
-        entries = _entries(run, setting, _by_scene(waiting), workers, engine=engine, cluster=cluster, asked=asked)
+        entries = _entries(run, setting, _by_scene(waiting), count, asked=asked, session=session)
         stack.enter_context(closing(entries))
         alarm = None if needs_no_thread(plan.policy) or started_with else Alarm(plan.policy)
         for entry in entries:
@@ -149,37 +162,44 @@ class _Asked:
         minds: Makes it, and may hold what was made to be asked; None where a host holds it.
         host: The process that holds it for all workers, or None.
         serves_many: Whether one instance of it is to serve several workers.
+        takes_turns: Whether each worker needs an instance with weights of its own.
     """
 
     info: PolicyInfo
     envs: int
-    minds: Minds | None
+    minds: Minds | None = None
     host: Host | None = None
     serves_many: bool = False
+    takes_turns: bool = False
 
 
-def _ask_policy(plan: Plan, stack: ExitStack, *, hosted: bool, timeout_s: float) -> _Asked:
+def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions with those of the run.
 
     Args:
         plan: The plan.
         stack: Takes what has to be closed at the end of the run.
-        hosted: True to put a policy with weights into a process of its own, for several workers.
-        timeout_s: Deadline of one answer of such a policy [s].
+        alone: Whether one worker, in this process, runs all trials.
+        engine: What runs the workers.
+        timeout_s: Deadline of one answer of a policy that the run itself serves [s].
     """
     address = plan.policy
-    if not (hosted and is_in_process_model(address)):
+    if alone or needs_no_thread(address) or is_remote(address):
         minds = Minds(address)
         stack.callback(minds.close)
-        info = minds.check(plan.action_space, plan.observation)
-        within = not needs_no_thread(address) and not is_remote(address)
-        serves_many = within and (info.heavy or minds.takes_batches or is_in_process_model(address))
-        if not hosted or not serves_many:
-            return _Asked(info, usual_envs(minds), minds, serves_many=serves_many)
-        minds.close()
-    host = stack.enter_context(Host(address, timeout_s=timeout_s))
-    check_action_space(address, host.info, plan.action_space)
-    return _Asked(host.info, USUAL_ENVS if host.takes_batches else 1, None, host, serves_many=True)
+        return _Asked(minds.check(plan.action_space, plan.observation), usual_envs(minds), minds)
+    with ExitStack() as own:
+        # A policy of the user's may hold weights. Asked in a process of its own, it holds them once: there, or, when
+        # that has ended, in the workers.
+        host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
+        info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
+        if not (info.heavy or host.takes_batches):
+            return _Asked(info, envs, Minds(address))
+        takes_turns = not host.takes_batches
+        if engine == "ray":
+            return _Asked(info, envs, Minds(address), serves_many=True, takes_turns=takes_turns)
+        stack.enter_context(own.pop_all())
+        return _Asked(info, envs, host=host, serves_many=True, takes_turns=takes_turns)
 
 
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
@@ -198,33 +218,32 @@ def _by_scene(trials: list[Trial]) -> list[Trial]:
     return sorted(trials, key=lambda t: (t.task, t.seed))
 
 
+def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
+    # Loaded when it is needed: Ray is an extra.
+    from betterbench.evaluation.ray_engine import RaySession  # noqa: PLC0415
+
+    return RaySession(cluster, workers)
+
+
 def _entries(
-    run: RunFolder,
-    setting: Setting,
-    trials: list[Trial],
-    workers: int | None,
-    *,
-    engine: Engine,
-    cluster: Cluster,
-    asked: _Asked,
+    run: RunFolder, setting: Setting, trials: list[Trial], workers: int, *, asked: _Asked, session: RaySession | None
 ) -> Generator[JournalEntry, None, None]:
     """Yield the line for the journal of every trial, as they end."""
     if not trials:
         return
-    if engine == "local" and asked.minds is not None and (workers == 1 or len(trials) == 1):
+    if session is None and asked.minds is not None and (workers == 1 or len(trials) == 1):
         with Worker(setting, minds=asked.minds) as worker:
             yield from _in_this_process(worker, trials)
         return
     if asked.minds is not None:
         asked.minds.close()  # the workers make their own
-    if engine == "ray":
-        # Loaded when it is needed: Ray is an extra.
-        from betterbench.evaluation.ray_engine import ray_entries  # noqa: PLC0415
+    if session is not None:
+        from betterbench.evaluation.ray_engine import ray_entries  # noqa: PLC0415 - as above
 
         served = asked.info.execution if asked.serves_many else None
-        yield from ray_entries(run, setting, trials, workers=workers, cluster=cluster, served=served)
+        yield from ray_entries(session, run, setting, trials, served=served)
         return
-    with Crew(setting, workers or 1, watch=asked.host.watch if asked.host else None) as crew:
+    with Crew(setting, workers, watch=asked.host.watch if asked.host else None) as crew:
         yield from crew.entries(trials)
 
 

@@ -97,7 +97,10 @@ def _metadata_of_mirrors(policy: str, chunk: int, trial: TrialName | None) -> di
 
 
 class Stock:
-    """The instances of a policy: one for all connections if it takes batches, else one for each.
+    """The instances of a policy: one for all connections if it takes batches, else one for each at a time.
+
+    An instance whose connection has ended serves the next one, so that no client that comes back, after an error or a
+    dropped connection, has weights loaded again. A new connection always begins with a reset.
 
     Attributes:
         metadata: What the server declares.
@@ -115,7 +118,7 @@ class Stock:
         self._address, self._trial = address, trial
         self._shared = SharedPolicy(first, batch) if isinstance(first, BatchPolicy) else None
         self._unused = [] if self._shared else [first]
-        self._lock = threading.Lock()
+        self._lock, self._closed = threading.Lock(), False
         info = first.info
         if info.heavy and self._shared is None:
             logger.warning("%s takes no batches: every client gets an instance with weights of its own", address)
@@ -134,12 +137,21 @@ class Stock:
         with self._lock:
             policy = self._unused.pop() if self._unused else None
         policy = policy or make_policy(self._address)
-        return PolicySession(policy, self._trial, on_close=lambda: close_policy(policy))
+        return PolicySession(policy, self._trial, on_close=lambda: self._take_back(policy))
+
+    def _take_back(self, policy: Policy) -> None:
+        with self._lock:
+            if not self._closed:
+                self._unused.append(policy)
+                return
+        close_policy(policy)
 
     def close(self) -> None:
-        """Free what no session frees."""
-        while self._unused:
-            close_policy(self._unused.pop())
+        """Free what no session uses, and let sessions free the rest."""
+        with self._lock:
+            self._closed, unused, self._unused = True, self._unused, []
+        for policy in unused:
+            close_policy(policy)
         if self._shared is not None:
             self._shared.close()
 

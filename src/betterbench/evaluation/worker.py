@@ -51,6 +51,16 @@ def usual_envs(minds: Minds) -> int:
     return USUAL_ENVS if is_remote(minds.address) or minds.takes_batches else 1
 
 
+def fair_envs(envs: int, workers: int) -> int:
+    """Return how many environments each of several workers keeps open, so that no server has too long a queue.
+
+    Args:
+        envs: What one worker alone would keep open.
+        workers: Number of workers.
+    """
+    return max(1, min(envs, MOST_WAITING // workers))
+
+
 @dataclass(slots=True, eq=False)
 class _Slot:
     """One environment, and what its trial waits for."""

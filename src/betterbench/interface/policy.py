@@ -80,7 +80,8 @@ class PolicyInfo:
         needs_images: False if it never looks at a picture, so that none are rendered for it.
         metadata: Free text pairs (checkpoint, revision, server).
         execution: How its chunks are played.
-        heavy: True if it keeps weights in this process, so that one instance has to serve all workers of a run.
+        heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
+            batches (:class:`BatchPolicy`); if not, there is one worker unless more are asked for.
     """
 
     name: str

@@ -129,7 +129,7 @@ class BeingHClient(Adapted):
         token = api_key(address)
         self._delay = address.whole("delay", address.execution().ahead)
         self._chunk: list[Any] | np.ndarray | None = None
-        self.info: PolicyInfo = describe_policy(address, self.adapter, {})
+        self.info: PolicyInfo = describe_policy(address, self.adapter, {}, says_actions=False)
         self._link = Link(
             self._where,
             lambda timeout_s: BeingHServer(address, token, timeout_s=timeout_s),

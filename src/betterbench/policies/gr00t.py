@@ -152,7 +152,9 @@ class Gr00tClient(Adapted):
         self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
         self.modalities = self._link.open().modalities
         declared = {"layout": self._layout, "modalities": self.modalities.to_json()}
-        self.info: PolicyInfo = describe_policy(address, self.adapter, declared)
+        self.info: PolicyInfo = describe_policy(
+            address, self.adapter, declared, says_actions=self.modalities.action is not None
+        )
         self._lock = threading.Lock()
 
     @property

@@ -133,14 +133,8 @@ class OpenpiClient:
         """Connect, read the metadata and compare; after a restart of the server it is done again."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
-        try:
+        with connection.greeting("it took the connection and sent no metadata; is it an openpi server?"):
             self._agree(self._read(connection.receive(end - time.monotonic())))
-        except TimeoutError as error:
-            connection.close()
-            raise TimeoutError("it took the connection and sent no metadata; is it an openpi server?") from error
-        except BaseException:
-            connection.close()
-            raise
         return connection
 
     def _agree(self, metadata: Mapping[Any, Any]) -> None:

@@ -52,6 +52,26 @@ def load_plugin(address: str) -> Policy:
     return policy
 
 
+def source_of(address: str) -> Path | None:
+    """Return the file that an address names or whose module it names, or None if it cannot be found.
+
+    Args:
+        address: "module:Class" or "file.py:Class".
+    """
+    where = address.rpartition(":")[0]
+    if where.endswith(".py"):
+        path = Path(where)
+    else:
+        try:
+            spec = importlib.util.find_spec(where)
+        except (ImportError, ValueError):
+            return None
+        if spec is None or spec.origin is None:
+            return None
+        path = Path(spec.origin)
+    return path if path.is_file() else None
+
+
 def _instance(address: str, name: str, made: Callable[[], Policy]) -> Policy:
     """Call a plugin's class without arguments; what it raises itself is its author's to see."""
     try:

@@ -196,12 +196,19 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
     if cameras:
         adapter = adapter.with_cameras(cameras)
-    return replace(
-        adapter,
-        views=tuple(_picture(rule, address) for rule in adapter.views),
-        answer=_answer(adapter.answer, address),
-        ee_offset_m=_offset(address) if "ee_offset" in options else adapter.ee_offset_m,
-    )
+    answer = _answer(adapter.answer, address)
+    if "ee_offset" in options:
+        parts = {part for rule in adapter.states for part in rule.parts}
+        if adapter.name == NATIVE.name:
+            reason = "the native layout is in the frame of the robot's base"
+        elif "ee_position" not in parts and answer.space != "ee_pose":
+            reason = f"{adapter.name} knows no position of the end effector"
+        else:
+            reason = ""
+        if reason:
+            raise InvalidInputError(where, f"ee_offset means nothing, because {reason}", "Leave ee_offset out")
+        adapter = replace(adapter, ee_offset_m=_offset(address))
+    return replace(adapter, views=tuple(_picture(rule, address) for rule in adapter.views), answer=answer)
 
 
 def _picture(rule: PictureRule, address: PolicyAddress) -> PictureRule:

@@ -20,7 +20,12 @@ _MOST_ENTRIES = 100
 
 
 def describe_policy(
-    address: PolicyAddress, adapter: Adapter, declared: Mapping[str, Any], *, needs_images: bool | None = None
+    address: PolicyAddress,
+    adapter: Adapter,
+    declared: Mapping[str, Any],
+    *,
+    needs_images: bool | None = None,
+    says_actions: bool = True,
 ) -> PolicyInfo:
     """Return what a client says about its policy; it is stored with the run.
 
@@ -30,9 +35,18 @@ def describe_policy(
         declared: What the server said about itself.
         needs_images: False if the server says that it looks at no picture; None to tell from the adapter. A camera
             that the adapter names is sent, and so rendered, all the same.
+        says_actions: False if the server declares nothing about its actions. Unless the address does, what they are
+            taken for stands in the metadata as "assumed", and is told before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
+    if not says_actions and not {"preset", "adapter"} & set(address.options):
+        answer = adapter.answer
+        metadata["assumed"] = (
+            f"policy server {address.scheme}://{address.target} does not declare what its actions mean; they are read "
+            f"as preset {adapter.name} does ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
+            "Write ?preset=NAME or ?adapter=FILE to say so yourself."
+        )
     for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
         metadata[f"server: {str(name)[:100]}"] = plain_text(value)
     return PolicyInfo(

@@ -55,6 +55,8 @@ def read_request(message: Mapping[Any, Any]) -> Request:
     """
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
+    if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
+        instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
     if not isinstance(instruction, str) or not instruction.strip():
         raise InvalidInputError("prompt", "the sentence is missing", "Send what the robot shall do as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")

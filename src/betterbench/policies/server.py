@@ -180,6 +180,9 @@ class PolicyServer:
         except Exception as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
+            if session is not None:
+                session.close()  # before the client knows, and comes back for another one
+                session = None
             with contextlib.suppress(ConnectionClosed):
                 connection.send(text)
                 connection.close(_ERROR_CODE, "The reason is in the frame before.")

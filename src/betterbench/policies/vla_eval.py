@@ -7,7 +7,6 @@ observation is answered by an action with its number, and the episode is ended. 
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -26,8 +25,6 @@ from betterbench.policies.presets import VLA_EVAL, adapter_of
 from betterbench.policies.remote import check_run, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
-
-logger = logging.getLogger(__name__)
 
 PROTOCOL_VERSION = 1
 """Version of the protocol that is spoken here."""
@@ -92,7 +89,12 @@ class VlaEvalClient:
         self._running_on: WebSocket | None = None
         self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
-        self.info: PolicyInfo = describe_policy(address, self.adapter, {str(k): v for k, v in self._hello.items()})
+        self.info: PolicyInfo = describe_policy(
+            address,
+            self.adapter,
+            {str(k): v for k, v in self._hello.items()},
+            says_actions=bool(self._hello.get("action_spec")),
+        )
 
     @property
     def figures(self) -> dict[str, float]:
@@ -156,20 +158,14 @@ class VlaEvalClient:
         """Connect, say hello and compare; after a restart of the server it is done again."""
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
-        try:
-            said = {
-                "harness_version": f"betterbench {betterbench.__version__}",
-                "protocol_version": PROTOCOL_VERSION,
-                "benchmark": "betterbench",
-            }
+        said = {
+            "harness_version": f"betterbench {betterbench.__version__}",
+            "protocol_version": PROTOCOL_VERSION,
+            "benchmark": "betterbench",
+        }
+        with connection.greeting("it took the connection and answers no hello; is it a vla-eval server?"):
             sent = self._send(connection, "hello", said, timeout_s)
             self._agree(self._reply(connection, sent, end, expected="hello"))
-        except TimeoutError as error:
-            connection.close()
-            raise TimeoutError("it took the connection and answers no hello; is it a vla-eval server?") from error
-        except BaseException:
-            connection.close()
-            raise
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
@@ -186,16 +182,6 @@ class VlaEvalClient:
         adapter = shaped_by(self._wanted, hello.get("observation_params"))
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare(ours, theirs)
-        if not self._hello and not hello.get("action_spec") and not {"preset", "adapter"} & set(self._address.options):
-            logger.warning(
-                "%s does not declare what its actions mean; they are read as the preset %s does (%s, %s, %s). "
-                "Write ?preset=NAME or ?adapter=FILE to say so yourself.",
-                self._where,
-                adapter.name,
-                adapter.answer.space,
-                adapter.answer.rotation,
-                adapter.answer.gripper,
-            )
         self.adapter, self.server, self._hello = adapter, theirs, hello
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:

@@ -7,6 +7,7 @@ import logging
 import math
 import socket
 import struct
+from collections.abc import Iterator
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
 from websockets.sync.client import ClientConnection, connect
@@ -105,6 +106,22 @@ class WebSocket:
             raise TimeoutError("no answer in time") from error
         except ConnectionClosed as error:
             raise self._broken(error) from error
+
+    @contextlib.contextmanager
+    def greeting(self, silence: str) -> Iterator[None]:
+        """Close the connection if what is said first over it fails.
+
+        Args:
+            silence: What to say of a server that takes a connection and then answers nothing.
+        """
+        try:
+            yield
+        except TimeoutError as error:
+            self.close()
+            raise TimeoutError(silence) from error
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """End the connection; nothing is raised."""
