@@ -382,16 +382,16 @@ def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
 def policy_row(*, quick: bool) -> Iterator[Figure]:
     """Compare a run against a policy server that takes its time with what that time, or the simulation, alone takes."""
     cases = (
-        ("cameras, all at once", "default", WORKERS * USUAL_ENVS),
-        ("one at a time", "state_only", 1),
+        ("cameras, all at once", "default", WORKERS * USUAL_ENVS, 24),
+        ("one at a time", "state_only", 1, 8),
     )
-    for text, observation, concurrency in cases:
+    for text, observation, concurrency, trials in cases:
         with dummy_server(LATENCY_S, concurrency=concurrency) as address:
             plan = make_plan(
                 f"{address}?preset=native",
                 tasks=["morning_coffee"],
                 variations=["T1"],
-                trials=4 if quick else 12,
+                trials=4 if quick else trials,
                 observation=observation,
                 quality="fast",
             )

@@ -15,9 +15,10 @@ from betterbench.errors import InvalidInputError, PolicyUnavailableError, RunCon
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.agents import Minds
 from betterbench.evaluation.host import address_within
+from betterbench.evaluation.runner import _by_scene
 from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting
-from betterbench.evaluation.worker import Worker, fair_envs, usual_envs
+from betterbench.evaluation.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.link import Terms
@@ -365,6 +366,39 @@ def test_what_a_run_takes_for_granted_is_told_once(plugin, tiny_plan, tmp_path, 
 def test_many_workers_do_not_queue_up_before_a_server(workers, envs):
     assert fair_envs(8, workers) == envs
     assert fair_envs(1, workers) == 1
+
+
+@pytest.mark.parametrize(
+    ("left", "workers", "envs", "share"),
+    [
+        (24, 2, 8, 6),
+        (18, 2, 8, 5),
+        (16, 2, 8, 8),
+        (12, 2, 8, 6),
+        (1000, 2, 8, 8),
+        (1, 2, 8, 1),
+        (0, 2, 8, 0),
+        (5, 4, 1, 1),
+    ],
+)
+def test_the_last_trials_are_shared_out_evenly(left, workers, envs, share):
+    assert even_share(left, workers, envs) == share
+
+
+def test_long_tasks_come_first_and_trials_of_a_scene_together():
+    plan = make_plan("noop", tasks=["morning_coffee", "fast_food"], trials=2)
+    ordered = _by_scene(list(plan.trials))
+    limits = {}
+    for trial in plan.trials:
+        task, condition, _ = trial.resolve()
+        limits[trial.task] = max(limits.get(trial.task, 0), task.step_limit(condition))
+    tasks = list(dict.fromkeys(t.task for t in ordered))
+    assert len(tasks) == 2, "each task is one block"
+    assert limits[tasks[0]] > limits[tasks[1]]
+    for task in tasks:
+        seeds = [t.seed for t in ordered if t.task == task]
+        assert seeds == sorted(seeds)
+    assert sorted(map(str, ordered)) == sorted(map(str, plan.trials))
 
 
 @pytest.mark.parametrize("envs", [0, 257])

@@ -18,7 +18,7 @@ from typing import Self
 from betterbench.errors import BetterError, WorkerError
 from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.trial import Setting
-from betterbench.evaluation.worker import Worker
+from betterbench.evaluation.worker import Worker, even_share
 from betterbench.recording import JournalEntry, TrialKey
 
 logger = logging.getLogger(__name__)
@@ -117,14 +117,16 @@ class Crew:
             self._hands.append(start_hand(self._setting))
 
     def _hand_out(self) -> None:
-        """Give every process as many trials as it has environments, in turns; a suspect has a process for itself."""
+        """Give every process an even share of the trials, in turns; a suspect has a process for itself."""
         for hand in self._hands:
             if self._suspects and not hand.trials and not hand.lost:
                 hand.alone = True
                 self._send(hand, self._suspects.popleft())
-        for _ in range(self._setting.envs):
+        left = len(self._waiting) + sum(len(hand.trials) for hand in self._hands)
+        room = even_share(left, max(1, len(self._hands)), self._setting.envs)
+        for _ in range(room):
             for hand in self._hands:
-                if self._waiting and not hand.alone and not hand.lost and len(hand.trials) < self._setting.envs:
+                if self._waiting and not hand.alone and not hand.lost and len(hand.trials) < room:
                     self._send(hand, self._waiting.popleft())
 
     def _send(self, hand: _Hand, trial: Trial) -> None:

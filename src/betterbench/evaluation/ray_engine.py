@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import logging
-import math
 import os
 import secrets
 import time
@@ -24,6 +23,7 @@ from betterbench.evaluation.host import address_within
 from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.serving import open_server
 from betterbench.evaluation.trial import Setting, on_disk
+from betterbench.evaluation.worker import even_share
 from betterbench.interface import Execution
 from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, write_durably
@@ -251,9 +251,9 @@ class _Pool:
             new, post.alone = [self._suspects.popleft()], True
         else:
             plenty = len(self._waiting) > self._setting.envs * len(self._posts)
-            # A fair share of a small rest: the first that is ready must not take what two could do.
-            share = math.ceil((len(self._waiting) + sum(len(p.trials) for p in self._posts)) / len(self._posts))
-            room = max(0, min(self._setting.envs + plenty, share) - len(post.trials))
+            left = len(self._waiting) + sum(len(p.trials) for p in self._posts)
+            share = even_share(left, len(self._posts), self._setting.envs)
+            room = max(0, share + plenty - len(post.trials))
             new, post.alone = [self._waiting.popleft() for _ in range(min(room, len(self._waiting)))], False
         post.trials += new
         while post.trials and len(post.calls) < _CALLS:

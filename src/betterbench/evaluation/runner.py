@@ -214,8 +214,15 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
 
 
 def _by_scene(trials: list[Trial]) -> list[Trial]:
-    """Order trials so that those which share compiled scenes follow each other; results do not depend on it."""
-    return sorted(trials, key=lambda t: (t.task, t.seed))
+    """Order trials so that those which share compiled scenes follow each other, and long tasks come before short ones.
+
+    At the end of a run the workers then wait for short trials. Results do not depend on the order.
+    """
+    limits = dict[str, int]()
+    for trial in {(t.task, t.condition): t for t in trials}.values():
+        task, condition, _ = trial.resolve()
+        limits[trial.task] = max(limits.get(trial.task, 0), task.step_limit(condition))
+    return sorted(trials, key=lambda t: (-limits[t.task], t.task, t.seed))
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:

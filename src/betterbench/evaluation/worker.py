@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import queue
 import threading
 import time
@@ -59,6 +60,21 @@ def fair_envs(envs: int, workers: int) -> int:
         workers: Number of workers.
     """
     return max(1, min(envs, MOST_WAITING // workers))
+
+
+def even_share(left: int, workers: int, envs: int) -> int:
+    """Return how many trials a worker is given at once, so that all workers end with the last ones together.
+
+    Trials that were begun together end together. Twelve trials for each worker of eight environments are two times six
+    and not eight and four: the first worker with eight free environments would take all that is left.
+
+    Args:
+        left: Trials that have not ended, those under way included.
+        workers: Number of workers.
+        envs: Environments of each.
+    """
+    share = math.ceil(left / workers)
+    return math.ceil(share / math.ceil(share / envs)) if share else 0
 
 
 @dataclass(slots=True, eq=False)
