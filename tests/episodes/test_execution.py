@@ -11,7 +11,7 @@ import pytest
 from betterbench.episodes import Observer, Question, Reply, TrialContext, answer, episode_steps, run_episode
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
 from betterbench.interface import EpisodeStart, Execution, PolicyInfo, observation_spec
-from betterbench.interface.actions import EE_POSE, action_space
+from betterbench.interface.actions import EE_DELTA, EE_POSE, action_space
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import get_task
@@ -121,7 +121,7 @@ def test_what_happens_does_not_depend_on_when_an_answer_comes(scene, options):
     assert set(waits) == {options["ahead"]}
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.01, 0.5])
+@pytest.mark.parametrize("rate", [0.0, 0.01, 0.5, -0.2])
 def test_an_ensemble_plays_the_weighted_mean_of_all_that_was_predicted_for_a_step(scene, rate):
     policy = Telling(length=4, ensemble=rate)
     record = run(policy, scene)
@@ -132,6 +132,14 @@ def test_an_ensemble_plays_the_weighted_mean_of_all_that_was_predicted_for_a_ste
         assert record.action[1 + step, 0] == pytest.approx(UNIT * np.average(told, weights=weights))
         assert record.action[1 + step, 1] == pytest.approx(UNIT * np.average([step - t for t in told], weights=weights))
         assert record.action[1 + step, 6] == pytest.approx(-1.0)
+
+
+def test_a_steep_rate_leaves_one_prediction_and_no_infinity():
+    from betterbench.episodes.chunks import weighted_mean
+
+    predictions = np.array([[float(n)] * EE_DELTA.dim for n in range(100)])
+    assert weighted_mean(predictions, -50.0, EE_DELTA) == pytest.approx(predictions[-1])
+    assert weighted_mean(predictions, 50.0, EE_DELTA) == pytest.approx(predictions[0])
 
 
 def test_the_mean_of_a_rotation_and_itself_with_the_other_sign_is_that_rotation():
@@ -224,7 +232,13 @@ def test_an_episode_that_is_dropped_leaves_the_scene_usable(scene):
 
 @pytest.mark.parametrize(
     "options",
-    [{"horizon": 0}, {"ahead": -1}, {"horizon": 3, "ahead": 3}, {"ensemble": -1.0}, {"ensemble": 0.1, "ahead": 1}],
+    [
+        {"horizon": 0},
+        {"ahead": -1},
+        {"horizon": 3, "ahead": 3},
+        {"ensemble": float("inf")},
+        {"ensemble": 0.1, "ahead": 1},
+    ],
 )
 def test_an_execution_whose_numbers_do_not_go_together_is_refused(options):
     with pytest.raises(InvalidInputError):

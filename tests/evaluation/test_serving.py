@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import logging
 import sys
@@ -17,9 +18,10 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import TrialName, open_server
 from betterbench.evaluation.mirror import Mirror
 from betterbench.experts import make_expert
-from betterbench.interface import EpisodeStart, Observation, PolicyInfo, observation_spec
+from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Random
+from betterbench.policies.connect import connect as connect_policy
 from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
 from betterbench.policies.request import read_request
 from betterbench.policies.wire import decode_openpi, encode_openpi
@@ -402,6 +404,20 @@ def test_an_instance_serves_the_next_client_when_its_own_has_left_or_failed(monk
         for again in answers[1:]:
             np.testing.assert_array_equal(again, answers[0])  # it began anew
     assert closed == made
+
+
+@pytest.mark.parametrize("execution", [Execution(horizon=2), Execution(horizon=6, ahead=2), Execution(ensemble=0.1)])
+def test_a_served_policy_says_how_its_chunks_are_played(monkeypatch, execution):
+    class Chunky(Random):
+        info = PolicyInfo("chunky", execution=execution)
+
+    monkeypatch.setitem(sys.modules, "chunky_policy", type(sys)("chunky_policy"))
+    sys.modules["chunky_policy"].Chunky = Chunky
+    with open_server("python:chunky_policy:Chunky", port=0) as server:
+        with contextlib.closing(connect_policy(f"openpi://127.0.0.1:{server.port}")) as served:
+            assert served.info.execution == execution
+        with contextlib.closing(connect_policy(f"openpi://127.0.0.1:{server.port}?horizon=3")) as changed:
+            assert changed.info.execution == Execution(horizon=3), "what the address says goes first"
 
 
 def test_a_policy_without_an_observation_says_what_it_misses():

@@ -323,6 +323,8 @@ def test_bad_settings_are_named(bench):
         bench(observation="defualt")
     with pytest.raises(InvalidInputError, match="adapter"):
         bench(adapter="there_is_no_such_file.json")
+    with pytest.raises(InvalidInputError, match="answers absolute poses, and adapter vla_eval reads ee_delta"):
+        bench(absolute_action=True)
 
 
 def test_holding_still_is_known(bench):

@@ -19,8 +19,8 @@ from betterbench.evaluation.runner import _by_scene
 from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting
 from betterbench.evaluation.worker import Worker, even_share, fair_envs, usual_envs
-from betterbench.interface import Execution, PolicyInfo
-from betterbench.policies.address import PolicyAddress
+from betterbench.interface import PolicyInfo
+from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.link import Terms
 from betterbench.recording import RunFolder
 
@@ -275,13 +275,10 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
 
 
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
-    address = address_within("openpi://127.0.0.1:5", Execution(horizon=8, ahead=3), timeout_s=450.0, patience_s=9.0)
-    client = PolicyAddress.parse(address)
-    assert client.execution() == Execution(horizon=8, ahead=3)
+    client = PolicyAddress.parse(address_within("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
+    assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
     terms = Terms.of(client)
     assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (450.0, 450.0, 9.0)
-    ensemble = address_within("openpi://h", Execution(ensemble=1 / 3), timeout_s=1.0, patience_s=1.0)
-    assert PolicyAddress.parse(ensemble).execution() == Execution(ensemble=1 / 3)
 
 
 def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_path):

@@ -21,6 +21,7 @@ from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.handshake import Declaration, compare, declare_adapter, declare_space
 from betterbench.policies.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
 from betterbench.policies.proprioception import StateRule
+from betterbench.policies.rotation import ROTATION_SIZES, from_format
 
 TOOL = Rotation.from_euler("xyz", [3.0, 0.2, -0.4])
 ONE = ("actions",)
@@ -133,13 +134,13 @@ def test_gr00t_is_nested_with_batch_and_time_axes(observation):
 def test_being_h_has_a_batch_axis_and_takes_nested_lists(observation):
     being_h = PRESETS["being_h_libero"]
     message = being_h.request(observation)
-    assert message["video.top_view"].shape == (1, 224, 224, 3)
+    assert message["video.top_view"].shape == (1, 256, 256, 3)
     assert message["state.libero_gripper_position"].shape == (1, 2)
     assert message["language.instruction"] == ["pack the apple"]
     reply = {
         "action.eef_position": [[0.1, 0.2, 0.3]] * 2,
         "action.eef_rotation": [[[0.0, 0.0, 0.5]] * 2],
-        "action.libero_gripper_position": [1.0, -1.0],
+        "action.gripper_position": [1.0, -1.0],
     }
     assert being_h.actions(reply, observation).tolist() == [
         [0.1, 0.2, 0.3, 0, 0, 0.5, 1],
@@ -182,6 +183,20 @@ def test_states_come_in_the_order_and_format_asked_for(observation):
     moved = StateRule(("s",), ("ee_position",)).read(observation, ee_offset_m=(-0.66, 0, 0.912), gripper_opening_m=0.08)
     assert moved.dtype == np.float32
     assert np.allclose(moved, [-0.26, 0.1, 1.212])
+
+
+@pytest.mark.parametrize("form", ROTATION_SIZES)
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_tool_that_points_down_has_a_state_without_jumps(observation, form, axis):
+    """The pictures of two states that are a thousandth of a radian apart look the same; so do the numbers."""
+    rule = StateRule(("s",), (f"ee_{form}",), "float64")
+    values = []
+    for angle in np.arange(-0.05, 0.05, 0.001):
+        tool = Rotation.from_euler(axis, angle) * Rotation.from_euler("xyz", [np.pi, 0.02, 0.03])
+        seen = replace(observation, ee_quaternion=tool.as_quat(canonical=True, scalar_first=True))
+        values.append(rule.read(seen, ee_offset_m=(0, 0, 0), gripper_opening_m=0.08))
+        assert Rotation.from_quat(from_format(values[-1].tolist(), form), scalar_first=True).approx_equal(tool, 1e-6)
+    assert np.abs(np.diff(values, axis=0)).max() < 0.01
 
 
 # ------------------------------------------------------------------------------------------------------- answers
@@ -390,7 +405,7 @@ def test_servers_have_default_ports(text, server):
         "openpi://host?horizon=0",
         "openpi://host?horizon=1.5",
         "openpi://host?horizon=4&ahead=4",
-        "openpi://host?ensemble=-1",
+        "openpi://host?ensemble=inf",
         "openpi://host?ensemble=nan",
         "openpi://host?camera.=front",
         "openpi://host?images=png",

@@ -17,13 +17,12 @@ from websockets.sync.client import connect as connect_raw
 
 from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.adapter import Adapter
 from betterbench.policies.bridges import being_h_bridge
 from betterbench.policies.connect import connect
 from betterbench.policies.presets import BEING_H_LIBERO
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
-SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.libero_gripper_position": 1}
+SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.gripper_position": 1}
 
 
 class Fake:
@@ -38,7 +37,7 @@ class Fake:
             raise KeyError("video.top_view")
         answer = {name: np.full((1, 16, size), 0.5).tolist() for name, size in SIZES.items()}
         if self.unified:
-            answer["action_unified"] = np.full((16, 200), float(len(self.asked)))
+            answer["action_unified"] = (np.full((16, 200), 100.0 * len(self.asked)) + np.arange(16.0)[:, None]).tolist()
         return answer
 
 
@@ -86,7 +85,7 @@ def test_a_chunk_comes_through_the_bridge(bridged):
     assert actions.shape == (16, 7)
     assert np.all(actions == 0.5)
     asked = policy.asked[0]
-    assert asked["video.top_view"].shape == (1, 224, 224, 3)
+    assert asked["video.top_view"].shape == (1, 256, 256, 3)
     assert asked["video.top_view"].dtype == np.uint8
     assert asked["video.top_view"].flags.writeable
     assert asked["state.libero_gripper_position"].tolist() == [[np.float32(0.025), np.float32(-0.025)]]
@@ -101,34 +100,41 @@ def test_the_policys_own_fault_is_told_and_the_next_question_is_answered(bridged
         assert client.act(seen()).shape == (16, 7)
 
 
-def test_a_chunk_is_continued_within_an_episode_and_not_beyond(bridged, tmp_path):
+@pytest.mark.parametrize("how", [{"dtype": "int64", "scalar": True}, {}])
+def test_a_chunk_is_continued_within_an_episode_and_not_beyond(bridged, tmp_path, how):
     form = BEING_H_LIBERO.to_json()
-    form["states"].append({"key": "better/step", "parts": ["step"], "dtype": "int64", "scalar": True})
+    form["states"].append({"key": "better/step", "parts": ["step"]} | how)
     file = tmp_path / "with_step.json"
     file.write_text(json.dumps(form), encoding="utf-8")
-    Adapter.load(file)
     policy = Fake(unified=True)
     options = f"adapter={file}&timeout=5&retries=0&patience=2"
     with contextlib.closing(connect(address(bridged(policy, inference_delay=3), options))) as client:
-        for step in (0, 16, 32, 0, 16):
+        for step in (0, 12, 25, 41, 54, 0, 12):
             client.act(seen(step))
-    assert [asked["prev_chunk"][0, 0] if "prev_chunk" in asked else None for asked in policy.asked] == [
+    # 13 steps later the last three rows are left, 16 steps later none, and step 0 is a new episode.
+    first_rows = [asked["prev_chunk"][:4, 0].tolist() if "prev_chunk" in asked else None for asked in policy.asked]
+    assert first_rows == [
         None,
-        1.0,
-        2.0,
+        [112.0, 113.0, 114.0, 115.0],
+        [213.0, 214.0, 215.0, 215.0],
         None,
-        4.0,
+        [413.0, 414.0, 415.0, 415.0],
+        None,
+        [612.0, 613.0, 614.0, 615.0],
     ]
     assert policy.asked[1]["inference_delay"] == 3
+    assert policy.asked[1]["prev_chunk"].shape == (16, 200)
+    assert policy.asked[1]["prev_chunk"].dtype == np.float32
     assert "better/step" not in policy.asked[1]
 
 
-def test_clients_that_do_not_say_where_they_are_get_no_continuation(bridged):
+def test_clients_that_do_not_say_where_they_are_get_no_continuation_and_that_is_told_once(bridged, caplog):
     policy = Fake(unified=True)
-    with contextlib.closing(connect(address(bridged(policy)))) as client:
-        for step in (0, 16):
+    with contextlib.closing(connect(address(bridged(policy, inference_delay=3)))) as client:
+        for step in (0, 12):
             client.act(seen(step))
     assert not any("prev_chunk" in asked for asked in policy.asked)
+    assert caplog.text.count("does not say its step") == 1
 
 
 def test_tensors_are_sent_as_arrays(bridged):

@@ -100,6 +100,15 @@ def test_shrinking_averages_so_that_fine_stripes_do_not_alias():
     assert abs(shown[:, 2:-2].astype(float) - 127.5).max() < 20
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "rows"), [(640, 480, 168), (848, 480, 126), (424, 240, 126), (500, 499, 223)]
+)
+def test_padding_rounds_down_as_openpis_client_does(width, height, rows):
+    shown = rule(width=224, height=224, fit="pad").show(np.full((height, width, 3), 255, np.uint8))
+    assert int((shown[:, 112, 0] > 0).sum()) == rows
+    assert int((shown[: (224 - rows) // 2, 112, 0] > 0).sum()) == 0
+
+
 def test_other_aspects_come_out_as_large_as_asked():
     rng = np.random.default_rng(0)
     for fit in ("pad", "crop", "stretch"):

@@ -254,6 +254,9 @@ def test_the_space_of_a_native_server_is_taken_over():
         ({"protocol": 2}, "", "version 2"),
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
         ({"action_space": 3}, "", "no preset or no action space"),
+        ({"execution": {"horizon": 0}}, "", "an execution that cannot be played .*0 actions are none"),
+        ({"execution": {"speed": 2}}, "", "an execution that cannot be read"),
+        ({"execution": {"horizon": True}}, "", "an execution that cannot be read"),
     ],
 )
 def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
@@ -529,7 +532,8 @@ def test_metadata_of_strangers_are_kept_as_short_texts():
 def test_whatever_a_server_declares_gives_a_client_or_one_clear_line(odd):
     whole = {"protocol": 1, "preset": "native", "action_space": EE_DELTA.to_json()}
     declared = [odd, {**whole, "layouts": odd}, {**whole, "cameras": odd}, {**whole, "cameras": {"front": odd}}]
-    declared += [{**whole, key: odd} for key in (*whole, "control_rate_hz", "needs_images")]
+    declared += [{**whole, key: odd} for key in (*whole, "control_rate_hz", "needs_images", "execution")]
+    declared += [{**whole, "execution": {key: odd}} for key in ("horizon", "ahead", "ensemble")]
     declared += [{**whole, "action_space": {**EE_DELTA.to_json(), key: odd}} for key in EE_DELTA.to_json()]
     said = []
     with Server() as server:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -46,6 +48,15 @@ def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
 @pytest.mark.parametrize("shape", [(), (1,)])
 def test_a_sentence_may_come_as_the_array_that_transforms_make_of_it(shape):
     assert read_request(message(prompt=np.full(shape, SEEN.instruction))).instruction == SEEN.instruction
+
+
+def test_a_tool_that_points_down_is_read_as_it_is_seen_here():
+    """On the wire the quaternion keeps its sign near half a turn about x; observations have w >= 0."""
+    for quaternion in ([0.6, -0.8, 0.0, 0.0], [0.6, 0.8, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]):
+        seen = dataclasses.replace(SEEN, ee_quaternion=np.array(quaternion))
+        read = read_request(decode_openpi(encode_openpi(NATIVE.request(seen, START)))).observation
+        assert read is not None
+        assert read.ee_quaternion.tolist() == quaternion
 
 
 def test_a_policy_may_change_what_it_is_shown_as_it_may_in_its_own_process():

@@ -278,13 +278,23 @@ def test_servers_of_the_harness_itself_agree(model):
     compare(ours, theirs)
 
 
-def test_what_a_server_declines_is_not_sent():
-    model = Scripted(params={"send_wrist_image": False, "send_state": False})
-    with real(model) as address, client(address) as policy:
+@pytest.mark.parametrize(
+    ("params", "query", "pictures", "state"),
+    [
+        ({}, "", ["agentview"], False),
+        ({"send_wrist_image": False, "send_state": True}, "", ["agentview"], True),
+        ({"send_wrist_image": True, "send_state": True}, "", ["agentview", "wrist"], True),
+        ({}, "preset=vla_eval", ["agentview", "wrist"], True),
+        ({"send_wrist_image": False, "send_state": False}, "preset=vla_eval", ["agentview"], False),
+    ],
+)
+def test_a_server_is_sent_what_the_harness_would_send_it_or_what_the_address_chose(params, query, pictures, state):
+    model = Scripted(params=params)
+    with real(model) as address, client(address, query) as policy:
         policy.reset(START)
         policy.act(observation())
-    assert list(model.shown[0]["images"]) == ["agentview"]
-    assert "states" not in model.shown[0]
+    assert list(model.shown[0]["images"]) == pictures
+    assert ("states" in model.shown[0]) is state
 
 
 def test_answers_to_earlier_questions_are_passed_over():

@@ -23,7 +23,7 @@ from betterbench.policies.connect import connect
 from betterbench.policies.torch_payload import read_torch, write_torch
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
-SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.libero_gripper_position": 1}
+SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.gripper_position": 1}
 RAN = []
 
 
@@ -132,7 +132,7 @@ def test_an_observation_goes_out_and_a_chunk_comes_back(make):
     assert actions.shape == (16, 7)
     assert np.all(actions == 0.5)
     asked = server.asked[0]
-    assert asked["video.top_view"].shape == (1, 224, 224, 3)
+    assert asked["video.top_view"].shape == (1, 256, 256, 3)
     assert asked["video.top_view"].dtype == np.uint8
     assert np.all(asked["video.top_view"] == 7)
     assert asked["state.eef_position"].dtype == np.float32
@@ -146,21 +146,35 @@ def test_arrays_keep_their_order():
         assert np.array_equal(read_torch(saved({"a": array}))["a"], array)
 
 
-def test_real_time_chunking_sends_the_last_chunk_back():
-    unified = np.arange(16 * 200, dtype=np.float32).reshape(16, 200)
-    script = [chunk(action_unified=unified), chunk(action_unified=unified.tolist()), chunk(), chunk()]
+def test_real_time_chunking_sends_what_is_left_of_the_last_chunk():
+    unified = np.arange(16.0)[:, None] + np.zeros((1, 200))
+    script = [chunk(action_unified=(unified + 100 * n).tolist()) for n in range(5)]
+    script[2] = chunk(action_unified=(unified + 200)[None].astype(np.float32))
     with Server(script) as server, connected(server, "timeout=10&horizon=8&ahead=2") as client:
-        for step in (0, 8, 16, 24):
+        for step in (0, 6, 12, 20, 35):
             client.act(seen(step))
         client.reset(START)
         client.act(seen())
-    first, second, third, fourth, fifth = server.asked
+    first, second, third, fourth, fifth, sixth = server.asked
     assert "prev_chunk" not in first
-    assert np.array_equal(second["prev_chunk"], unified)
     assert second["inference_delay"] == 2
-    assert np.array_equal(np.array(third["prev_chunk"]), unified)
-    assert "prev_chunk" not in fourth
-    assert "prev_chunk" not in fifth
+    assert second["prev_chunk"].dtype == np.float32
+    assert second["prev_chunk"][:, 0].tolist() == [*range(6, 16), *[15] * 6], "as of the step that begins now"
+    assert third["prev_chunk"][:2, 0].tolist() == [106, 107]
+    assert fourth["prev_chunk"].shape == (1, 16, 200)
+    assert fourth["prev_chunk"][0, :2, 0].tolist() == [208, 209]
+    assert "prev_chunk" not in fifth, "one row is left, and two are needed"
+    assert "prev_chunk" not in sixth
+
+
+@pytest.mark.parametrize("options", ["timeout=10", "timeout=10&horizon=8"])
+def test_without_a_delay_nothing_is_continued(options):
+    """Being-H's servers send their chunks as lists, unasked, and break when they get one back."""
+    script = [chunk(action_unified=[[1.0] * 200] * 16)] * 3
+    with Server(script) as server, connected(server, options) as client:
+        for step in (0, 8, 16):
+            client.act(seen(step))
+    assert not any("prev_chunk" in asked for asked in server.asked)
 
 
 def test_the_last_chunk_of_an_episode_is_forgotten():
@@ -170,6 +184,16 @@ def test_the_last_chunk_of_an_episode_is_forgotten():
         client.reset(START)
         client.act(seen())
     assert "prev_chunk" not in server.asked[1]
+
+
+@pytest.mark.parametrize("unified", ["far", [1.0, 2.0], [[1.0], [2.0, 3.0]], []])
+def test_what_is_no_whole_chunk_is_one_clear_line(unified):
+    with (
+        Server([chunk(action_unified=unified)]) as server,
+        connected(server) as client,
+        pytest.raises(PolicyError, match="action_unified is no chunk of numbers"),
+    ):
+        client.act(seen())
 
 
 def evil_answers(path):

@@ -224,6 +224,7 @@ def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.nd
         first = space.components.index("qw")
         turns = actions[:, first : first + 4]
         turns[turns @ turns[0] < 0.0] *= -1.0
-    weights = np.exp(-rate * np.arange(len(actions)))
+    exponents = -rate * np.arange(len(actions))
+    weights = np.exp(exponents - exponents.max())
     mean: np.ndarray = weights @ actions / weights.sum()
     return mean

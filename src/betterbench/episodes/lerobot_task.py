@@ -101,8 +101,8 @@ class LeRobotTaskEnv(TaskEnv):
                         for c in self._spec.cameras
                     }
                 ),
-                # Wider than anything that can happen: joints within 3.8 rad, rotation vectors within pi, metres below.
-                "agent_pos": spaces.Box(-4.0, 4.0, (STATE_DIM,), np.float32),
+                # Wider than anything that can happen: joints within 3.8 rad, rotation vectors within 2 pi, and metres.
+                "agent_pos": spaces.Box(-7.0, 7.0, (STATE_DIM,), np.float32),
             }
         )
         self.task = self._condition.id

@@ -16,7 +16,7 @@ from betterbench.evaluation.agents import Minds
 from betterbench.evaluation.crew import deaf_to_interrupts, prepare_process
 from betterbench.evaluation.serving import open_server
 from betterbench.evaluation.trial import POLICY_TIMEOUT_S
-from betterbench.interface import Execution, PolicyInfo
+from betterbench.interface import PolicyInfo
 from betterbench.policies.link import LONGEST_WAIT_S
 
 logger = logging.getLogger(__name__)
@@ -88,9 +88,8 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Address at which workers ask the policy; chunks are played as the policy says."""
-        address = f"openpi://127.0.0.1:{self._port}"
-        return address_within(address, self.info.execution, timeout_s=self._timeout_s, patience_s=PATIENCE_S)
+        """Address at which workers ask the policy; how chunks are played is said by its server."""
+        return address_within(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
         """Start the process again if it has died; the workers' clients find it at the same port.
@@ -130,18 +129,15 @@ class Host:
             process.close()
 
 
-def address_within(address: str, execution: Execution, *, timeout_s: float, patience_s: float) -> str:
+def address_within(address: str, *, timeout_s: float, patience_s: float) -> str:
     """Return the address at which the workers of a run ask a policy that the run itself serves.
 
     Args:
         address: Address of its server.
-        execution: How the policy says that its chunks are played.
         timeout_s: Deadline of one answer [s].
         patience_s: How long a server that died is waited for [s].
     """
-    options = {"horizon": execution.horizon, "ahead": execution.ahead or None, "ensemble": execution.ensemble}
-    options |= {"timeout": min(timeout_s, LONGEST_WAIT_S), "patience": patience_s}
-    return f"{address}?preset=native" + "".join(f"&{name}={v!r}" for name, v in options.items() if v is not None)
+    return f"{address}?preset=native&timeout={min(timeout_s, LONGEST_WAIT_S)!r}&patience={patience_s!r}"
 
 
 def serve(policy: str, run: tuple[str, str], port: int, answer: Connection) -> None:

@@ -24,7 +24,6 @@ from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.serving import open_server
 from betterbench.evaluation.trial import Setting, on_disk
 from betterbench.evaluation.worker import even_share
-from betterbench.interface import Execution
 from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, write_durably
 
@@ -56,7 +55,7 @@ def ray_entries(
     setting: Setting,
     trials: Sequence[Trial],
     *,
-    served: Execution | None = None,
+    served: bool = False,
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the line of each for the journal, after its record is written.
 
@@ -65,7 +64,7 @@ def ray_entries(
         run: The run; only this process writes to it.
         setting: What all trials of the run share.
         trials: The trials.
-        served: How chunks are played, if the policy is held by replicas, of which the workers are clients.
+        served: Whether the policy is held by replicas, of which the workers are clients.
 
     Raises:
         InvalidInputError: If the cluster has no place, or has other versions.
@@ -180,7 +179,6 @@ class _Pool:
         self._waiting = deque(trials)
         self._suspects: deque[Trial] = deque()
         self._posts: list[_Post] = []
-        self._execution = Execution()
         self._replicas: list[Any] = []
         self._addresses: list[str] = []
         self._secrets: dict[str, str] = {}
@@ -189,10 +187,9 @@ class _Pool:
         self._made = 0
         self._revivals = 0
 
-    def entries(self, *, served: Execution | None) -> Iterator[JournalEntry]:
+    def entries(self, *, served: bool) -> Iterator[JournalEntry]:
         """Yield the lines of all trials as they end."""
-        if served is not None:
-            self._execution = served
+        if served:
             self._start_replicas()
         for _ in range(min(self._session.workers, len(self._waiting))):
             self._add_post()
@@ -372,7 +369,7 @@ class _Pool:
             if problem is not None:
                 raise problem
             limit = self._setting.policy_timeout_s
-            asked = address_within(address, self._execution, timeout_s=limit, patience_s=_REPLICA_PATIENCE_S)
+            asked = address_within(address, timeout_s=limit, patience_s=_REPLICA_PATIENCE_S)
             addresses.append(f"{asked}&api_key_env={_KEY_NAME}")
         return replicas, addresses
 

@@ -247,8 +247,7 @@ def _entries(
     if session is not None:
         from betterbench.evaluation.ray_engine import ray_entries  # noqa: PLC0415 - as above
 
-        served = asked.info.execution if asked.serves_many else None
-        yield from ray_entries(session, run, setting, trials, served=served)
+        yield from ray_entries(session, run, setting, trials, served=asked.serves_many)
         return
     with Crew(setting, workers, watch=asked.host.watch if asked.host else None) as crew:
         yield from crew.entries(trials)

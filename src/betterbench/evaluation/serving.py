@@ -6,6 +6,7 @@ import logging
 import platform
 import threading
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import betterbench
@@ -13,7 +14,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.evaluation.agents import close_policy, is_privileged, make_policy
 from betterbench.evaluation.mirror import Mirrors, TrialName
 from betterbench.evaluation.sessions import MirrorSession, PolicySession, SharedPolicy
-from betterbench.interface import BatchPolicy, Policy
+from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
@@ -23,6 +24,7 @@ from betterbench.scenes.scene import CONTROL_RATE_HZ
 
 logger = logging.getLogger(__name__)
 
+WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
 """Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
@@ -127,6 +129,7 @@ class Stock:
             action_space(info.action_space),
             needs_images=info.needs_images,
             batch=batch if self._shared else 1,
+            execution=info.execution,
             remarks={**info.metadata, "episode": NEW_EPISODE},
         )
 
@@ -157,7 +160,13 @@ class Stock:
 
 
 def declare(
-    policy: str, space: ActionSpace, *, needs_images: bool, batch: int, remarks: Mapping[str, object]
+    policy: str,
+    space: ActionSpace,
+    *,
+    needs_images: bool,
+    batch: int,
+    remarks: Mapping[str, object],
+    execution: Execution = WHOLE_CHUNKS,
 ) -> dict[str, Any]:
     """Return the metadata frame of a server of ours.
 
@@ -167,6 +176,7 @@ def declare(
         needs_images: False if it never looks at a picture.
         batch: Observations it answers at once, at most.
         remarks: Whatever else clients may want to know.
+        execution: How its chunks are to be played.
     """
     return {
         "betterbench": {
@@ -180,6 +190,7 @@ def declare(
             "cameras": {},
             "control_rate_hz": CONTROL_RATE_HZ,
             "batch": batch,
+            "execution": asdict(execution),
             "version": betterbench.__version__,
             "engine": f"mujoco {engine_version()}",
             "machine": platform.machine(),

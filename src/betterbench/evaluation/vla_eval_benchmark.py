@@ -73,6 +73,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         quality: Name of a render preset.
         send_wrist_image: True to send the wrist camera too; model servers ask for it by themselves.
         send_state: True to send the robot's state; model servers ask for it by themselves.
+        absolute_action: True if the model server answers absolute poses; model servers say so themselves, and an
+            adapter that reads ``ee_pose`` has to be named then.
         quat_no_antipodal: Always so here: rotation vectors of the state are continuous where the tool points down, as
             in data of robosuite. Model servers ask for it.
     """
@@ -106,6 +108,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         quality: str = "standard",
         send_wrist_image: bool = False,
         send_state: bool = False,
+        absolute_action: bool = False,
         quat_no_antipodal: bool = True,
     ) -> None:
         """Look everything up; the run folder is made when the first episode begins."""
@@ -120,6 +123,13 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             wrist=send_wrist_image,
             state=send_state,
         )
+        if absolute_action and self.adapter.answer.space != "ee_pose":
+            raise InvalidInputError(
+                "absolute_action",
+                f"the model server answers absolute poses, and adapter {self.adapter.name} reads "
+                f"{self.adapter.answer.space}",
+                "Name an adapter= whose answer has the space ee_pose and the model's rotation format",
+            )
         self._out = Path(run).resolve()  # the harness may change its folder
         self._seed, self._trials = seed, trials
         self.plan = _plan(

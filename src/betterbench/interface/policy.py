@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -24,7 +25,8 @@ class Execution:
             simulation waits for every answer.
         ensemble: None, or the rate m of temporal ensembling: the policy is asked at every step, and the action of a
             step is the mean of all that were predicted for it, weighted by exp(-m i) with i = 0 for the oldest
-            prediction (Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV).
+            prediction (Zhao et al. 2023, "Learning Fine-Grained Bimanual Manipulation with Low-Cost Hardware", IV). A
+            negative rate gives more weight to newer predictions.
     """
 
     horizon: int | None = None
@@ -43,8 +45,8 @@ class Execution:
             raise InvalidInputError(
                 "ahead", f"{self.ahead} steps are not within a chunk", "Give 0 or more, and less than the horizon"
             )
-        if self.ensemble is not None and not 0.0 <= self.ensemble < float("inf"):
-            raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give 0 or more; 0.01 is usual")
+        if self.ensemble is not None and not math.isfinite(self.ensemble):
+            raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give a rate; 0.01 is usual")
         if self.ensemble is not None and (self.ahead or self.horizon is not None):
             raise InvalidInputError(
                 "ensemble", "it asks at every step, so no horizon and no ahead go with it", "Give one or the other"

@@ -98,9 +98,9 @@ class BeingHServer:
 class BeingHClient(Adapted):
     """A Being-H policy; each environment has a client of its own.
 
-    With real-time chunking the server answers also with its whole chunk in its unified action space. That is sent back
-    with the next question, with the number of control steps that pass while the server computes, so that the new chunk
-    continues the old one.
+    With real-time chunking the server answers also with its whole chunk in its unified action space. With ``ahead`` or
+    ``delay``, what is left of that is sent back with the next question, and the number of control steps that pass while
+    the server computes, so that the new chunk continues the old one.
 
     Attributes:
         adapter: What the policy is shown and how its answers are read.
@@ -128,7 +128,7 @@ class BeingHClient(Adapted):
         self.server = Declaration(self._where)
         token = api_key(address)
         self._delay = address.whole("delay", address.execution().ahead)
-        self._chunk: list[Any] | np.ndarray | None = None
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
         self.info: PolicyInfo = describe_policy(address, self.adapter, {}, says_actions=False)
         self._link = Link(
             self._where,
@@ -149,7 +149,7 @@ class BeingHClient(Adapted):
             HandshakeError: If it wants actions of another kind.
         """
         check_start(self.adapter, start, self._where)
-        self._chunk = None
+        self._last = None
         self._link.count_anew()
 
     def act(self, observation: Observation) -> np.ndarray:
@@ -160,14 +160,49 @@ class BeingHClient(Adapted):
             PolicyUnavailableError: If the server cannot be reached.
         """
         data = self.adapter.request(observation)
-        if self._chunk is not None:
-            data |= {"prev_chunk": self._chunk, "inference_delay": self._delay}
+        if self._last is not None:
+            data |= continuation(*self._last, step=observation.step, delay=self._delay)
         reply = self._link.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
         actions = self.adapter.actions(reply, observation)
         chunk = reply.get(_UNIFIED)
-        self._chunk = chunk if isinstance(chunk, (list, np.ndarray)) else None
+        self._last = None if chunk is None else (observation.step, _numbers(chunk, self._where))
         return actions
 
     def close(self) -> None:
         """End the connection."""
         self._link.close()
+
+
+def continuation(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+    """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
+
+    The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk. They have to be those of
+    the control steps that begin now, so the old chunk is moved up by the steps that have passed, and filled up with its
+    last row, which the server does not look at.
+
+    Args:
+        asked_at: Control step of the question that brought the old chunk.
+        chunk: The old chunk, (..., horizon, dim) in the policy's own action space.
+        step: Control step of this question.
+        delay: Control steps that pass while the policy computes.
+    """
+    passed = step - asked_at
+    if not delay or passed < 0 or chunk.shape[-2] - passed < delay:
+        return {}
+    moved = np.concatenate([chunk[..., passed:, :], np.repeat(chunk[..., -1:, :], passed, axis=-2)], axis=-2)
+    return {"prev_chunk": moved, "inference_delay": delay}
+
+
+def _numbers(chunk: object, where: str) -> np.ndarray:
+    """Return the whole chunk as an array; the server takes no lists, in which it sends them.
+
+    Raises:
+        PolicyError: If it is no chunk of numbers.
+    """
+    try:
+        array = np.asarray(chunk, dtype=np.float32)
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.ndim not in (2, 3) or not array.size:
+        raise PolicyError(f"{where}: {_UNIFIED} is no chunk of numbers, (horizon, dim).")
+    return array

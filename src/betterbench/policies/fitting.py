@@ -100,9 +100,10 @@ class PictureRule:
             scale = max(to_width / from_width, to_height / from_height)
             from_width, from_height = to_width / scale, to_height / scale
         elif self.fit == "pad":
-            scale = min(to_width / from_width, to_height / from_height)
-            fitted_width = max(1, min(to_width, round(scale * from_width)))
-            fitted_height = max(1, min(to_height, round(scale * from_height)))
+            # Rounded down, as openpi's client does (openpi_client/image_tools.py).
+            ratio = max(from_width / to_width, from_height / to_height)
+            fitted_width = max(1, min(to_width, int(from_width / ratio)))
+            fitted_height = max(1, min(to_height, int(from_height / ratio)))
         left, top = 0.5 * (width - from_width), 0.5 * (height - from_height)
         whole = (from_width, from_height) == (width, height)
         box = (

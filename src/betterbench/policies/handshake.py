@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from betterbench.errors import BetterError, HandshakeError
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError
+from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.fitting import EVERY_CAMERA
@@ -158,6 +159,32 @@ def read_server(who: str, form: object) -> Declaration:
         rate_hz=float(rate) if isinstance(rate, (int, float)) and not isinstance(rate, bool) else None,
         cameras=sizes or None,
     )
+
+
+def read_execution(who: str, form: object) -> Execution | None:
+    """Read how one of our own servers says that its chunks are played, or None if it does not say.
+
+    Args:
+        who: What to call the server in messages.
+        form: What stands under ``betterbench`` in its metadata.
+
+    Raises:
+        HandshakeError: If it is malformed.
+    """
+    told = form.get("execution") if isinstance(form, Mapping) else None
+    if told is None:
+        return None
+    kinds = {"horizon": int, "ahead": int, "ensemble": (int, float)}
+    read = isinstance(told, Mapping) and set(told) <= set(kinds)
+    given = {name: value for name, value in told.items() if value is not None} if read else {}
+    if not read or not all(isinstance(v, kinds[name]) and not isinstance(v, bool) for name, v in given.items()):
+        raise HandshakeError(
+            f"{who} declares an execution that cannot be read. Install the same release on both sides."
+        )
+    try:
+        return Execution(**given)
+    except InvalidInputError as error:
+        raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
 
 
 def compare(ours: Declaration, theirs: Declaration) -> None:

@@ -95,7 +95,7 @@ class LerobotPolicy(Adapted):
             return self._address.execution()
         config = self._checkpoint.config
         rate = getattr(config, "temporal_ensemble_coeff", None)
-        if rate is not None and rate >= 0.0:
+        if rate is not None:
             return Execution(ensemble=float(rate))
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PolicyError
-from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
-from betterbench.policies.address import PolicyAddress
-from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_server
+from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_execution, read_server
 from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import NATIVE, adapter_of
 from betterbench.policies.remote import check_run, check_start, describe_policy
@@ -59,13 +59,17 @@ class OpenpiClient:
         self.server = Declaration(self._where)
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
+        self._execution: Execution | None = None
         self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
         ours = self._metadata.get("betterbench")
         wants = ours.get("needs_images") if isinstance(ours, Mapping) else None
-        self.info: PolicyInfo = describe_policy(
+        info = describe_policy(
             address, self._adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
         )
+        # What the address says about playing chunks goes before what the server says.
+        told = None if set(EXECUTION_OPTIONS) & set(address.options) else self._execution
+        self.info: PolicyInfo = replace(info, execution=told or info.execution)
 
     @property
     def _adapter(self) -> Adapter:
@@ -145,6 +149,7 @@ class OpenpiClient:
         """
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
+        self._execution = read_execution(self._where, declared)
         adapter = self.adapter
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)

@@ -121,8 +121,8 @@ of our own export. The server tells its own at connection, and they are compared
 BEING_H_LIBERO = Adapter(
     "being_h_libero",
     views=(
-        PictureRule(("video.top_view",), "front", 224, 224),
-        PictureRule(("video.wrist_view",), "wrist", 224, 224),
+        PictureRule(("video.top_view",), "front"),
+        PictureRule(("video.wrist_view",), "wrist"),
     ),
     states=(
         StateRule(("state.eef_position",), ("ee_position",)),
@@ -130,13 +130,17 @@ BEING_H_LIBERO = Adapter(
         StateRule(("state.libero_gripper_position",), ("gripper_fingers",)),
     ),
     instruction=InstructionRule(("language.instruction",), depth=1),
-    answer=AnswerRule(
-        "ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.libero_gripper_position")
-    ),
+    answer=AnswerRule("ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
     leading_axes=1,
 )
-"""Being-H0.5 with its LIBERO data config (BeingBeyond/Being-H, ``BeingH/inference/service.py``). For a checkpoint
-trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+"""Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
+
+As its own client does (``BeingH/benchmark/utils/policy.py``), pictures go out as they are rendered; the server resizes
+them.
+
+For a checkpoint trained on LIBERO itself see :data:`OPENPI_LIBERO`; a third thing differs there. Its data count an open
+gripper as 1 (``BeingH/benchmark/libero/run_libero_eval.py`` turns it round), which ``gripper=open_fraction`` asks for.
+"""
 
 VLA_EVAL = Adapter(
     "vla_eval",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +13,7 @@ from pydantic import ConfigDict, with_config
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
 from betterbench.interface import Observation
-from betterbench.policies.rotation import ROTATION_SIZES, to_format
+from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
 
 StatePart = Literal[
     "ee_position",
@@ -111,10 +112,25 @@ class StateRule:
             elif part.startswith("gripper_"):
                 values += _gripper(part, observation.gripper_width, gripper_opening_m)
             else:
-                values += to_format(observation.ee_quaternion.tolist(), part.removeprefix("ee_"))  # type: ignore[arg-type]
+                values += _rotation(observation.ee_quaternion.tolist(), part.removeprefix("ee_"))  # type: ignore[arg-type]
         if self.scalar:
             return int(values[0]) if self.dtype == "int64" else float(values[0])
         return np.array(values, dtype=self.dtype)
+
+
+def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
+    """Return a rotation of the tool in a format, without a jump where the tool points down.
+
+    Down is half a turn about x. There the scalar part of the quaternion passes through zero, so the rule w >= 0 would
+    swap the sign of all four numbers, and the roll would jump by a full turn, from one picture to the next.
+    """
+    values = to_format(q, form)
+    if form in ("quaternion_wxyz", "quaternion_xyzw"):
+        x = values[1] if form == "quaternion_wxyz" else values[0]
+        return [-v for v in values] if x < 0.0 else values
+    if form == "rpy" and values[0] < 0.0:
+        values[0] += 2.0 * math.pi
+    return values
 
 
 def _gripper(part: str, width_m: float, opening_m: float) -> list[float]:

@@ -95,6 +95,8 @@ def _start(form: object, instruction: str) -> EpisodeStart:
 
 def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
     numbers = {name: _numbers(message.get(f"better/{name}"), f"better/{name}", n) for name, n in _MEASURED.items()}
+    if np.signbit(numbers["ee_quaternion"][0]):
+        numbers["ee_quaternion"] *= -1.0  # the same rotation, as observations write it: w >= 0
     return Observation(
         instruction=instruction,
         step=step,

@@ -179,7 +179,8 @@ class VlaEvalClient:
             raise HandshakeError(
                 f"{self._where} speaks version {str(version)[:20]} of the protocol, this side {PROTOCOL_VERSION}."
             )
-        adapter = shaped_by(self._wanted, hello.get("observation_params"))
+        chosen = bool({"preset", "adapter"} & set(self._address.options))
+        adapter = shaped_by(self._wanted, self._where, hello, chosen=chosen)
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare(ours, theirs)
         self.adapter, self.server, self._hello = adapter, theirs, hello
@@ -235,28 +236,33 @@ class VlaEvalClient:
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that answer nothing.")
 
 
-def shaped_by(adapter: Adapter, parameters: object) -> Adapter:
+def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
     """Return the adapter without what a server does not ask for.
 
-    Servers take what they need of what they are sent, so all there is goes to those that do not decline it.
+    The harness sends the wrist camera and the state to servers that ask for them, and some servers take all that they
+    are sent; so nothing is sent unasked, unless the address chose what is sent.
 
     Args:
         adapter: The adapter.
-        parameters: What the server said under ``observation_params``.
+        who: What to call the server in messages.
+        hello: What it said: it asks by ``observation_params``, or by naming a component in its ``observation_spec``.
+        chosen: True if the address names the adapter: then all of it is sent that the server does not decline.
 
     Raises:
-        HandshakeError: If it asks for absolute actions and the adapter reads deltas.
+        HandshakeError: If its specs are malformed, or it asks for absolute actions and the adapter reads deltas.
     """
+    parameters = hello.get("observation_params")
     if not isinstance(parameters, Mapping):
-        return adapter
+        parameters = {}
+    seen = _specs(who, hello, "observation_spec")
     if parameters.get("absolute_action") is True and adapter.answer.space != "ee_pose":
         raise HandshakeError(
             f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. "
             "Give action_space=ee_pose with the rotation format of the model, and --action-space ee_pose."
         )
-    if parameters.get("send_wrist_image") is False:
+    if parameters.get("send_wrist_image", chosen or len(_pictures(seen)) > 1) is False:
         adapter = replace(adapter, views=tuple(v for v in adapter.views if "wrist" not in v.key[-1]))
-    if parameters.get("send_state") is False:
+    if parameters.get("send_state", chosen or "state" in seen) is False:
         adapter = replace(adapter, states=())
     return adapter
 
@@ -311,7 +317,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
         elif state is not None:
             fits = sent == state or sent in seen["state"].accepts
             theirs, ours = replace(theirs, state=state), replace(ours, state=state if fits else sent)
-    pictures = [key for key, spec in seen.items() if spec.format == "rgb_hwc_uint8"]
+    pictures = _pictures(seen)
     given = ["/".join(view.key) for view in adapter.views]
     if len(pictures) > len(given):
         cameras: dict[str, tuple[int, int] | None] = dict.fromkeys(pictures[len(given) :])
@@ -339,6 +345,10 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
         words = [word for word in accepts if isinstance(word, str)] if isinstance(accepts, list) else []
         found[str(key)] = _Spec(told if isinstance(told, str) else None, tuple(words))
     return found
+
+
+def _pictures(specs: Mapping[str, _Spec]) -> list[str]:
+    return [key for key, spec in specs.items() if spec.format == "rgb_hwc_uint8"]
 
 
 def _format(specs: Mapping[str, _Spec], name: str) -> str | None:

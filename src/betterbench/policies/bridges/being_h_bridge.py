@@ -120,6 +120,7 @@ class Bridge:
         """
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
+        self._told = False
 
     def listen(self, host: str, port: int) -> Server:
         """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it.
@@ -164,23 +165,52 @@ class Bridge:
     def _answer(self, observation: object, kept: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(observation, dict):
             raise TypeError(f"a question is a {type(observation).__name__} in place of a map")
-        step = observation.pop("better/step", None)
-        goes_on = isinstance(step, int) and isinstance(kept.get("step"), int) and step > kept["step"]
-        if goes_on and "chunk" in kept:
-            observation |= {"prev_chunk": kept["chunk"], "inference_delay": self._delay}
+        step = _whole(observation.pop("better/step", None))
+        if self._delay and step is None and not self._told:
+            self._told = True
+            logger.warning("a client does not say its step (better/step), so its chunks are not continued")
+        if step is not None and "chunk" in kept and step > kept["step"]:
+            observation |= continuation(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()
         with self._one_at_a_time:
             answer = dict(self._policy.get_action(observation))
         chunk = answer.pop("action_unified", None)
         kept.clear()
-        if chunk is not None:
-            kept.update(step=step, chunk=chunk)
+        if chunk is not None and step is not None:
+            kept.update(step=step, chunk=np.asarray(_plain(chunk), np.float32))
         reply: dict[str, Any] = {
             name: np.asarray(_plain(value), np.float32) if name.startswith("action.") else value
             for name, value in answer.items()
         }
         reply["server_timing"] = {"infer_ms": 1000.0 * (time.monotonic() - began)}
         return reply
+
+
+def continuation(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+    """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
+
+    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first of its new chunk, so the old one is moved
+    up by the steps that have passed, and filled up with its last row, which the policy does not look at.
+
+    Args:
+        asked_at: Control step of the question that brought the old chunk.
+        chunk: The old chunk, (..., horizon, dim).
+        step: Control step of this question.
+        delay: Control steps that pass while the policy computes.
+    """
+    passed = step - asked_at
+    if not delay or chunk.shape[-2] - passed < delay:
+        return {}
+    moved = np.concatenate([chunk[..., passed:, :], np.repeat(chunk[..., -1:, :], passed, axis=-2)], axis=-2)
+    return {"prev_chunk": moved, "inference_delay": delay}
+
+
+def _whole(value: object) -> int | None:
+    """Return a number that may have come as an array of one, or None."""
+    if value is None or isinstance(value, str):
+        return None
+    array = np.asarray(value)
+    return int(array.item()) if array.size == 1 and array.dtype.kind in "iuf" else None
 
 
 def _plain(value: object) -> object:
