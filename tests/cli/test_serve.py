@@ -14,6 +14,9 @@ import pytest
 from websockets.sync.client import connect
 
 from betterbench.cli.main import main
+from betterbench.errors import BetterError
+from betterbench.evaluation.serving import DEFAULT_CHUNK
+from betterbench.policies.batching import MAX_BATCH
 
 PATIENCE_S = 60
 
@@ -70,6 +73,13 @@ def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
         (("expert", "--task", "fast_food", "--condition", "T11"), "T1"),
         (("expert", "--task", "fast_food", "--seed", "-1"), "--seed"),
         (("expert", "--chunk", "0"), "--chunk"),
+        (("expert", "--seed", "0"), "--seed: it belongs to the trial of a task. Give --task too"),
+        (("expert", "--batch", "16"), "--batch: expert takes no batches"),
+        (("noop", "--batch", "2"), "--batch: noop takes no batches"),
+        (("noop", "--chunk", "8"), "--chunk: noop is no expert"),
+        (("openpi://127.0.0.1:1", "--chunk", "8"), "Leave out --chunk"),
+        (("exprt", "--chunk", "8"), "Did you mean 'expert'"),
+        (("exprt", "--batch", "8"), "Did you mean 'expert'"),
         (("expert", "--port", "99999"), "99999 is no port"),
         (("expert", "--api-key-env", "BETTER_NO_SUCH_KEY"), "BETTER_NO_SUCH_KEY is empty"),
     ],
@@ -81,6 +91,60 @@ def test_bad_input_is_one_clear_error_with_status_2(capsys, arguments, text):
     assert "error:" in err
     assert text in err
     assert "Traceback" not in err
+
+
+MINE = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class One:
+    info = PolicyInfo("one", needs_images=False)
+    def reset(self, start): pass
+    def act(self, observation): return np.zeros(7)
+    def close(self): print("closed")
+
+class Many(One):
+    def act_batch(self, observations): return [np.zeros(7) for _ in observations]
+"""
+
+
+def test_a_policy_without_batches_is_closed_and_refused(capsys, tmp_path):
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    address = f"python:{tmp_path / 'mine.py'}:One"
+    assert main(["serve", address, "--batch", "4"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "closed\n"
+    assert "takes no batches. Leave out --batch" in err.replace("\n", " ")
+
+
+def test_options_that_have_an_effect_are_taken(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
+    many = f"python:{tmp_path / 'mine.py'}:Many"
+    opened = []
+
+    def enough(policy, **options):
+        opened.append(options)
+        raise BetterError("enough")
+
+    monkeypatch.setattr(sys.modules["betterbench.cli.serve"], "open_server", enough)
+    for arguments in (
+        (many, "--batch", "4"),
+        ("expert", "--chunk", "4", "--task", "fast_food", "--seed", "3"),
+        ("expert", "--task", "fast_food"),
+    ):
+        assert main(["serve", *arguments]) == 2
+    batch, chunk, usual = opened
+    assert (batch["batch"], batch["made"].info.name, batch["chunk"]) == (4, "one", DEFAULT_CHUNK)
+    assert (chunk["chunk"], chunk["made"], chunk["batch"]) == (4, None, MAX_BATCH)
+    assert (chunk["trial"].seed, usual["trial"].seed) == (3, 0)
+
+
+def test_the_help_names_the_usual_numbers(capsys):
+    with pytest.raises(SystemExit):
+        main(["serve", "--help"])
+    shown = " ".join(re.sub(r"[^\w.;]+", " ", capsys.readouterr().out).split())
+    assert f"of an expert; {DEFAULT_CHUNK} if not given" in shown
+    assert f"at once at most; {MAX_BATCH} if not given" in shown
 
 
 def test_a_port_in_use_is_one_clear_error(capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import subprocess
@@ -46,19 +45,6 @@ def test_the_context_of_a_run_is_json_and_says_what_it_was_made_with():
     assert context["policy"]["execution"] == {"horizon": 5, "ahead": 0, "ensemble": None}
     assert ActionSpace.from_json(context["conventions"]["action_space"]) == action_space("ee_delta")
     assert context["renderer"] == {"problem": "no pictures are rendered in this run"}
-
-
-def test_the_file_of_a_class_is_fingerprinted(tmp_path, monkeypatch):
-    file = tmp_path / "of_mine.py"
-    file.write_text("class Mine: ...\n", encoding="utf-8")
-    by_file = describe_policy(f"python:{file}:Mine", info())["source"]
-    assert by_file == {"file": "of_mine.py", "sha256": hashlib.sha256(b"class Mine: ...\n").hexdigest()}
-    monkeypatch.syspath_prepend(tmp_path)
-    assert describe_policy("python:of_mine:Mine", info())["source"] == by_file
-    file.write_text("class Mine: pass\n", encoding="utf-8")
-    assert describe_policy(f"python:{file}:Mine", info())["source"] != by_file
-    for unknown in ("python:no_such_module:Mine", "python:sys:Mine", "python:nothing_there.py:Mine"):
-        assert "source" not in describe_policy(unknown, info())
 
 
 def test_conventions_that_nobody_chose_are_written_out_too():

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import betterbench
-from betterbench.errors import InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation import evaluate, ray_engine
 from betterbench.evaluation.cluster import Cluster
 from betterbench.recording import RunFolder, TrialKey
@@ -26,7 +26,7 @@ pytestmark = [pytest.mark.physics, pytest.mark.slow]
 pytest.importorskip("ray")
 
 PLUGIN = """
-import os, pathlib, signal
+import os, pathlib, signal, sys, time
 import numpy as np
 from betterbench.interface import Execution, PolicyInfo
 
@@ -74,6 +74,30 @@ class DyingBatches(Batches):
             marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return super().act_batch(observations)
+
+class HangingBatches(Batches):
+    '''One call hangs for ever.'''
+    def act_batch(self, observations):
+        marker = HERE / "hung"
+        if observations[0].step > 4 and not marker.exists():
+            marker.touch()
+            time.sleep(3600)
+        return super().act_batch(observations)
+
+class NoPlaceInAWorker(Still):
+    def __init__(self):
+        if "ray" in sys.modules:
+            raise RuntimeError("CUDA out of memory")
+
+class NoPlaceInAReplica(Batches):
+    def __init__(self):
+        if "ray" in sys.modules:
+            raise RuntimeError("CUDA out of memory")
+
+class DiesLoading(Batches):
+    def __init__(self):
+        if "ray" in sys.modules:
+            os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
@@ -125,6 +149,18 @@ def test_a_replica_that_is_killed_changes_nothing(plugin, tiny_plan, tmp_path, r
 
 
 @pytest.mark.usefixtures("two_workers")
+def test_a_replica_that_hangs_costs_the_trials_that_asked_it_and_is_replaced(plugin, tiny_plan, tmp_path, caplog):
+    plan = tiny_plan(f"{plugin}:HangingBatches", trials=4)
+    run = evaluate(plan, tmp_path / "run", workers=2, envs=1, engine="ray", policy_timeout_s=4.0)
+    done = [e.key for e in run.entries() if e.status == "done"]
+    assert len(done) == len(set(done)) == len(plan.trials)
+    assert "replicas of the policy died and are replaced: 1" in caplog.text
+    late = [r.outcome.error for r in run.records() if r.outcome.termination == "policy_error"]
+    assert 1 <= len(late) <= 2, "those in the batch that hung"
+    assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
+
+
+@pytest.mark.usefixtures("two_workers")
 def test_a_worker_that_is_killed_changes_nothing(plugin, tiny_plan, tmp_path, run_content, caplog):
     plan = tiny_plan(f"{plugin}:Dies", trials=3)
     run = evaluate(plan, tmp_path / "run", workers=2, engine="ray")
@@ -164,7 +200,7 @@ def test_a_policy_that_takes_batches_is_held_by_replicas(two_workers, plugin, ti
     run = evaluate(plan, tmp_path / "run", workers=2, envs=2, engine="ray", cluster=Cluster(replicas=2))
     assert is_complete(run, plan)
     held = {float(p.name.removeprefix("Batches-")) for p in here.glob("Batches-*")} - {float(os.getpid())}
-    assert len(held) == 2, "one copy per replica, and none in a worker"
+    assert len(held) == 3, "one that is asked before the run, one copy per replica, and none in a worker"
     assert not held & {e.wall["worker"] for e in run.entries()}
     calm = evaluate(plan, tmp_path / "calm")
     assert run_content(calm.path) == run_content(run.path)
@@ -183,6 +219,21 @@ def test_a_cluster_without_a_place_is_named(two_workers, plugin, tiny_plan, tmp_
     plan = tiny_plan(f"{plugin}:Batches", trials=2)
     with pytest.raises(InvalidInputError, match="with 7 graphics cards each have no place"):
         evaluate(plan, tmp_path / "run", workers=1, engine="ray", cluster=Cluster(replica_gpus=7.0))
+
+
+@pytest.mark.usefixtures("two_workers")
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("NoPlaceInAWorker", "A worker on the cluster cannot start: .*CUDA out of memory"),
+        ("NoPlaceInAReplica", "CUDA out of memory"),
+        ("DiesLoading", "A replica died while it loaded python:"),
+    ],
+)
+def test_a_policy_that_cannot_be_loaded_there_is_one_line(plugin, tiny_plan, tmp_path, name, text):
+    with pytest.raises(BetterError, match=text) as caught:
+        evaluate(tiny_plan(f"{plugin}:{name}", trials=2), tmp_path / "run", workers=1, engine="ray")
+    assert "\n" not in str(caught.value)
 
 
 SCRIPT = """

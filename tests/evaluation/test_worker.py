@@ -11,10 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from betterbench.errors import InvalidInputError, PolicyUnavailableError, RunConflictError
+from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.agents import Minds
-from betterbench.evaluation.host import address_within
+from betterbench.evaluation.host import Host, address_within
 from betterbench.evaluation.runner import _by_scene
 from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting
@@ -134,6 +134,79 @@ class HeavyAlone(Slow):
 
 class Assuming(Slow):
     info = PolicyInfo("assuming", needs_images=False, metadata={"assumed": "its actions mean nothing"})
+
+class Odd(Slow):
+    """Breaks with a file name that is no text, as those of other operating systems."""
+    def act(self, observation):
+        raise FileNotFoundError("no such \\udcff file")
+
+class Counting(Slow):
+    """Has an attribute with the name of what our clients count."""
+    figures = {"attention": float("nan")}
+
+class Raising(Heavy):
+    """Breaks at some trials, with the error that stands in their records."""
+    def reset(self, start):
+        self.seed = start.seed
+        super().reset(start)
+    def act_batch(self, observations):
+        for o in observations:
+            if o.step >= 8 and o.joint_positions[0] > -9:
+                raise ValueError("bad thing\\nin two lines")
+        return super().act_batch(observations)
+
+class Bent(Raising):
+    def act_batch(self, observations):
+        return [np.zeros((3, 5)) for _ in observations]
+
+class Exits(Heavy):
+    def act_batch(self, observations):
+        raise SystemExit(3)
+
+class HangsOnce(Heavy):
+    """One call hangs for ever; its process is replaced, and the trials that follow are as if nothing was."""
+    def act_batch(self, observations):
+        marker = HERE / "hung"
+        if any(o.step >= 8 for o in observations) and not marker.exists():
+            marker.touch()
+            time.sleep(3600)
+        return super().act_batch(observations)
+
+class Closing(Slow):
+    """Says when it is closed."""
+    def close(self):
+        import os
+        (HERE / f"closed-{os.getpid()}").touch()
+
+class LeavesAChild(Slow):
+    """Its process is killed while a child of its, forked like those of data loaders, lives on."""
+    def act(self, observation):
+        import multiprocessing, os, signal
+        marker = HERE / "forked"
+        if not marker.exists():
+            marker.touch()
+            child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(20,), daemon=True)
+            child.start()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation)
+
+class DiesLoading(Slow):
+    """Its process dies while it loads, and leaves such a child."""
+    def __init__(self):
+        import multiprocessing, os, signal
+        multiprocessing.get_context("fork").Process(target=time.sleep, args=(20,), daemon=True).start()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+class NotInWorkers(Slow):
+    """There is memory for the first instances only."""
+    def __init__(self):
+        super().__init__()
+        import os
+        (HERE / f"loaded-{os.getpid()}").touch()
+        if len(list(HERE.glob("loaded-*"))) > ROOM:
+            raise RuntimeError("CUDA out of memory")
+
+ROOM = 2
 
 class Mortal(Heavy):
     """Its process dies in the middle of the run, once."""
@@ -265,7 +338,7 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
         return memory[: len(observations)]
 
     memory = np.zeros((4, 7))
-    shared = SharedPolicy(SimpleNamespace(info=PolicyInfo("reusing"), act_batch=answer), 1)
+    shared = SharedPolicy(SimpleNamespace(info=PolicyInfo("reusing"), act_batch=answer, act=answer, reset=answer), 1)
     try:
         first = shared.seat().act(1.0)
         second = shared.seat().act(2.0)
@@ -278,7 +351,8 @@ def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
     client = PolicyAddress.parse(address_within("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
     assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
     terms = Terms.of(client)
-    assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (450.0, 450.0, 9.0)
+    # The server ends the wait itself, after 450 s; the client only sees to it that a server which does not is left.
+    assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (480.0, 489.0, 9.0)
 
 
 def test_a_policy_that_raises_ends_its_own_trial_only(plugin, tiny_plan, tmp_path):
@@ -315,7 +389,7 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
     entries = {e.seed: (e.status, e.message) for e in RunFolder.open(tmp_path / "run").entries()}
     assert entries == {0: ("done", OVER[1]), 1: ("done", OVER[1]), 2: ("error", "the server is gone")}
     Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("self.seed == 2", "False"), encoding="utf-8")
-    with pytest.raises(RunConflictError, match=r"policy\.source\.sha256 was"):
+    with pytest.raises(RunConflictError, match=r"policy\.metadata\.source file was"):
         evaluate(plan, tmp_path / "run")
     again = evaluate(plan, tmp_path / "run", allow_changed_policy=True)
     assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
@@ -356,7 +430,7 @@ def test_the_usual_number_of_environments(plugin, policy, envs):
 def test_what_a_run_takes_for_granted_is_told_once(plugin, tiny_plan, tmp_path, caplog):
     run = evaluate(tiny_plan(f"{plugin}:Assuming", trials=2), tmp_path / "run", envs=2)
     assert [r.getMessage() for r in caplog.records if r.name.endswith("runner")] == ["its actions mean nothing"]
-    assert run.context["policy"]["metadata"] == {"assumed": "its actions mean nothing"}
+    assert run.context["policy"]["metadata"]["assumed"] == "its actions mean nothing"
 
 
 @pytest.mark.parametrize(("workers", "envs"), [(1, 8), (2, 8), (4, 8), (5, 6), (16, 2), (32, 1), (256, 1)])
@@ -425,6 +499,81 @@ def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_a
     assert len(list(tmp_path.glob("loaded-*"))) == loaded
     assert [e.status for e in run.entries()] == ["done"] * 2
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
+
+
+@pytest.mark.parametrize("policy", ["Raising", "Bent", "Exits"])
+def test_what_a_policy_breaks_with_is_told_in_the_same_words_whoever_asks(
+    plugin, tiny_plan, tmp_path, run_content, policy
+):
+    plan = tiny_plan(f"{plugin}:{policy}", trials=2)
+    hosted = evaluate(plan, tmp_path / "hosted", workers=2)
+    alone = evaluate(plan, tmp_path / "alone", workers=1)
+    assert all(error and "127.0.0.1" not in error for _, error in outcomes(hosted).values())
+    assert outcomes(hosted) == outcomes(alone)
+    assert run_content(hosted.path) == run_content(alone.path)
+
+
+@pytest.mark.slow
+def test_a_host_whose_policy_hangs_is_replaced_and_later_trials_are_not_harmed(plugin, tiny_plan, tmp_path, caplog):
+    plan = tiny_plan(f"{plugin}:HangsOnce", trials=6)
+    run = evaluate(plan, tmp_path / "run", workers=2, envs=1, policy_timeout_s=4.0)
+    assert "hangs and is started again" in caplog.text
+    told = [error for _, error in outcomes(run).values()]
+    late = [error for error in told if error is not None]
+    assert 1 <= len(late) <= 2, "those in the batch that hung"
+    assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
+    assert [e.status for e in run.entries()] == ["done"] * 6
+
+
+def test_the_process_that_was_asked_closes_its_policy(plugin, tiny_plan, tmp_path):
+    with Host(f"{plugin}:Closing", run=("ee_delta", "state_only")) as host:
+        assert not host.takes_batches
+        assert not list(tmp_path.glob("closed-*"))
+    assert len(list(tmp_path.glob("closed-*"))) == 1
+
+
+def test_a_policy_whose_process_dies_while_loading_is_told_at_once(plugin, tiny_plan, tmp_path):
+    with pytest.raises(PolicyError, match="its process ended while loading"):
+        evaluate(tiny_plan(f"{plugin}:DiesLoading"), tmp_path / "run", workers=2)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_a_dead_worker_is_noticed_although_a_child_of_its_lives_on(plugin, tiny_plan, tmp_path, caplog):
+    plan = tiny_plan(f"{plugin}:LeavesAChild", trials=3)
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert "a worker process died (SIGKILL" in caplog.text
+    assert outcomes(run) == dict.fromkeys(range(3), OVER)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("room", [1, 2])
+def test_workers_that_cannot_start_cost_no_trial(plugin, tiny_plan, tmp_path, caplog, room):
+    file = Path(plugin.removeprefix("python:"))
+    file.write_text(PLUGIN.replace("ROOM = 2", f"ROOM = {room}"), encoding="utf-8")
+    plan = tiny_plan(f"{plugin}:NotInWorkers", trials=4)
+    if room == 1:  # for the process that was asked before the run, and no worker
+        with pytest.raises(WorkerError, match="3 worker processes died while they started"):
+            evaluate(plan, tmp_path / "run", workers=2)
+        assert [e.status for e in RunFolder.open(tmp_path / "run").entries()] == []
+        return
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert "a worker process died while it started" in caplog.text
+    assert outcomes(run) == dict.fromkeys(range(4), OVER)
+
+
+def test_an_error_with_what_is_no_text_is_the_policys_error_too(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Odd", trials=1), tmp_path / "run")
+    ((_, error),) = outcomes(run).values()
+    assert error is not None
+    assert error.startswith("FileNotFoundError")
+    assert "no such" in error
+
+
+def test_an_attribute_of_the_policy_is_no_figure_of_a_client(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Counting", trials=1), tmp_path / "run")
+    assert outcomes(run) == {0: OVER}
+    assert all("attention" not in e.wall for e in run.entries())
 
 
 @pytest.mark.slow

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import sys
 
 import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import check_policy, known_policies
+from betterbench.evaluation.agents import Minds
 from betterbench.interface import PolicyInfo
 from betterbench.policies import load_plugin
 
@@ -36,6 +38,14 @@ class Needy(Mine):
     def __init__(self, weights): pass
 
 NUMBER = 3
+"""
+
+SOURCE_OF_MINE = """
+from betterbench.interface import PolicyInfo
+from betterbench.policies import Noop
+
+class Mine(Noop):
+    info = PolicyInfo("mine", metadata={"weights": "none"})
 """
 
 
@@ -185,3 +195,19 @@ def test_a_file_is_loaded_like_a_script_with_its_neighbours_and_dataclasses(tmp_
 def test_what_a_policy_says_about_itself_is_checked_when_it_says_it(says, error, text):
     with pytest.raises(error, match=text):
         PolicyInfo(**{"name": "mine", **says})
+
+
+def test_the_file_of_a_plugin_is_fingerprinted_where_it_was_loaded(tmp_path, monkeypatch):
+    file = tmp_path / "of_mine.py"
+    file.write_text(SOURCE_OF_MINE, encoding="utf-8")
+    address = f"python:{file}:Mine"
+    digest = hashlib.sha256(SOURCE_OF_MINE.encode()).hexdigest()
+    with Minds(address) as minds:
+        assert minds.check().metadata == {"weights": "none", "source file": f"of_mine.py, sha256 {digest}"}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "of_mine", raising=False)
+    with Minds("python:of_mine:Mine") as minds:
+        assert minds.check().metadata["source file"] == f"of_mine.py, sha256 {digest}"
+    file.write_text(SOURCE_OF_MINE + "# edited\n", encoding="utf-8")
+    with Minds(address) as minds:
+        assert digest not in minds.check().metadata["source file"]

@@ -187,7 +187,7 @@ def observation(step=0):
 @pytest.mark.parametrize("images", ["raw", "png"])
 def test_a_real_model_server_is_asked_and_answers(images):
     model = Scripted(action=TWIST, seen=SEEN)
-    with real(model) as address, client(address, f"timeout=20&images={images}") as policy:
+    with real(model) as address, client(address, f"preset=vla_eval&timeout=20&images={images}") as policy:
         assert policy.info.action_space == "ee_delta"
         assert policy.info.metadata["server: model_server"] == "Scripted"
         for episode in range(2):

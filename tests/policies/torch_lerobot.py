@@ -165,6 +165,7 @@ def test_what_the_policy_says_about_itself(act):
     assert info.metadata["policy type"] == "act"
     assert info.metadata["device"] in ("cpu", "cuda", "mps")
     assert info.metadata["lerobot version"].startswith("0.")
+    assert len(info.metadata["checkpoint"]) == len("sha256 ") + 64
     adapter = json.loads(info.metadata["adapter"])
     assert adapter["views"][0]["key"] == "observation.images.front"
     assert connect(f"lerobot:{act}?horizon=3").info.execution == Execution(horizon=3)

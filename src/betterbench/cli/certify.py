@@ -48,12 +48,13 @@ def certify(
         write_package: Also write the compact certificate that ships with the suite; for its maintainers.
         json: Print the certificate as one JSON document at the end.
     """
-    if write_package and tasks and set(tasks) != set(suite_tasks(suite)):
+    of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
+    if write_package and tasks and set(tasks) != set(of_suite):
         raise InvalidInputError(
             "--write-package", "it replaces the certificate of the whole suite", "Leave out --tasks"
         )
     prepare_robot("panda")
-    subjects = subjects_of(make_plan("expert", tasks=tasks or suite_tasks(suite), trials=trials, seed=seed))
+    subjects = subjects_of(make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed))
     with progress_bar("certify", len(subjects)) as (bar, task):
 
         def told(progress: CertificationProgress) -> None:

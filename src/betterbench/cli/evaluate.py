@@ -51,7 +51,7 @@ def evaluate(
     envs: int | None = None,
     engine: Literal["local", "ray"] = "local",
     ray_address: str | None = None,
-    replicas: int = 1,
+    replicas: int | None = None,
     replica_gpus: float | None = None,
     policy_timeout: float = POLICY_TIMEOUT_S,
     action_space: str = "ee_delta",
@@ -84,7 +84,8 @@ def evaluate(
             chosen by the policy if not given. Results do not depend on it.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray_address: Address of the Ray cluster; if not given, RAY_ADDRESS or a cluster of this machine alone.
-        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or one that takes batches).
+        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or one that takes batches); 1 if
+            not given.
         replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
         policy_timeout: Deadline of one answer of a policy in our own processes (python:, lerobot:) in seconds; servers
             have theirs in the address, timeout=SECONDS.
@@ -93,10 +94,17 @@ def evaluate(
         quality: Render preset: fast, standard or high.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Run trials that no certificate vouches for as well.
-        allow_other_versions: Repeat a run although versions differ that decide about results.
+        allow_other_versions: With --from, repeat the run although versions differ that decide about results.
         allow_changed_policy: Go on although the policy server declares something else than when the run began.
         json: Print one JSON document at the end.
     """
+    if engine == "local":
+        _refuse_placing({"replicas": replicas, "replica_gpus": replica_gpus, "ray_address": ray_address})
+    if allow_other_versions and from_run is None:
+        raise InvalidInputError(
+            "--allow-other-versions", "it is about a run that is repeated", "Give --from too, or leave it out"
+        )
+    of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
     if from_run is not None:
         chosen = {"tasks": tasks, "variations": variations, "trials": trials, "seed": seed, "suite": suite}
         chosen |= {"action_space": action_space, "observation": observation, "quality": quality}
@@ -108,7 +116,7 @@ def evaluate(
     else:
         plan = make_plan(
             policy,
-            tasks=tasks or suite_tasks(suite),
+            tasks=tasks or of_suite,
             variations=variations,
             trials=trials,
             seed=seed,
@@ -125,7 +133,7 @@ def evaluate(
         workers=workers,
         envs=envs,
         engine=engine,
-        cluster=Cluster(ray_address, replicas, replica_gpus),
+        cluster=Cluster(ray_address, 1 if replicas is None else replicas, replica_gpus),
         policy_timeout=policy_timeout,
         allow_changed_policy=allow_changed_policy,
         repeats=from_run if policy is None else None,
@@ -292,6 +300,20 @@ def run_with_bar(
     if answers:
         say(f"policy: {answers}")
     return run
+
+
+def _refuse_placing(given: Mapping[str, object]) -> None:
+    """Refuse options that say where on a Ray cluster something is placed, for a run that is on none.
+
+    Raises:
+        InvalidInputError: If one of them is given.
+    """
+    for name, value in given.items():
+        if value is not None:
+            option = f"--{name.replace('_', '-')}"
+            raise InvalidInputError(
+                option, "it is for a Ray cluster, and the engine is local", f"Add --engine ray, or leave out {option}"
+            )
 
 
 def _refuse_choices(chosen: Mapping[str, object]) -> None:

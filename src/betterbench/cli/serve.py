@@ -16,7 +16,16 @@ import tyro
 from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import TrialName, open_server
+from betterbench.evaluation.agents import (
+    close_policy,
+    is_in_process_model,
+    is_privileged,
+    is_remote,
+    make_policy,
+    needs_no_thread,
+)
 from betterbench.evaluation.serving import DEFAULT_CHUNK
+from betterbench.interface import BatchPolicy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK
 
@@ -26,11 +35,11 @@ def serve(
     *,
     host: str = LOOPBACK,
     port: int = DEFAULT_PORT,
-    chunk: int = DEFAULT_CHUNK,
-    batch: int = MAX_BATCH,
+    chunk: int | None = None,
+    batch: int | None = None,
     task: str | None = None,
     condition: str | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     api_key_env: str | None = None,
 ) -> None:
     """Serve a policy behind the openpi protocol, for other people's clients and harnesses, until Ctrl-C or SIGTERM.
@@ -45,15 +54,27 @@ def serve(
         policy: Address of the policy (see better list policies).
         host: Interface to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 for any free one.
-        chunk: Actions in one answer of an expert.
-        batch: Observations that a policy which takes batches is given at once, at most.
+        chunk: Actions in one answer of an expert; 8 if not given.
+        batch: Observations that a policy which takes batches is given at once, at most; 16 if not given.
         task: Task of clients that name none.
         condition: Its condition; the first training condition if not given.
-        seed: Its seed.
+        seed: Its seed; 0 if not given.
         api_key_env: Environment variable with a key that clients have to show.
     """
     trial = named_trial(task, condition, seed)
-    server = open_server(policy, host=host, port=port, chunk=chunk, batch=batch, trial=trial, api_key=_key(api_key_env))
+    key = _key(api_key_env)
+    if chunk is not None:
+        _require_chunks_of_ours(policy)
+    server = open_server(
+        policy,
+        host=host,
+        port=port,
+        chunk=DEFAULT_CHUNK if chunk is None else chunk,
+        batch=MAX_BATCH if batch is None else batch,
+        trial=trial,
+        api_key=key,
+        made=None if batch is None else _batch_policy(policy),
+    )
     if api_key_env is None and host not in (LOOPBACK, "localhost", "::1"):
         say(f"Whoever reaches {host} can use this policy; --api-key-env NAME asks for a key.")
     with _connections_logged(), _stopped_by_signal() as stopped, server:
@@ -67,18 +88,49 @@ def serve(
     say("stopped")
 
 
-def named_trial(task: str | None, condition: str | None, seed: int) -> TrialName | None:
+def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialName | None:
     """Return the trial that the options name, or None if they name none.
 
     Raises:
-        InvalidInputError: If a condition is named without its task.
+        InvalidInputError: If a condition or a seed is named without its task.
         UnknownNameError: If there is no such task.
     """
     if task is None:
         if condition is not None:
             raise InvalidInputError("--condition", "it belongs to a task", "Give --task too")
+        if seed is not None:
+            raise InvalidInputError("--seed", "it belongs to the trial of a task", "Give --task too")
         return None
-    return TrialName.of(task, condition, seed)
+    return TrialName.of(task, condition, 0 if seed is None else seed)
+
+
+def _require_chunks_of_ours(policy: str) -> None:
+    """Check that the length of a policy's chunks is ours to choose; an address that means nothing is refused later.
+
+    Raises:
+        InvalidInputError: If the policy answers in chunks of its own.
+    """
+    sees = needs_no_thread(policy) or is_remote(policy) or is_in_process_model(policy) or policy.startswith("python:")
+    if sees and not is_privileged(policy):
+        raise InvalidInputError(
+            "--chunk", f"{policy} is no expert and answers as many actions as it likes", "Leave out --chunk"
+        )
+
+
+def _batch_policy(policy: str) -> BatchPolicy:
+    """Make a policy for which a number of observations at once was given.
+
+    Raises:
+        InvalidInputError: If it takes no batches.
+        BetterError: If it cannot be made.
+    """
+    made = None if needs_no_thread(policy) else make_policy(policy)
+    if isinstance(made, BatchPolicy):
+        return made
+    close_policy(made)
+    raise InvalidInputError(
+        "--batch", f"{policy} takes no batches", "Leave out --batch, or give the policy an act_batch"
+    )
 
 
 def _key(name: str | None) -> str | None:

@@ -179,6 +179,7 @@ def episode_steps(
     except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
     if error is not None:
+        error = error.encode("utf-8", "backslashreplace").decode()  # file names may hold what no record can
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     record = builder.finish(
         termination=termination,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -13,9 +13,12 @@ from betterbench.evaluation.plan import Trial
 from betterbench.experts import EXPERTS, REPLAYS, make_expert, parse_address
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies import Noop, Random, Replay, load_plugin
+from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
 from betterbench.recording import RunFolder
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
+
+SOURCE = "source file"
+"""Under which name the file of a Python policy, with its fingerprint, stands in the metadata of a policy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +163,9 @@ class Minds:
             else:
                 self._made = make_policy(self.address)
                 self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
+                source = source_of(self.address.removeprefix("python:")) if self.address.startswith("python:") else ""
+                if source:  # a run goes on with the same file
+                    self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 
     @property

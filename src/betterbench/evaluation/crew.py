@@ -29,6 +29,9 @@ MAX_DEATHS = 3
 MAX_DEATHS_IN_A_ROW = 12
 """How many processes may die, with no trial finished in between, before the run is given up."""
 
+MAX_STILLBORN = 3
+"""How many processes may die one after the other while they start, before the run goes on with those it has."""
+
 _TURN_S = 0.02
 _WATCH_S = 0.5
 _FAREWELL_S = 10.0
@@ -43,6 +46,7 @@ class _Hand:
     trials: dict[TrialKey, Trial] = field(default_factory=dict)
     alone: bool = False  # its one trial was in a process that died
     lost: bool = False  # its end of the pipe is closed
+    ready: bool = False  # it has loaded what it needs
 
 
 class Crew:
@@ -62,6 +66,7 @@ class Crew:
         self._suspects: deque[Trial] = deque()
         self._deaths: Counter[TrialKey] = Counter()
         self._in_a_row = 0
+        self._stillborn = 0
 
     def __enter__(self) -> Self:
         """Return the crew itself."""
@@ -88,7 +93,10 @@ class Crew:
             if self._watch is not None:
                 self._watch()
             places = {h.connection: h for h in self._hands} | {h.process.sentinel: h for h in self._hands}
-            for hand in dict.fromkeys(places[p] for p in wait(list(places), timeout=_WATCH_S)):  # type: ignore[index]
+            heard = [places[p] for p in wait(list(places), timeout=_WATCH_S)]  # type: ignore[index]
+            # A child of a dead worker may hold its pipe and its sentinel open, so neither tells of its death.
+            heard += [h for h in self._hands if not h.process.is_alive()]
+            for hand in dict.fromkeys(heard):
                 ended = list(self._heard(hand))
                 self._hand_out()  # before the journal waits for the disk
                 yield from ended
@@ -114,7 +122,8 @@ class Crew:
     def _hire(self) -> None:
         """Start processes as long as there is work for them."""
         for _ in range(min(self._workers - len(self._hands), len(self._waiting) + len(self._suspects))):
-            self._hands.append(start_hand(self._setting))
+            with deaf_to_interrupts():
+                self._hands.append(start_hand(self._setting))
 
     def _hand_out(self) -> None:
         """Give every process an even share of the trials, in turns; a suspect has a process for itself."""
@@ -147,6 +156,9 @@ class Crew:
                 said = hand.connection.recv()
                 if isinstance(said, BetterError):
                     raise said
+                if said is None:
+                    hand.ready, self._stillborn = True, 0
+                    continue
                 hand.trials.pop(said.key, None)
                 hand.alone = False
                 self._in_a_row = 0
@@ -164,6 +176,9 @@ class Crew:
             hand.process.join()
         how = _how_it_died(hand.process.exitcode)
         hand.connection.close()
+        if not hand.ready:
+            self._bury_stillborn(hand, how)
+            return
         self._in_a_row += 1
         logger.warning("a worker process died (%s); its %d trials are done again", how, len(hand.trials))
         for key, trial in hand.trials.items():
@@ -179,6 +194,25 @@ class Crew:
                 f"{self._in_a_row} worker processes died one after the other ({how}). "
                 "Run the same command again with fewer --workers, or with 1 to see why."
             )
+
+    def _bury_stillborn(self, hand: _Hand, how: str) -> None:
+        """Go on without a worker that died before it was ready, which no trial is to blame for.
+
+        Raises:
+            WorkerError: If no worker gets ready.
+        """
+        self._waiting.extendleft(reversed(hand.trials.values()))
+        self._stillborn += 1
+        if self._stillborn < MAX_STILLBORN:
+            logger.warning("a worker process died while it started (%s); another one is started", how)
+            return
+        if not any(h.ready for h in self._hands):
+            raise WorkerError(
+                f"{self._stillborn} worker processes died while they started ({how}). What they wrote stands above. "
+                "Run the same command again with fewer --workers, or with 1 to see why."
+            )
+        self._workers = len(self._hands)
+        logger.warning("another worker process cannot start (%s); the run goes on with %d", how, self._workers)
 
 
 def start_hand(setting: Setting) -> _Hand:
@@ -211,12 +245,14 @@ def work(setting: Setting, connection: Connection) -> None:
 
     Args:
         setting: What all trials of the run share.
-        connection: The pipe. None means that there is no more work; an error sent back stops the run.
+        connection: The pipe. None means that there is no more work; sent back it means that the worker is ready. An
+            error sent back stops the run.
     """
     prepare_process()
     with contextlib.suppress(EOFError, BrokenPipeError):
         try:
             with Worker(setting) as worker:
+                connection.send(None)  # it is ready
                 _take_and_send(worker, setting.envs, connection)
         except BetterError as problem:
             connection.send(problem)

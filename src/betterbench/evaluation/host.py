@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import multiprocessing
+import os
 import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
@@ -15,6 +16,7 @@ from betterbench.errors import BetterError, PolicyError
 from betterbench.evaluation.agents import Minds
 from betterbench.evaluation.crew import deaf_to_interrupts, prepare_process
 from betterbench.evaluation.serving import open_server
+from betterbench.evaluation.sessions import Deadline
 from betterbench.evaluation.trial import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo
 from betterbench.policies.link import LONGEST_WAIT_S
@@ -23,6 +25,14 @@ logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
 """How often a host that died is started again."""
+
+HUNG = 75
+"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
+
+_GLANCE_S = 0.2
+_LEAVE_S = 5.0
+_FAREWELL_S = 1.0
+_GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
 """How long a worker waits for a host [s]: one that died has its weights to load again."""
@@ -47,6 +57,7 @@ class Host:
         self._port = 0
         self.takes_batches = False
         self._process: BaseProcess | None = None
+        self._line: Connection | None = None  # closing it tells the process to leave
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
@@ -56,23 +67,12 @@ class Host:
             BetterError: If the policy cannot be loaded.
             PolicyError: If the process dies while loading.
         """
-        answer = self._start()
         try:
-            said = answer.recv()  # ends as well when the process does
-        except EOFError:
-            said = PolicyError(
-                f"{self._policy}: its process ended while loading; what it wrote stands above. "
-                "With --workers 1 it is loaded in this process."
-            )
+            self._start()
+            self._info, self.takes_batches, self._port = self._told()
         except BaseException:
             self._end()
             raise
-        finally:
-            answer.close()
-        if isinstance(said, BetterError):
-            self._end()
-            raise said
-        self._info, self.takes_batches, self._port = said
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -100,30 +100,58 @@ class Host:
         process = self._process
         if process is None or process.is_alive():
             return
-        self._restarts += 1
+        hung = process.exitcode == HUNG
+        self._restarts += not hung
         if self._restarts > MAX_RESTARTS:
             raise PolicyError(
                 f"{self._policy}: its process died {self._restarts} times (status {process.exitcode}). Run the same "
                 "command again with --workers 1 to see why."
             )
-        logger.warning("the process of %s died (status %s) and is started again", self._policy, process.exitcode)
-        self._start().close()
+        how = "hangs" if hung else f"died (status {process.exitcode})"
+        logger.warning("the process of %s %s and is started again", self._policy, how)
+        self._end()
+        self._start()
 
-    def _start(self) -> Connection:
+    def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
-        ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(
-            target=serve, args=(self._policy, self._run, self._port, theirs), name="betterbench-policy"
-        )
+        ours, theirs = context.Pipe()
+        arguments = (self._policy, self._run, self._timeout_s, self._port, theirs)
         with deaf_to_interrupts():
-            process.start()
+            self._process = context.Process(target=serve, args=arguments, name="betterbench-policy")
+            self._line = ours
+            self._process.start()
         theirs.close()
-        self._process = process
-        return ours
+
+    def _told(self) -> tuple[PolicyInfo, bool, int]:
+        """Wait for what the process says of the policy, whether it takes batches, and its port.
+
+        Raises:
+            BetterError: What it says instead, or that it has ended.
+        """
+        process, line = self._process, self._line
+        if process is None or line is None:
+            raise AssertionError("the host was not started")
+        # A child of the process may hold its end of the pipe open when it has died.
+        while not line.poll(_GLANCE_S) and process.is_alive():
+            pass
+        said: tuple[PolicyInfo, bool, int] | BetterError | None = None
+        with contextlib.suppress(EOFError, OSError):
+            said = line.recv() if line.poll(0.0) else None
+        if isinstance(said, tuple):
+            return said
+        raise said or PolicyError(
+            f"{self._policy}: its process ended while loading; what it wrote stands above. "
+            "With --workers 1 it is loaded in this process."
+        )
 
     def _end(self) -> None:
+        """Let the process close its policy and leave; one that does not is killed."""
         process, self._process = self._process, None
-        if process is not None:
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
+        if process is not None and process.pid is not None:
+            process.join(_LEAVE_S)
             process.kill()
             process.join()
             process.close()
@@ -137,32 +165,44 @@ def address_within(address: str, *, timeout_s: float, patience_s: float) -> str:
         timeout_s: Deadline of one answer [s].
         patience_s: How long a server that died is waited for [s].
     """
-    return f"{address}?preset=native&timeout={min(timeout_s, LONGEST_WAIT_S)!r}&patience={patience_s!r}"
+    # The server keeps the deadline itself, and names it; this one is for a server that does not even do that. The first
+    # answer may have weights to wait for.
+    limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
+    warmup = min(limit + patience_s, LONGEST_WAIT_S)
+    return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
-def serve(policy: str, run: tuple[str, str], port: int, answer: Connection) -> None:
+def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, line: Connection) -> None:
     """Serve a policy until this process is ended; this is the main function of a host.
 
     Args:
         policy: Address of the policy.
         run: Action space and observation preset of the run.
+        timeout_s: Deadline of one answer [s].
         port: Port to listen on; 0 for any free one.
-        answer: Where what the policy says about itself and the port are sent, or why there is none.
+        line: Where what the policy says about itself and the port are sent, or why there is none. The process leaves
+            when its other end is closed.
     """
     prepare_process()
-    with _told(answer), Minds(policy) as minds:
+    with _telling(line), Minds(policy) as minds:
         info, batches = minds.check(*run), minds.takes_batches
-        server = open_server(policy, port=port, made=minds.take())
+        deadline = Deadline(timeout_s, leave_hanging)
+        server = open_server(policy, port=port, made=minds.take(), deadline=deadline)
         with contextlib.suppress(OSError):
-            answer.send((info, batches, server.port))
-        with server:
-            threading.Event().wait()
+            line.send((info, batches, server.port))
+        with server, contextlib.suppress(EOFError, OSError):
+            line.recv()
+
+
+def leave_hanging() -> None:
+    """End this process, whose policy hangs, when those who wait have been told; nothing else ends a call."""
+    threading.Timer(_FAREWELL_S, os._exit, (HUNG,)).start()
 
 
 @contextlib.contextmanager
-def _told(answer: Connection) -> Iterator[None]:
+def _telling(line: Connection) -> Iterator[None]:
     try:
         yield
     except BetterError as problem:
         with contextlib.suppress(OSError):
-            answer.send(problem)
+            line.send(problem)

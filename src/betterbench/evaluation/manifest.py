@@ -25,7 +25,6 @@ from betterbench.evaluation.machine import describe_machine, describe_renderer, 
 from betterbench.evaluation.plan import Plan
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.policies import source_of
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
 from betterbench.robots import robot as robot_named
@@ -90,13 +89,9 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
     Args:
         address: Its address.
-        info: What it says about itself. Metadata that are JSON documents (adapter, handshake) are stored as such. Of a
-            class of the user's the file is fingerprinted as well, so that a run goes on with the same one.
+        info: What it says about itself. Metadata that are JSON documents (adapter, handshake) are stored as such.
     """
-    file = source_of(address.removeprefix("python:")) if address.startswith("python:") else None
-    source = {} if file is None else {"source": {"file": file.name, "sha256": _fingerprint(file.read_bytes())}}
     return {
-        **source,
         "address": address,
         "name": info.name,
         "action_space": info.action_space,

@@ -6,22 +6,24 @@ that dies takes nothing along but the trials it was at, and others do them again
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import os
 import secrets
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
 from betterbench.evaluation.cluster import Cluster, Outpost, Turn, versions_here
-from betterbench.evaluation.host import address_within
+from betterbench.evaluation.host import address_within, leave_hanging
 from betterbench.evaluation.plan import Trial
 from betterbench.evaluation.serving import open_server
+from betterbench.evaluation.sessions import Deadline
 from betterbench.evaluation.trial import Setting, on_disk
 from betterbench.evaluation.worker import even_share
 from betterbench.policies.server import PolicyServer
@@ -30,7 +32,8 @@ from betterbench.recording import JournalEntry, RunFolder, write_durably
 logger = logging.getLogger(__name__)
 
 PLACING_S = 300.0
-"""How long is waited until the cluster has a place for the first worker [s]."""
+"""How long is waited until the cluster has a place for a worker while there is none, or for the replicas [s]. What they
+load there may take longer."""
 
 MAX_DEATHS_OF_A_TRIAL = 3
 """How often workers may die at a trial before it is given up as broken."""
@@ -47,6 +50,7 @@ _KEY_NAME = "BETTERBENCH_REPLICA_KEY"
 _CALLS = 2  # one under way and one behind it, so that a worker never waits for us
 _OBJECT_STORE_BYTES = 128 * 1024 * 1024
 _SCENE_ENDING = ".zip"
+_AGAIN = "Look at Ray's logs, then run the same command again: it goes on where it stopped."
 
 
 def ray_entries(
@@ -68,11 +72,14 @@ def ray_entries(
 
     Raises:
         InvalidInputError: If the cluster has no place, or has other versions.
+        WorkerError: If workers keep dying, cannot start, or the cluster itself is gone.
         BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
     """
     pool = _Pool(session, run, setting, trials)
     try:
         yield from pool.entries(served=served)
+    except _errors_of(session.ray) as error:
+        raise _gone(error) from error
     finally:
         pool.close()
 
@@ -82,6 +89,29 @@ def _import_ray() -> Any:  # noqa: ANN401 -- a module without types
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     return importlib.import_module("ray")
+
+
+def _errors_of(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
+    """Return what Ray raises when something on the cluster is lost, or the cluster itself."""
+    return ray.exceptions.RayError, ConnectionError
+
+
+def _reason(error: Exception) -> str:
+    """Return why something failed, in one line; what was raised on the cluster stands behind a traceback of Ray's."""
+    cause = getattr(error, "cause", None)
+    told = str(error) if cause is None else f"{type(cause).__name__}: {cause}"
+    return (told.splitlines() or [type(error).__name__])[0][:200].rstrip(".: ")
+
+
+def _gone(error: Exception) -> WorkerError:
+    return WorkerError(f"The Ray cluster does not answer any more ({_reason(error)}). {_AGAIN}")
+
+
+def _meaning(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray
+    """Return what stops a run, of an error that was raised on the cluster; one of ours speaks for itself."""
+    if isinstance(error.cause, BetterError):
+        return error.cause
+    return WorkerError(f"{what}: {_reason(error)}. {_AGAIN}")
 
 
 class RaySession:
@@ -120,11 +150,13 @@ class RaySession:
                 ray.init("local", num_cpus=processors, object_store_memory=_OBJECT_STORE_BYTES, **quiet)
             else:
                 ray.init(address, log_to_driver=False, logging_level=logging.WARNING)
-        except Exception as error:
+        except BaseException as error:
             ray.shutdown()  # Ray raises all sorts of errors, and may have started half of its processes
-            told = (str(error).splitlines() or [type(error).__name__])[0][:200].rstrip(".")
+            if not isinstance(error, Exception):
+                raise  # Ctrl-C
+            where = address or "this machine"
             raise InvalidInputError(
-                "--ray-address", f"no Ray cluster at {address or 'this machine'} ({told})", "Start one with `ray start`"
+                "--ray-address", f"no Ray cluster at {where} ({_reason(error)})", "Start one with `ray start`"
             ) from error
         self._mine = True
         return self
@@ -137,14 +169,25 @@ class RaySession:
     @property
     def workers(self) -> int:
         """Number of workers: what was asked for, or what the cluster has processors for."""
-        return self._workers or max(1, int(self.ray.cluster_resources().get("CPU", 1)))
+        return self._workers or max(1, int(self._all_of("CPU")))
 
     def replica_gpus(self) -> float:
         """Graphics cards of each replica of the policy."""
         asked = self.cluster.replica_gpus
         if asked is not None:
             return asked
-        return 1.0 if self.ray.cluster_resources().get("GPU", 0.0) >= self.cluster.replicas else 0.0
+        return 1.0 if self._all_of("GPU") >= self.cluster.replicas else 0.0
+
+    def _all_of(self, resource: str) -> float:
+        """Return how much of a resource the cluster has, free or not.
+
+        Raises:
+            WorkerError: If the cluster is gone.
+        """
+        try:
+            return float(self.ray.cluster_resources().get(resource, 0.0))
+        except _errors_of(self.ray) as error:
+            raise _gone(error) from error
 
 
 @dataclass(slots=True, eq=False)
@@ -155,6 +198,7 @@ class _Post:
         actor: Handle of the actor.
         calls: Calls under way, the oldest first.
         trials: Trials that it was given and that have not ended.
+        placed: Whether it has a place on the cluster.
         ready: Whether it has been prepared.
         alone: Whether its one trial was with a worker that died.
         replica: Number of the replica of the policy that it asks, or None.
@@ -164,6 +208,7 @@ class _Post:
     actor: Any
     calls: deque[Any]
     trials: list[Trial] = field(default_factory=list)
+    placed: bool = False
     ready: bool = False
     alone: bool = False
     replica: int | None = None
@@ -185,6 +230,7 @@ class _Pool:
         self._deaths: Counter[Trial] = Counter()
         self._deaths_in_a_row = 0
         self._made = 0
+        self._asked_at = 0.0
         self._revivals = 0
 
     def entries(self, *, served: bool) -> Iterator[JournalEntry]:
@@ -193,7 +239,6 @@ class _Pool:
             self._start_replicas()
         for _ in range(min(self._session.workers, len(self._waiting))):
             self._add_post()
-        began = time.monotonic()
         while self._left:
             for post in self._posts:
                 self._feed(post)
@@ -201,7 +246,8 @@ class _Pool:
             done, _ = self._ray.wait(list(calls), num_returns=1, timeout=5.0)
             for call in done:
                 yield from self._take(calls[call], call)
-            if not any(post.ready for post in self._posts) and time.monotonic() - began > PLACING_S:
+            placed = any(post.placed for post in self._posts)
+            if not placed and time.monotonic() - self._asked_at > PLACING_S:
                 raise InvalidInputError(
                     "--engine ray",
                     f"the cluster has no place for a worker of one processor (free: {self._free()})",
@@ -210,14 +256,19 @@ class _Pool:
 
     def close(self) -> None:
         """End all actors; what they were at is done again by the same command."""
-        farewells = [post.actor.close.remote() for post in self._posts if post.ready]
-        if farewells:
-            self._ray.wait(farewells, num_returns=len(farewells), timeout=_FAREWELL_S)
-        for post in self._posts:
-            self._ray.kill(post.actor)
-        for replica in self._replicas:
-            self._ray.kill(replica)
+        with contextlib.suppress(*_errors_of(self._ray)):
+            farewells = [post.actor.close.remote() for post in self._posts if post.ready]
+            if farewells:
+                self._ray.wait(farewells, num_returns=len(farewells), timeout=_FAREWELL_S)
+        self._kill(post.actor for post in self._posts)
+        self._kill(self._replicas)
         self._posts, self._replicas = [], []
+
+    def _kill(self, actors: Iterable[Any]) -> None:
+        """End actors; one that is gone already, with its cluster or without, is no matter."""
+        for actor in actors:
+            with contextlib.suppress(*_errors_of(self._ray)):
+                self._ray.kill(actor)
 
     @property
     def _left(self) -> bool:
@@ -236,7 +287,9 @@ class _Pool:
         # An actor whose process has died is replaced by us: only we know what it was at.
         remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(Outpost)
         actor = remote.remote(setting, description, known)
-        self._posts.append(_Post(actor, deque([actor.prepare.remote(self._secrets)]), replica=replica))
+        calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._secrets)])
+        self._posts.append(_Post(actor, calls, replica=replica))
+        self._asked_at = time.monotonic()
 
     def _feed(self, post: _Post) -> None:
         """Give a worker as much as it can begin, and one more while there is plenty, so that it never waits for us."""
@@ -258,21 +311,27 @@ class _Pool:
             new = []
 
     def _take(self, post: _Post, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Write what a call has brought, and yield its lines."""
+        """Write what a call has brought, and yield its lines.
+
+        Raises:
+            WorkerError: If the worker cannot start.
+            BetterError: If it says that the run has to stop.
+        """
         if call not in post.calls:
             return  # of a worker that has died in the meantime
         errors = self._ray.exceptions
         try:
             found = self._ray.get(call)
-        except (
-            errors.RayActorError,
-            errors.WorkerCrashedError,
-            errors.OutOfMemoryError,
-            errors.NodeDiedError,
-        ) as error:
+        except errors.RayTaskError as error:  # it lives, and raised what it should not
+            if not post.ready or isinstance(error.cause, BetterError):
+                raise _meaning(error, "A worker on the cluster cannot start") from error
+            yield from self._bury(post, error)
+            return
+        except errors.RayError as error:  # it died, or what it answered was lost with its machine
             yield from self._bury(post, error)
             return
         post.calls.remove(call)
+        post.placed = True
         if isinstance(found, Turn):
             for scene, data in found.scenes.items():
                 self._write(self._run.scene_path(scene), data, keep=True)
@@ -290,7 +349,7 @@ class _Pool:
                 return
             if found.problem is not None:
                 raise found.problem
-        else:
+        elif isinstance(found, Mapping):
             self._welcome(post, found)
 
     def _write(self, place: Path, data: bytes, *, keep: bool) -> None:
@@ -318,12 +377,12 @@ class _Pool:
         post.ready = True
 
     def _bury(self, post: _Post, error: Exception) -> Iterator[JournalEntry]:
-        """Replace a worker that has died; its trials are done again, each alone, to find the one that is to blame."""
+        """Replace a worker that is lost; its trials are done again, each alone, to find the one that is to blame."""
         logger.warning("a worker of the cluster died; %d trials go to others", len(post.trials))
         self._posts.remove(post)
-        self._ray.kill(post.actor)
+        self._kill([post.actor])
         self._deaths_in_a_row += 1
-        told = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        told = _reason(error)
         for trial in post.trials:
             self._deaths[trial] += 1
             if self._deaths[trial] >= MAX_DEATHS_OF_A_TRIAL:
@@ -332,8 +391,7 @@ class _Pool:
                 self._suspects.append(trial)
         if self._deaths_in_a_row >= MAX_DEATHS_IN_A_ROW:
             raise WorkerError(
-                f"{self._deaths_in_a_row} workers of the cluster died one after the other ({told}). "
-                "Look at Ray's logs, then run the same command again: it goes on where it stopped."
+                f"{self._deaths_in_a_row} workers of the cluster died one after the other ({told}). {_AGAIN}"
             )
         if self._left:
             self._add_post(post.replica)
@@ -348,30 +406,52 @@ class _Pool:
 
         Raises:
             InvalidInputError: If the cluster has no place for them.
+            WorkerError: If one dies while it loads the policy, or cannot load it.
             BetterError: If the policy cannot be made there.
         """
         gpus = self._session.replica_gpus()
         remote = self._ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         replicas = [remote.remote(self._setting.policy) for _ in range(count)]
-        started = [r.start.remote(self._secrets[_KEY_NAME]) for r in replicas]
-        _, late = self._ray.wait(started, num_returns=count, timeout=PLACING_S)
+        try:
+            placed = [r.__ray_ready__.remote() for r in replicas]
+            started = [r.start.remote(self._secrets[_KEY_NAME], self._setting.policy_timeout_s) for r in replicas]
+            self._wait_for_places(placed, gpus)
+            return replicas, [self._address(call) for call in started]
+        except BaseException:
+            self._kill(replicas)
+            raise
+
+    def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
+        """Wait until replicas have a place on the cluster; what they load there is waited for elsewhere.
+
+        Raises:
+            InvalidInputError: If the cluster has no place for them.
+        """
+        _, late = self._ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
-            for replica in replicas:
-                self._ray.kill(replica)
             raise InvalidInputError(
                 "--replicas",
-                f"{len(late)} of {count} replicas with {gpus:g} graphics cards each have no place "
+                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each have no place "
                 f"(free: {self._free()})",
                 "Ask for fewer, or for a part of a card with --replica-gpus",
             )
-        addresses = []
-        for address, problem in self._ray.get(started):
-            if problem is not None:
-                raise problem
-            limit = self._setting.policy_timeout_s
-            asked = address_within(address, timeout_s=limit, patience_s=_REPLICA_PATIENCE_S)
-            addresses.append(f"{asked}&api_key_env={_KEY_NAME}")
-        return replicas, addresses
+
+    def _address(self, started: Any) -> str:  # noqa: ANN401 -- a reference of Ray
+        """Wait until a replica has loaded the policy, however long that takes, and return where workers ask it."""
+        errors = self._ray.exceptions
+        try:
+            address, problem = self._ray.get(started)
+        except errors.RayTaskError as error:
+            raise _meaning(error, f"A replica cannot load {self._setting.policy}") from error
+        except errors.RayError as error:
+            raise WorkerError(
+                f"A replica died while it loaded {self._setting.policy} ({_reason(error)}). {_AGAIN}"
+            ) from error
+        if problem is not None:
+            raise problem
+        limit = self._setting.policy_timeout_s
+        asked = address_within(address, timeout_s=limit, patience_s=_REPLICA_PATIENCE_S)
+        return f"{asked}&api_key_env={_KEY_NAME}"
 
     def _revive(self) -> bool:
         """Replace the replicas that have died, with the workers that asked them; False if none has."""
@@ -380,23 +460,21 @@ class _Pool:
         if not dead or self._revivals > MAX_REVIVALS:
             return False
         logger.warning("replicas of the policy died and are replaced: %d", len(dead))
-        for number in dead:
-            self._ray.kill(self._replicas[number])
+        self._kill(self._replicas[number] for number in dead)
         for number, replica, address in zip(dead, *self._new_replicas(len(dead)), strict=True):
             self._replicas[number], self._addresses[number] = replica, address
         for post in [p for p in self._posts if p.replica in dead]:
             self._posts.remove(post)
-            self._ray.kill(post.actor)
+            self._kill([post.actor])
             self._waiting.extendleft([*post.trials, *post.broken])
             self._add_post(post.replica)
         return True
 
     def _answers(self, replica: Any) -> bool:  # noqa: ANN401 -- a handle of Ray
         """Tell whether a replica is alive."""
-        errors = self._ray.exceptions
         try:
             return bool(self._ray.get(replica.is_up.remote(), timeout=_FAREWELL_S))
-        except (errors.RayActorError, errors.WorkerCrashedError, errors.GetTimeoutError):
+        except _errors_of(self._ray):
             return False
 
     def _free(self) -> str:
@@ -415,11 +493,13 @@ class _Replica:
         """Tell whether it serves."""
         return self._server is not None
 
-    def start(self, key: str) -> tuple[str, BetterError | None]:
-        """Serve, and return the address, or what prevents it."""
+    def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
+        """Serve, and return the address, or what prevents it; an answer may take limit_s [s]."""
         node: str = importlib.import_module("ray").util.get_node_ip_address()
         try:
-            self._server = open_server(self._policy, host=node, port=0, api_key=key)
+            self._server = open_server(
+                self._policy, host=node, port=0, api_key=key, deadline=Deadline(limit_s, leave_hanging)
+            )
         except BetterError as error:
             return "", error
         self._server.start()

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
+from betterbench.errors import PolicyError
 from betterbench.evaluation.agents import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import WorldState
@@ -36,7 +37,12 @@ class Respondent:
     """
 
     def __init__(
-        self, make: Callable[[], Policy], outbox: queue.SimpleQueue[Answered], tickets: Callable[[], int]
+        self,
+        make: Callable[[], Policy],
+        outbox: queue.SimpleQueue[Answered],
+        tickets: Callable[[], int],
+        *,
+        counts: bool,
     ) -> None:
         """Start the thread.
 
@@ -44,8 +50,9 @@ class Respondent:
             make: Makes the policy; called again at the next question if it fails.
             outbox: Where answers are put.
             tickets: Gives the next number of a question.
+            counts: Whether the policy is a client of ours, which counts its requests.
         """
-        self._make, self._outbox, self._tickets = make, outbox, tickets
+        self._make, self._outbox, self._tickets, self._counts = make, outbox, tickets, counts
         self._policy: Policy | None = None
         self._inbox: queue.SimpleQueue[tuple[int, EpisodeStart | Observation | WorldState] | None]
         self._inbox = queue.SimpleQueue()
@@ -93,8 +100,17 @@ class Respondent:
                 outcome = answer(self._policy, seen)
             except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread of the simulation
                 outcome = problem
-            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy)))
+            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy) if self._counts else {}))
         self.cut()
+
+
+def no_answer(limit_s: float) -> PolicyError:
+    """Return the error of a trial whose policy did not answer in time.
+
+    Args:
+        limit_s: The deadline [s].
+    """
+    return PolicyError(f"the policy gave no answer within {limit_s:g} s. Raise --policy-timeout.")
 
 
 def figures_of(policy: object) -> Mapping[str, float]:

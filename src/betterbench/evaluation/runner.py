@@ -130,8 +130,8 @@ def evaluate(
                 plan, policy=declared, engine={"name": engine, "workers": count, "envs": setting.envs}
             )
             run = RunFolder.start(out, plan.to_json(), context=context)
-        run = same_policy(run, declared, allow_changed=allow_changed_policy)
-        journal = stack.enter_context(run.journal())
+            run = same_policy(run, declared, allow_changed=allow_changed_policy)
+            journal = stack.enter_context(run.journal())
         waiting = [t for t in plan.trials if not journal.is_done(TrialKey(t.task, t.condition, t.seed))]
         done = started_with = len(plan.trials) - len(waiting)
         if on_progress is not None:

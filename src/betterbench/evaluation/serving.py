@@ -11,9 +11,9 @@ from typing import Any
 
 import betterbench
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.agents import close_policy, is_privileged, make_policy
+from betterbench.evaluation.agents import is_privileged, make_policy
 from betterbench.evaluation.mirror import Mirrors, TrialName
-from betterbench.evaluation.sessions import MirrorSession, PolicySession, SharedPolicy
+from betterbench.evaluation.sessions import Deadline, MirrorSession, PolicySession, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
 from betterbench.policies.batching import MAX_BATCH
@@ -28,6 +28,7 @@ WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
 """Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
+_LEAVE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
 """How a server notices that an episode begins; the protocol has no message for it."""
 
@@ -42,6 +43,7 @@ def open_server(
     trial: TrialName | None = None,
     api_key: str | None = None,
     made: Policy | None = None,
+    deadline: Deadline | None = None,
 ) -> PolicyServer:
     """Return a server of a policy; it is bound to its port and answers once it is started.
 
@@ -54,6 +56,8 @@ def open_server(
         trial: Trial of clients that name none; an expert finds it by the sentence otherwise.
         api_key: Key that clients have to show, or None.
         made: The policy, if somebody has made it already; the server closes it.
+        deadline: How long an answer may take, for the workers of a run, which are told what goes wrong in the words of
+            their records; None for everybody else.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
@@ -78,7 +82,7 @@ def open_server(
             port=port,
             api_key=api_key,
         )
-    stock = Stock(policy, made or make_policy(policy), batch=batch, trial=trial)
+    stock = Stock(policy, made or make_policy(policy), batch=batch, trial=trial, deadline=deadline)
     try:
         return PolicyServer(
             stock.session, metadata=stock.metadata, host=host, port=port, api_key=api_key, on_stop=stock.close
@@ -108,7 +112,9 @@ class Stock:
         metadata: What the server declares.
     """
 
-    def __init__(self, address: str, first: Policy, *, batch: int, trial: TrialName | None) -> None:
+    def __init__(
+        self, address: str, first: Policy, *, batch: int, trial: TrialName | None, deadline: Deadline | None = None
+    ) -> None:
         """Prepare.
 
         Args:
@@ -116,47 +122,52 @@ class Stock:
             first: Its first instance.
             batch: Observations in one call at most.
             trial: Trial of clients that name none.
+            deadline: How long an answer may take, if it is a run that serves.
         """
-        self._address, self._trial = address, trial
-        self._shared = SharedPolicy(first, batch) if isinstance(first, BatchPolicy) else None
-        self._unused = [] if self._shared else [first]
+        self._address, self._trial, self._deadline = address, trial, deadline
+        self._shares = isinstance(first, BatchPolicy)
+        self._batch = batch if self._shares else 1
+        self._unused = [self._guarded(first)]
         self._lock, self._closed = threading.Lock(), False
         info = first.info
-        if info.heavy and self._shared is None:
+        if info.heavy and not self._shares:
             logger.warning("%s takes no batches: every client gets an instance with weights of its own", address)
         self.metadata = declare(
             address,
             action_space(info.action_space),
             needs_images=info.needs_images,
-            batch=batch if self._shared else 1,
+            batch=self._batch,
             execution=info.execution,
-            remarks={**info.metadata, "episode": NEW_EPISODE},
+            remarks={**info.metadata, "episode": NEW_EPISODE, "within": deadline is not None},
         )
 
     def session(self) -> PolicySession:
         """Return what answers a new connection."""
-        if self._shared is not None:
-            return PolicySession(self._shared.seat(), self._trial)
+        within = self._deadline is not None
+        if self._shares:
+            return PolicySession(self._unused[0].seat(), self._trial, within=within)
         with self._lock:
             policy = self._unused.pop() if self._unused else None
-        policy = policy or make_policy(self._address)
-        return PolicySession(policy, self._trial, on_close=lambda: self._take_back(policy))
+        policy = policy or self._guarded(make_policy(self._address))
+        return PolicySession(policy.seat(), self._trial, within=within, on_close=lambda: self._take_back(policy))
 
-    def _take_back(self, policy: Policy) -> None:
+    def _guarded(self, policy: Policy) -> SharedPolicy:
+        return SharedPolicy(policy, self._batch, deadline=self._deadline)
+
+    def _take_back(self, policy: SharedPolicy) -> None:
         with self._lock:
             if not self._closed:
                 self._unused.append(policy)
                 return
-        close_policy(policy)
+        policy.close(timeout_s=_LEAVE_S)
 
     def close(self) -> None:
-        """Free what no session uses, and let sessions free the rest."""
+        """Free what no session uses, and let sessions free the rest; what hangs is left to its thread."""
         with self._lock:
-            self._closed, unused, self._unused = True, self._unused, []
+            self._closed, unused = True, list(self._unused)
+            self._unused = unused if self._shares else []
         for policy in unused:
-            close_policy(policy)
-        if self._shared is not None:
-            self._shared.close()
+            policy.close(timeout_s=_LEAVE_S)
 
 
 def declare(

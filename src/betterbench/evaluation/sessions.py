@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from betterbench.episodes import POLICY_BOUNDARY
+from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.evaluation.agents import close_policy
 from betterbench.evaluation.mirror import Mirror, Mirrors, TrialName
+from betterbench.evaluation.respondent import no_answer
 from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy, PolicyInfo
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import EE_DELTA, action_space
 from betterbench.policies.batching import Gatherer
 from betterbench.policies.request import Request, read_request
 from betterbench.tasks import Condition, all_tasks
@@ -179,6 +182,7 @@ class PolicySession:
         policy: Policy,
         trial: TrialName | None,
         *,
+        within: bool = False,
         on_close: Callable[[], None] | None = None,
     ) -> None:
         """Prepare for a connection.
@@ -186,9 +190,10 @@ class PolicySession:
         Args:
             policy: The policy; this session's own, or one that answers each observation for itself.
             trial: Trial of a client that names none; its seed is what a policy that draws random numbers is told.
+            within: True for the workers of a run: whatever goes wrong is told in the words that a record has for it.
             on_close: Called when the client has left.
         """
-        self._policy, self._trial, self._on_close = policy, trial, on_close
+        self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -219,7 +224,11 @@ class PolicySession:
         observation = request.observation
         if request.step is None:
             observation = dataclasses.replace(observation, step=step)
-        actions = np.asarray(self._policy.act(observation))
+        if self._within:
+            with POLICY_BOUNDARY:
+                actions = checked_chunk(np.asarray(self._policy.act(observation)), action_space(space))
+        else:
+            actions = np.asarray(self._policy.act(observation))
         if actions.ndim == 1:
             actions = actions[None]
         if actions.ndim != 2 or not len(actions) or actions.dtype.kind not in "fiu":
@@ -233,36 +242,58 @@ class PolicySession:
             self._on_close()
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class Deadline:
+    """How long a policy may take that the run itself serves.
+
+    Attributes:
+        limit_s: Longest time from question to answer [s].
+        on_hang: Called when it has passed; the call that hangs cannot be ended, so its process has to be.
+    """
+
+    limit_s: float
+    on_hang: Callable[[], None]
+
+
 class SharedPolicy:
     """A policy of which there is one for all connections; all that wait are answered in one batch.
 
-    The policy is touched by one thread alone, which also tells it where an episode begins.
+    The policy is touched by one thread alone, which also tells it where an episode begins. One that takes no batches
+    gets one observation at a time.
     """
 
-    def __init__(self, policy: BatchPolicy, batch: int) -> None:
+    def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
         """Start to gather.
 
         Args:
             policy: The policy.
             batch: Observations in one call at most.
+            deadline: How long an answer may take; None for as long as it takes.
         """
-        self._policy = policy
+        self._policy, self._deadline = policy, deadline
         self._gatherer: Gatherer[_Asked, np.ndarray] = Gatherer(self._answer, limit=batch)
 
     def seat(self) -> Policy:
         """Return the policy as one connection sees it."""
-        return _Seat(self._policy.info, self._gatherer)
+        return _Seat(self._policy.info, self._gatherer, self._deadline)
 
-    def close(self) -> None:
-        """Stop gathering, and free the policy."""
-        self._gatherer.close()
-        close_policy(self._policy)
+    def close(self, *, timeout_s: float | None = None) -> None:
+        """Stop gathering, and free the policy, unless it still hangs.
+
+        Args:
+            timeout_s: How long to wait for an answer under way [s]; None for as long as it takes.
+        """
+        if self._gatherer.close(timeout_s=timeout_s):
+            close_policy(self._policy)
 
     def _answer(self, asked: Sequence[_Asked]) -> Sequence[np.ndarray]:
         for start, _ in asked:
             if start is not None:
                 self._policy.reset(start)
-        said = self._policy.act_batch([observation for _, observation in asked])
+        if isinstance(self._policy, BatchPolicy):
+            said = self._policy.act_batch([observation for _, observation in asked])
+        else:
+            said = [self._policy.act(observation) for _, observation in asked]
         # A policy may write its next answers into the same memory, before these have been read in other threads.
         return [np.array(answer) for answer in said]
 
@@ -274,9 +305,11 @@ _Asked = tuple[EpisodeStart | None, Observation]
 class _Seat:
     """A shared policy as one connection sees it."""
 
-    def __init__(self, info: PolicyInfo, gatherer: Gatherer[_Asked, np.ndarray]) -> None:
+    def __init__(
+        self, info: PolicyInfo, gatherer: Gatherer[_Asked, np.ndarray], deadline: Deadline | None = None
+    ) -> None:
         self.info = info
-        self._gatherer = gatherer
+        self._gatherer, self._deadline = gatherer, deadline
         self._start: EpisodeStart | None = None
 
     def reset(self, start: EpisodeStart) -> None:
@@ -286,4 +319,11 @@ class _Seat:
     def act(self, observation: Observation) -> np.ndarray:
         """Return the answer to one observation."""
         start, self._start = self._start, None
-        return self._gatherer.ask((start, observation))
+        deadline = self._deadline
+        if deadline is None:
+            return self._gatherer.ask((start, observation))
+        try:
+            return self._gatherer.ask((start, observation), timeout_s=deadline.limit_s)
+        except TimeoutError:
+            deadline.on_hang()
+            raise no_answer(deadline.limit_s) from None

@@ -14,10 +14,10 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.episodes import Question, Reply
-from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError
 from betterbench.evaluation.agents import Minds, is_remote, needs_no_thread
 from betterbench.evaluation.plan import Trial
-from betterbench.evaluation.respondent import Answered, Respondent
+from betterbench.evaluation.respondent import Answered, Respondent, no_answer
 from betterbench.evaluation.sessions import SharedPolicy
 from betterbench.evaluation.trial import Setting, TrialSteps, Workshop
 from betterbench.interface import BatchPolicy, Policy
@@ -268,7 +268,8 @@ class Worker:
         """Put a question to the policy, in the thread of the environment."""
         if slot.respondent is None:
             make = self._share if self._workshop.minds.takes_batches else self._workshop.minds.take
-            slot.respondent = Respondent(make, self._outbox, lambda: next(self._numbers))
+            counts = is_remote(self._setting.asked)
+            slot.respondent = Respondent(make, self._outbox, lambda: next(self._numbers), counts=counts)
         slot.question, slot.asked_at, slot.outcome = question, time.perf_counter(), None
         slot.ticket = slot.respondent.ask(question.seen)
 
@@ -288,7 +289,7 @@ class Worker:
         late = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
         for slot in late:
             slot.ticket = -1
-            slot.outcome = PolicyError(f"the policy gave no answer within {limit:g} s. Raise --policy-timeout.")
+            slot.outcome = no_answer(limit)
             self._ready.append(slot)
         if not late:
             return

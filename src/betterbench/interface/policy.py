@@ -80,7 +80,7 @@ class PolicyInfo:
         name: Address by which the policy was asked for.
         action_space: Action space in which it answers.
         needs_images: False if it never looks at a picture, so that none are rendered for it.
-        metadata: Free text pairs (checkpoint, revision, server).
+        metadata: Free text pairs (checkpoint, revision, server); a dictionary of its own is made of them.
         execution: How its chunks are played.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
             batches (:class:`BatchPolicy`); if not, there is one worker unless more are asked for.
@@ -110,6 +110,8 @@ class PolicyInfo:
                 raise InvalidInputError(
                     f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
                 )
+        # Any mapping will do for a user, and not every one of them can be sent to another process.
+        object.__setattr__(self, "metadata", dict(self.metadata))
         if self.action_space:  # that of a replay is known when its trial is
             action_space(self.action_space)
 

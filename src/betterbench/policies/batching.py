@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
@@ -46,28 +48,44 @@ class Gatherer(Generic[Question, Answer]):
         self._thread = threading.Thread(target=self._work, name="gatherer", daemon=True)
         self._thread.start()
 
-    def ask(self, question: Question) -> Answer:
+    def ask(self, question: Question, *, timeout_s: float | None = None) -> Answer:
         """Return the answer to a question; what the answering function raised for it is raised here.
 
+        Args:
+            question: The question.
+            timeout_s: How long it may take [s], the wait behind other questions included; None for as long as it takes.
+
         Raises:
+            TimeoutError: If no answer came in time. The call that answers cannot be ended.
             RuntimeError: If the gatherer is closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
         ticket: _Ticket[Question, Answer] = _Ticket(question)
         self._waiting.put(ticket)
-        while not ticket.done.wait(1.0):
+        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
+        while not ticket.done.wait(min(1.0, max(0.0, until - time.monotonic()))):
             if not self._thread.is_alive():
                 raise RuntimeError("the policy has been shut down")
+            if time.monotonic() >= until:
+                raise TimeoutError
         if ticket.problem is not None:
             raise ticket.problem
         return ticket.answer  # type: ignore[return-value]
 
-    def close(self) -> None:
-        """Answer what waits, then end the thread."""
+    def close(self, *, timeout_s: float | None = None) -> bool:
+        """Answer what waits, then end the thread.
+
+        Args:
+            timeout_s: How long to wait for that [s]; None for as long as it takes.
+
+        Returns:
+            Whether the thread has ended; a call that hangs cannot be ended.
+        """
         self._closed = True
         self._waiting.put(None)
-        self._thread.join()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
 
     def _work(self) -> None:
         while True:

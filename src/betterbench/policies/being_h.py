@@ -200,9 +200,9 @@ def _numbers(chunk: object, where: str) -> np.ndarray:
         PolicyError: If it is no chunk of numbers.
     """
     try:
-        array = np.asarray(chunk, dtype=np.float32)
+        array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):
-        array = np.zeros(0)
+        array = np.zeros(0, dtype=np.float32)
     if array.ndim not in (2, 3) or not array.size:
         raise PolicyError(f"{where}: {_UNIFIED} is no chunk of numbers, (horizon, dim).")
     return array

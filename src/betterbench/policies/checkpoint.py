@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import hashlib
 import importlib
 import json
 import re
@@ -23,6 +24,7 @@ from betterbench.policies.address import PolicyAddress
 _PREPROCESSOR = "policy_preprocessor.json"
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
 _INSIDE = "pretrained_model"
+_LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
 """Types of policies that answer a whole chunk from one observation alone. The others remember what they saw."""
@@ -87,6 +89,7 @@ class Checkpoint:
         features: What it declares.
         device: Where it computes.
         versions: Versions of what it runs on.
+        fingerprint: SHA-256 of its configuration, weights and processors.
         lock: Held while it computes.
     """
 
@@ -138,6 +141,7 @@ class Checkpoint:
             ) from error
         self.policy = made.to(self.device).eval()
         self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
+        self.fingerprint = _fingerprint(path)
 
     def _choose_device(self, device: str | None, where: str) -> str:
         torch = self._torch
@@ -247,6 +251,23 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
             found = Checkpoint(*key, where)
             _LOADED[key] = found
         return found
+
+
+def _fingerprint(path: str) -> str:
+    """Return the SHA-256 of the files that a checkpoint was loaded from.
+
+    Args:
+        path: Local folder, or id on the hub, whose files have been fetched.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
+    whole = hashlib.sha256()
+    for file in sorted(f for f in folder.iterdir() if f.suffix in _LOADED_FROM):
+        whole.update(f"{file.name}\n".encode())
+        with file.open("rb") as opened:
+            whole.update(hashlib.file_digest(opened, "sha256").digest())
+    return whole.hexdigest()
 
 
 def _located(target: str, where: str) -> str:

@@ -174,10 +174,9 @@ def read_execution(who: str, form: object) -> Execution | None:
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
         return None
-    kinds = {"horizon": int, "ahead": int, "ensemble": (int, float)}
-    read = isinstance(told, Mapping) and set(told) <= set(kinds)
-    given = {name: value for name, value in told.items() if value is not None} if read else {}
-    if not read or not all(isinstance(v, kinds[name]) and not isinstance(v, bool) for name, v in given.items()):
+    kinds: dict[str, tuple[type, ...]] = {"horizon": (int,), "ahead": (int,), "ensemble": (int, float)}
+    given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
+    if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
         raise HandshakeError(
             f"{who} declares an execution that cannot be read. Install the same release on both sides."
         )

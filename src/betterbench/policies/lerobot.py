@@ -83,6 +83,7 @@ class LerobotPolicy(Adapted):
                 **info.metadata,
                 "policy type": checkpoint.type,
                 "device": checkpoint.device,
+                "checkpoint": f"sha256 {checkpoint.fingerprint}",
                 **{f"{name} version": version for name, version in checkpoint.versions.items()},
             },
             execution=self._execution(),

@@ -60,6 +60,7 @@ class OpenpiClient:
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
         self._execution: Execution | None = None
+        self._within = False
         self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
         ours = self._metadata.get("betterbench")
@@ -68,14 +69,19 @@ class OpenpiClient:
             address, self._adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
         )
         # What the address says about playing chunks goes before what the server says.
-        told = None if set(EXECUTION_OPTIONS) & set(address.options) else self._execution
-        self.info: PolicyInfo = replace(info, execution=told or info.execution)
+        if not set(EXECUTION_OPTIONS) & set(address.options):
+            info = replace(info, execution=self._told_execution())
+        self.info: PolicyInfo = info
 
     @property
     def _adapter(self) -> Adapter:
         if self.adapter is None:
             raise AssertionError("the handshake chooses the adapter")
         return self.adapter
+
+    def _told_execution(self) -> Execution:
+        """Return how the server says that its chunks are played: whole if it does not say."""
+        return self._execution or Execution()
 
     @property
     def figures(self) -> dict[str, float]:
@@ -150,6 +156,8 @@ class OpenpiClient:
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         self._execution = read_execution(self._where, declared)
+        # A process of this run: what it says of the policy goes to the record, whoever asked where.
+        self._within = isinstance(declared, Mapping) and declared.get("within") is True
         adapter = self.adapter
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
@@ -169,6 +177,8 @@ class OpenpiClient:
             PolicyError: If it is an error of the server's, or no map.
         """
         if isinstance(frame, str):
+            if self._within:
+                raise PolicyError(frame)
             lines = [line.strip() for line in frame.splitlines() if line.strip()]
             raise PolicyError(f"{self._where} reports an error: {lines[-1][:500] if lines else 'without a text'}")
         value = decode_openpi(frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -52,24 +53,17 @@ def load_plugin(address: str) -> Policy:
     return policy
 
 
-def source_of(address: str) -> Path | None:
-    """Return the file that an address names or whose module it names, or None if it cannot be found.
+def source_of(address: str) -> str:
+    """Return name and fingerprint of the file that a plugin was loaded from in this process; empty if there is none.
 
     Args:
-        address: "module:Class" or "file.py:Class".
+        address: "module:Class" or "file.py:Class", which has been loaded.
     """
     where = address.rpartition(":")[0]
-    if where.endswith(".py"):
-        path = Path(where)
-    else:
-        try:
-            spec = importlib.util.find_spec(where)
-        except (ImportError, ValueError):
-            return None
-        if spec is None or spec.origin is None:
-            return None
-        path = Path(spec.origin)
-    return path if path.is_file() else None
+    path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
+    if not path or not Path(path).is_file():
+        return ""
+    return f"{Path(path).name}, sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()}"
 
 
 def _instance(address: str, name: str, made: Callable[[], Policy]) -> Policy:

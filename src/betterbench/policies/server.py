@@ -166,8 +166,8 @@ class PolicyServer:
         answered, session = 0, None
         timing: dict[str, float] = {}
         try:
-            session = self._make_session()
             connection.send(self._greeting)
+            session = self._make_session()  # may load weights, which the deadline of a dial is not made for
             for frame in connection:
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
@@ -177,7 +177,7 @@ class PolicyServer:
                 answered += 1
         except ConnectionClosed:
             pass
-        except Exception as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
+        except BaseException as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
             text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
             logger.warning("%s: %s", client, text.strip().splitlines()[-1])
             if session is not None:
