@@ -304,22 +304,34 @@ def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plug
     assert all("worker process died 2 times (SIGKILL" in e.message for e in run.entries())
     cured = PLUGIN.replace("os.kill(os.getpid(), signal.SIGKILL)", "return np.array([0.0] * 6 + [-1.0])")
     Path(plugin.removeprefix("python:")).write_text(cured, encoding="utf-8")
-    again = evaluate(plan, tmp_path / "run", workers=2)
+    again = evaluate(plan, tmp_path / "run", workers=2, allow_changed_policy=True)
     assert [e.status for e in again.entries()] == ["done", "done"]
-
-
-@pytest.mark.slow
-def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(crew, "work", _leave)
-    monkeypatch.setattr(crew, "MAX_DEATHS_IN_A_ROW", 2)
-    with pytest.raises(WorkerError, match=r"2 worker processes died one after the other \(exit status 3\)"):
-        evaluate(tiny_plan(), tmp_path / "run", workers=2)
-    assert RunFolder.open(tmp_path / "run").entries() == ()
-    assert multiprocessing.active_children() == []
 
 
 def _leave(setting, connection):
     os._exit(3)
+
+
+def _get_ready_and_leave(setting, connection):
+    connection.send(None)
+    os._exit(3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("work", "text"),
+    [
+        (_leave, r"3 worker processes died while they started \(exit status 3\)"),
+        (_get_ready_and_leave, r"2 worker processes died one after the other \(exit status 3\)"),
+    ],
+)
+def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch, work, text):
+    monkeypatch.setattr(crew, "work", work)
+    monkeypatch.setattr(crew, "MAX_DEATHS_IN_A_ROW", 2)
+    with pytest.raises(WorkerError, match=text):
+        evaluate(tiny_plan(), tmp_path / "run", workers=2)
+    assert RunFolder.open(tmp_path / "run").entries() == ()
+    assert multiprocessing.active_children() == []
 
 
 def test_a_trial_that_breaks_down_outside_the_policy_is_run_again(
