@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import difflib
+import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -52,3 +53,11 @@ def golden(request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]) -
         assert stored == text, f"{file.name} differs (`make golden` rewrites it):\n{changes}"
 
     return compare
+
+
+@pytest.fixture(autouse=True)
+def _scenes_are_freed(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Frees the scenes of a long test: an expert and its scene refer to each other, and each holds some 25 MB."""
+    yield
+    if request.node.get_closest_marker("slow") is not None:
+        gc.collect()

@@ -97,7 +97,7 @@ class FakeRay:
         made = SimpleNamespace(
             __ray_ready__=method(lambda: Call(True, ready)),
             prepare=method(lambda _: Call(actor.prepared, ready + actor.loads)),
-            start=method(lambda _: Call(actor.started, ready + actor.loads)),
+            start=method(lambda *_: Call(actor.started, ready + actor.loads)),
             is_up=method(lambda: Call(actor.up, self.now)),
             close=method(lambda: Call(None, self.now)),
             turn=method(turn),

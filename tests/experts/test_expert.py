@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import mujoco
 import numpy as np
 import pytest
@@ -272,3 +275,19 @@ def test_unknown_expert_is_refused_with_the_closest(scene):
     with pytest.raises(UnknownNameError, match="zoo:lexical"):
         make_expert("zoo:lexica", scene("morning_coffee", "train1"))
     assert expert_names()[0] == "expert"
+
+
+@pytest.mark.parametrize("policy", ["expert", "zoo:lexical"])
+def test_a_closed_expert_holds_no_scene(scene, policy):
+    """A run of thousands of trials would otherwise wait for the garbage collector with every scene."""
+    mine = scene("morning_coffee", "train1")
+    mind = make_expert(policy, mine)
+    mind.act_on_state(mine.reset())
+    held = weakref.ref(mine)
+    gc.disable()
+    try:
+        mind.close()
+        del mine, mind
+        assert held() is None
+    finally:
+        gc.enable()

@@ -21,7 +21,7 @@ from betterbench.episodes import (
     run_episode,
 )
 from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
-from betterbench.evaluation.agents import Minds, is_privileged, needs_no_thread
+from betterbench.evaluation.agents import Minds, close_policy, is_privileged, needs_no_thread
 from betterbench.evaluation.plan import Trial
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
@@ -122,8 +122,12 @@ class Workshop:
             observer = None if is_privileged(self.setting.policy) else self._observer
             if needs_no_thread(self.setting.asked):
                 mind: Mind = self.minds.mind(scene, trial)
-                result = run_episode(scene, mind, context=context, observer=observer)
-                remarks = dict(getattr(mind, "remarks", {}))
+                try:
+                    result = run_episode(scene, mind, context=context, observer=observer)
+                    remarks = dict(getattr(mind, "remarks", {}))
+                finally:
+                    if is_privileged(self.setting.policy):
+                        close_policy(mind)
             else:
                 result = yield from episode_steps(
                     scene, context=context, observer=observer, execution=self.info.execution

@@ -97,6 +97,12 @@ class PrivilegedAgent:
             np.clip(action, -1.0, 1.0, out=action)
         return action
 
+    def close(self) -> None:
+        """Forget the episode, so that its scene, of some 25 MB, is freed with the last reference to it."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
+
     def _live(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         home = state.ee_pose
         history: tuple[Decision, ...] = ()

@@ -70,7 +70,8 @@ class WebSocket:
             raise ConnectionError(f"the server answered HTTP {status}") from error
         except (InvalidURI, UnicodeError) as error:
             raise HandshakeError(f"{self._where} is no address of a websocket ({error}).") from error
-        except (WebSocketException, EOFError) as error:
+        except (WebSocketException, EOFError, AssertionError) as error:
+            # One who talks before we have asked can trip an assertion of the library's.
             raise ConnectionError(f"what answers there is no websocket server ({error})") from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
