@@ -75,7 +75,9 @@ def test_first_attempt_rules_are_told_apart_on_all_tasks(tmp_path, policy, stren
     calibration = calibrated(tmp_path, policy, (), strength=strength)
     overall = calibration.overall
     assert overall.value is not None
-    assert overall.value >= 0.97, [f"{j.trial}: {j.truth} called {j.label}" for j in calibration.wrong]
+    # A rule that is followed now and then shows itself in one attempt per task here, which other rules explain as well.
+    least = 0.97 if strength == 1.0 else 0.95
+    assert overall.value >= least, [f"{j.trial}: {j.truth} called {j.label}" for j in calibration.wrong]
 
 
 @pytest.mark.slow
