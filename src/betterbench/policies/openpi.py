@@ -25,6 +25,8 @@ from betterbench.policies.remote import check_run, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
 
+_LONGEST_REASON = 20_000
+
 
 class OpenpiClient:
     """A policy behind openpi's protocol; each environment has a client of its own.
@@ -178,7 +180,7 @@ class OpenpiClient:
         """
         if isinstance(frame, str):
             if self._within:
-                raise PolicyError(frame)
+                raise PolicyError(frame[:_LONGEST_REASON])
             lines = [line.strip() for line in frame.splitlines() if line.strip()]
             raise PolicyError(f"{self._where} reports an error: {lines[-1][:500] if lines else 'without a text'}")
         value = decode_openpi(frame)
