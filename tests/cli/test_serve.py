@@ -17,6 +17,7 @@ from betterbench.cli.main import main
 from betterbench.errors import BetterError
 from betterbench.evaluation.serving import DEFAULT_CHUNK
 from betterbench.policies.batching import MAX_BATCH
+from betterbench.policies.wire import encode_openpi
 
 PATIENCE_S = 60
 
@@ -62,6 +63,35 @@ def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
     assert re.search(r"127\.0\.0\.1:\d+ left after 0 answers", err)
     assert err.rstrip().endswith("stopped")
     assert "Traceback" not in err
+
+
+HANGS = """
+import time
+from betterbench.interface import PolicyInfo
+class Hangs:
+    info = PolicyInfo("hangs", needs_images=False)
+    def reset(self, start): ...
+    def act(self, observation):
+        print("asked", flush=True)
+        time.sleep(3600)
+    def act_batch(self, observations):
+        self.act(observations[0])
+"""
+
+
+def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    process = serve(f"python:{tmp_path / 'hangs.py'}:Hangs", "--port", "0")
+    port = re.search(r"127\.0\.0\.1:(\d+) ", process.stdout.readline()).group(1)
+    question = {"prompt": "Go.", "observation/state": [0.0] * 8}
+    with connect(f"ws://127.0.0.1:{port}", compression=None) as link:
+        link.send(encode_openpi(question))
+        assert process.stdout.readline() == "asked\n"
+        process.send_signal(signal.SIGTERM)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(timeout=1)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=PATIENCE_S) == 128 + signal.SIGTERM
 
 
 @pytest.mark.parametrize(

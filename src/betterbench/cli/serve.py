@@ -156,11 +156,16 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def _stopped_by_signal() -> Iterator[threading.Event]:
-    """Give an event that SIGTERM and Ctrl-C set; what the signals did before comes back afterwards."""
+    """Give an event that SIGTERM and Ctrl-C set; what the signals did before comes back afterwards.
+
+    A second signal ends the process at once: a policy that hangs would otherwise keep it.
+    """
     stopped = threading.Event()
 
     def stop(number: int, frame: FrameType | None) -> None:
-        del number, frame
+        del frame
+        if stopped.is_set():
+            os._exit(128 + number)
         stopped.set()
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
