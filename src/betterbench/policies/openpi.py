@@ -15,20 +15,20 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PolicyError
-from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_execution, read_server
 from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import NATIVE, adapter_of
-from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.remote import Adapted, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
 
 _LONGEST_REASON = 20_000
 
 
-class OpenpiClient:
+class OpenpiClient(Adapted):
     """A policy behind openpi's protocol; each environment has a client of its own.
 
     Attributes:
@@ -57,33 +57,23 @@ class OpenpiClient:
         self._where = f"policy server {address.scheme}://{address.target}"
         self._start: EpisodeStart | None = None
         self._server_s = 0.0
-        self.adapter: Adapter | None = None
+        self._chosen: Adapter | None = None  # at the first handshake
         self.server = Declaration(self._where)
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
-        self._execution: Execution | None = None
+        self._execution = Execution()
         self._within = False
         self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
         ours = self._metadata.get("betterbench")
         wants = ours.get("needs_images") if isinstance(ours, Mapping) else None
         info = describe_policy(
-            address, self._adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
+            address, self.adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
         )
         # What the address says about playing chunks goes before what the server says.
         if not set(EXECUTION_OPTIONS) & set(address.options):
-            info = replace(info, execution=self._told_execution())
+            info = replace(info, execution=self._execution)
         self.info: PolicyInfo = info
-
-    @property
-    def _adapter(self) -> Adapter:
-        if self.adapter is None:
-            raise AssertionError("the handshake chooses the adapter")
-        return self.adapter
-
-    def _told_execution(self) -> Execution:
-        """Return how the server says that its chunks are played: whole if it does not say."""
-        return self._execution or Execution()
 
     @property
     def figures(self) -> dict[str, float]:
@@ -96,7 +86,7 @@ class OpenpiClient:
         Raises:
             HandshakeError: If the episode wants actions of another kind.
         """
-        check_start(self._adapter, start, self._where)
+        check_start(self.adapter, start, self._where)
         self._start, self._server_s = start, 0.0
         self._link.count_anew()
 
@@ -107,7 +97,7 @@ class OpenpiClient:
             PolicyError: If the reply cannot be used, or none came.
             PolicyUnavailableError: If the server cannot be reached.
         """
-        frame = encode_openpi(self._adapter.request(observation, self._start))
+        frame = encode_openpi(self.adapter.request(observation, self._start))
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
@@ -115,27 +105,14 @@ class OpenpiClient:
             return self._read(connection.receive(end - time.monotonic()))
 
         reply = self._link.request(exchange)
-        actions = self._adapter.actions(reply, observation)
-        taken = {key[0] for key in self._adapter.answer.columns}
+        actions = self.adapter.actions(reply, observation)
+        taken = {key[0] for key in self.adapter.answer.columns}
         self.last_reply = {str(k): v for k, v in reply.items() if k not in taken}
         timing = reply.get("server_timing")
         spent = timing.get("infer_ms") if isinstance(timing, Mapping) else None
         if isinstance(spent, (int, float)) and 0.0 <= spent < 1e9:
             self._server_s += 0.001 * float(spent)
         return actions
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ.
-        """
-        check_run(self._adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
 
     def close(self) -> None:
         """End the connection."""
@@ -157,10 +134,10 @@ class OpenpiClient:
         """
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        self._execution = read_execution(self._where, declared)
+        self._execution = read_execution(self._where, declared) or Execution()
         # A process of this run: what it says of the policy goes to the record, whoever asked where.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
-        adapter = self.adapter
+        adapter = self._chosen
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
             if theirs.action_space is not None and adapter.answer.as_is and "action_space" not in self._address.options:
@@ -169,7 +146,8 @@ class OpenpiClient:
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
             theirs = replace(theirs, preset=adapter.name)  # the server reads this layout too
         compare(declare_adapter("this side", adapter), theirs)
-        self.adapter, self.server = adapter, theirs
+        self._chosen = self.adapter = adapter
+        self.server = theirs
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
