@@ -111,6 +111,11 @@ class PolicyAddress:
         address.execution()
         return address
 
+    @property
+    def names_adapter(self) -> bool:
+        """Whether it says how the policy is spoken to, by a preset or a file."""
+        return "preset" in self.options or "adapter" in self.options
+
     def server(self) -> tuple[str, int]:
         """Return host and port of the server.
 

@@ -70,8 +70,7 @@ class LerobotPolicy(Adapted):
         self._where = f"policy {address}"
         features = checkpoint.features
         # An adapter of the user's is not completed by guesses, and need not be.
-        named = "preset" in address.options or "adapter" in address.options
-        self.adapter = adapter_of(address, None if named else derive_adapter(address, features))
+        self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
             self._where, cameras={key: (size[1], size[0]) for key, size in features.pictures.items()}

@@ -40,7 +40,7 @@ def describe_policy(
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
-    if not says_actions and not {"preset", "adapter"} & set(address.options):
+    if not says_actions and not address.names_adapter:
         answer = adapter.answer
         metadata["assumed"] = (
             f"policy server {address.scheme}://{address.target} does not declare what its actions mean; they are read "

@@ -179,8 +179,7 @@ class VlaEvalClient:
             raise HandshakeError(
                 f"{self._where} speaks version {str(version)[:20]} of the protocol, this side {PROTOCOL_VERSION}."
             )
-        chosen = bool({"preset", "adapter"} & set(self._address.options))
-        adapter = shaped_by(self._wanted, self._where, hello, chosen=chosen)
+        adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare(ours, theirs)
         self.adapter, self.server, self._hello = adapter, theirs, hello
