@@ -1,7 +1,7 @@
 """Render the procedural asset library into one contact sheet.
 
-Each category is a strip of four pictures from the angle of the front camera: three looks in its default colour, seen
-from three sides, and one look in another colour, where it has one. Strips stand in three columns. Run from the
+Each category is a strip of four pictures from the angle of the front camera: three looks in its default color, seen
+from three sides, and one look in another color, where it has one. Strips stand in three columns. Run from the
 repository root::
 
     MUJOCO_GL=egl python tools/library_sheet.py library.png
@@ -18,12 +18,12 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from betterbench.assets import Asset, VisualPart, build, categories, colours, looks
+from betterbench.assets import Asset, VisualPart, build, categories, colors, looks
 
 # The front camera stands at (1.6, 0, 0.9) m and looks at the table some 0.5 m from the robot: about 35 degrees down.
 _ELEVATION_DEGREES = -35.0
 _PITCH = 1.0  # distance of the assets in the common scene [m]; far enough for no two to share a picture
-LOOKS = 3  # looks of a category that are shown in its default colour
+LOOKS = 3  # looks of a category that are shown in its default color
 _LABEL = 22  # height of a strip's title [pixels]
 _MARGIN = 12  # between two columns [pixels]
 
@@ -94,16 +94,16 @@ def picture(
 
 
 def strip(name: str, *, pixels: int) -> Image.Image:
-    """Return the labelled pictures of one category.
+    """Return the labeled pictures of one category.
 
     Args:
         name: The category.
         pixels: Size of one picture.
     """
-    words = colours(name)
+    words = colors(name)
     assets = [build(name, look=k % len(looks(name))) for k in range(LOOKS)]
     other = words[1 % len(words)]
-    assets.append(build(name, look=LOOKS % len(looks(name)), colour=other))
+    assets.append(build(name, look=LOOKS % len(looks(name)), color=other))
     # One scene per category: a shadow map that had to cover all of them would be coarse.
     model = scene([assets])
     data = mujoco.MjData(model)

@@ -12,7 +12,7 @@ import calibration_page
 import library_sheet
 import scene_pictures
 import task_pages
-from betterbench.assets import categories, colours, looks
+from betterbench.assets import categories, colors, looks
 from betterbench.evaluation import show_comparison
 from betterbench.interventions import vary
 from betterbench.tasks import Task, all_tasks, suite
@@ -100,7 +100,7 @@ def library_page(tasks: list[Task]) -> str:
         for category in sorted({o.category for c in conditions for o in c.objects}):
             used.setdefault(category, []).append(f"[{task.id}](tasks/{task.id}.md)")
     rows = [
-        f"| `{name}` | {len(looks(name))} | {', '.join(colours(name))} | {', '.join(used.get(name, ['–']))} |"
+        f"| `{name}` | {len(looks(name))} | {', '.join(colors(name))} | {', '.join(used.get(name, ['–']))} |"
         for name in categories()
     ]
     return "\n".join(
@@ -111,13 +111,13 @@ def library_page(tasks: list[Task]) -> str:
                 "Every object is made by a parametric generator of our own: a category is one function, and each of its"
                 " looks is the same function with another random generator. Which look an object has is"
                 " drawn with the seed"
-                f" of the trial; its colour is part of the condition. There are {len(rows)} categories. The sheet shows"
-                " three looks of each in its default colour and one in another colour, where it has one."
+                f" of the trial; its color is part of the condition. There are {len(rows)} categories. The sheet shows"
+                " three looks of each in its default color and one in another color, where it has one."
             ),
             "",
             "![every asset and some of its looks](pictures/library.jpg)",
             "",
-            "| asset | looks | colours | used by |",
+            "| asset | looks | colors | used by |",
             "|---|---|---|---|",
             *rows,
             "",

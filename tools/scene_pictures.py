@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.show import OUTLINE
+from betterbench.evaluation.figures.show import OUTLINE
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
 from betterbench.scenes import Renderer, Scene
@@ -114,7 +114,7 @@ def _render(task: Task, condition: Condition, outlined: frozenset[str], seed: in
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
     if view.rgb is None or view.masks is None:
-        raise AssertionError("colours and masks were asked for")
+        raise AssertionError("colors and masks were asked for")
     bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
     inner = np.isin(view.masks, bodies)
     grown = np.asarray(Image.fromarray(inner).convert("L").filter(ImageFilter.MaxFilter(5))) > 0

@@ -1,6 +1,6 @@
 """Rigid-body geometry: poses, quaternions and rotations.
 
-Conventions, stated once for the whole project: metres and radians; quaternions are ``(w, x, y, z)`` with unit norm and
+Conventions, stated once for the whole project: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and
 the sign chosen so that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
 The functions work on plain Python floats. Predicates run once per control step, where a few multiplications on floats
@@ -22,14 +22,14 @@ TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Rotation of a tool that points straight down, as the arm holds it at home: half a turn about x."""
 
 
-def normalise(q: Sequence[float]) -> Quaternion:
+def normalize(q: Sequence[float]) -> Quaternion:
     """Return the unit quaternion with ``w >= 0`` that describes the same rotation.
 
     Args:
         q: Quaternion (w, x, y, z), not zero.
 
     Returns:
-        The normalised quaternion.
+        The normalized quaternion.
 
     Raises:
         ValueError: If all components are zero.
@@ -88,14 +88,14 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
     x, y, z = (float(c) for c in rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
-        return normalise((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
+        return normalize((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
     s = math.sin(0.5 * angle) / angle
-    return normalise((math.cos(0.5 * angle), s * x, s * y, s * z))
+    return normalize((math.cos(0.5 * angle), s * x, s * y, s * z))
 
 
 def to_axis_angle(q: Quaternion) -> Vector:
     """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
-    w, x, y, z = normalise(q)
+    w, x, y, z = normalize(q)
     s = math.sqrt(x * x + y * y + z * z)
     if s < 1e-12:
         return (2.0 * x, 2.0 * y, 2.0 * z)
@@ -127,7 +127,7 @@ def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
 
 def from_yaw(yaw: float) -> Quaternion:
     """Return the rotation by ``yaw`` [rad] about the vertical axis."""
-    return normalise((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
+    return normalize((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
 
 
 def yaw_of(q: Quaternion) -> float:
@@ -151,7 +151,7 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
     step = to_axis_angle(multiply(conjugate(a), b))
-    return normalise(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
+    return normalize(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
 
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:
@@ -180,7 +180,7 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return ``T_a_c`` for ``self = T_a_b`` and ``other = T_b_c``."""
-        return Pose(self.apply(other.position), normalise(multiply(self.quaternion, other.quaternion)))
+        return Pose(self.apply(other.position), normalize(multiply(self.quaternion, other.quaternion)))
 
     def apply(self, point: Sequence[float]) -> Vector:
         """Return the coordinates in frame ``a`` of a point given in frame ``b``."""

@@ -10,11 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from betterbench.assets import build, categories, colours, looks
+from betterbench.assets import build, categories, colors, looks
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
 from betterbench.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
-from betterbench.scenes.objects import add_asset, rest_pose, slide_of
+from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.scenes.stage import set_physics
 
 FACE_BUDGET, GEOM_BUDGET, JAW_M = 600, 12, 0.078
@@ -24,7 +24,7 @@ never meet anything but the jars in its holes."""
 THIN_M, LIP_M = 0.008, 0.003
 """Least thickness that a jaw takes [m]: of a body, and of the upright lip of a plate, which both pads press flat."""
 PAD_M = PAD_HALF_SIZE[2]
-"""Distance by which the pads reach below the tool centre point [m]."""
+"""Distance by which the pads reach below the tool center point [m]."""
 MOUNTED = ("lower_drawer", "upper_drawer")
 """Things that hang in rails instead of standing. The origin is that of their box without the knob."""
 ALL = [(category, look) for category in categories() for look in looks(category)]
@@ -48,10 +48,10 @@ def test_it_keeps_its_budgets(category, look):
     asset = build(category, look=look)
     assert 0 < asset.face_count <= FACE_BUDGET
     assert 0 < len(asset.collision) <= GEOM_EXCEPTIONS.get(category, GEOM_BUDGET)
-    assert asset.licence
+    assert asset.license
     assert asset.source
     assert asset.description
-    assert asset.colour in colours(category)
+    assert asset.color in colors(category)
     for part in asset.visual:
         assert part.faces.max() < len(part.vertices)
         assert part.texture is None or max(part.texture.pixels.shape) <= 256
@@ -68,8 +68,8 @@ def test_its_inertia_is_that_of_a_body(category, look):
     radius = math.sqrt(moments[2] / asset.mass_kg)
     assert 0.1 * min(asset.size_m) < radius < math.hypot(*asset.size_m)
     low, high = np.array([-0.5, -0.5, 0.0]), np.array([0.5, 0.5, 1.0])
-    assert np.all(np.array(asset.centre_of_mass) >= low * asset.size_m)
-    assert np.all(np.array(asset.centre_of_mass) <= high * asset.size_m)
+    assert np.all(np.array(asset.center_of_mass) >= low * asset.size_m)
+    assert np.all(np.array(asset.center_of_mass) <= high * asset.size_m)
 
 
 @every
@@ -107,7 +107,7 @@ def test_its_grasps_fit_a_parallel_jaw(category, look):
         assert 0.005 < z < asset.size_m[2]
         down = Pose((0.0, 0.0, 0.0), grasp.pose.quaternion).apply((0.0, 0.0, 1.0))
         assert down[2] < -0.99, "the gripper comes from above"
-        assert asset.size_m[2] - z < 0.049, "the hand, 45 mm above the tool centre point, must clear the object"
+        assert asset.size_m[2] - z < 0.049, "the hand, 45 mm above the tool center point, must clear the object"
         if grasp.name == "rim":
             assert z - PAD_M > asset.region("floor").position[2], "the inner pad must clear the floor"
 
@@ -121,12 +121,12 @@ def test_it_stands_where_it_is_put(category, look):
 
 
 @pytest.mark.parametrize("category", categories())
-def test_looks_differ_and_colours_do_not_change_the_shape(category):
+def test_looks_differ_and_colors_do_not_change_the_shape(category):
     assert len(looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in looks(category)}) == len(looks(category))
-    shapes = {build(category, colour=colour).size_m for colour in colours(category)}
+    shapes = {build(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
-    assert build(category) is build(category, look=0, colour=colours(category)[0])
+    assert build(category) is build(category, look=0, color=colors(category)[0])
 
 
 def test_every_process_makes_the_same_bits():
@@ -142,7 +142,7 @@ def test_unknown_names_are_answered_with_the_closest_known_ones():
     with pytest.raises(UnknownNameError, match="burger"):
         build("burgers")
     with pytest.raises(UnknownNameError, match="red"):
-        build("mug", colour="redd")
+        build("mug", color="redd")
     with pytest.raises(InvalidInputError, match="look"):
         build("mug", look=99)
 
@@ -275,7 +275,7 @@ def test_a_stack_stays_as_it_was_built(stack, look):
 @pytest.mark.parametrize("jar", ["spice_jar", "plain_jar", "pill_bottle"])
 @pytest.mark.parametrize("hole", ["hole_1", "hole_2", "hole_3"])
 def test_a_jar_dropped_a_little_beside_its_hole_ends_on_its_floor(jar, hole):
-    """2 mm off the middle, towards the next hole, the outside and both corners between; 5 mm above the rack."""
+    """2 mm off the middle, toward the next hole, the outside and both corners between; 5 mm above the rack."""
     rack, asset = build("spice_rack"), build(jar, look=2)
     x, y, z = rack.region(hole).position
     for angle in (0.0, 0.25 * math.pi, 0.5 * math.pi, 1.25 * math.pi):
@@ -290,7 +290,7 @@ def test_a_jar_dropped_a_little_beside_its_hole_ends_on_its_floor(jar, hole):
 @pytest.mark.parametrize("category", MOUNTED)
 def test_a_drawer_stays_where_it_is_left_and_stops_at_both_ends(category):
     cabinet, drawer = build("drawer_cabinet"), build(category)
-    slide = slide_of(drawer)
+    slide = rail_of(drawer)
     spec = world()
     add_asset(spec, "cabinet", cabinet, pose=Pose((0.0, 0.0, 0.0)))
     add_asset(spec, "drawer", drawer, pose=cabinet.region(category.removesuffix("_drawer")).pose, slide=slide)
@@ -337,26 +337,26 @@ def test_a_look_alike_has_the_size_of_what_it_resembles(fake, real):
 
 
 def shade(asset):
-    """Mean colour of what is seen, weighted by area, each in [0, 1]."""
+    """Mean color of what is seen, weighted by area, each in [0, 1]."""
     total, weight = np.zeros(3), 0.0
     for part in asset.visual:
         corners = part.vertices[part.faces]
         area = (
             0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
         )
-        colour = np.array(part.rgba[:3])
+        color = np.array(part.rgba[:3])
         if part.texture is not None:
-            colour = colour * part.texture.pixels.reshape(-1, 3).mean(axis=0) / 255.0
-        total, weight = total + area * colour, weight + area
+            color = color * part.texture.pixels.reshape(-1, 3).mean(axis=0) / 255.0
+        total, weight = total + area * color, weight + area
     return total / weight
 
 
 @pytest.mark.parametrize(
-    ("fake", "real", "colour"), [("tumbler", "cup", "blue"), ("shallow_bowl", "plate_medium", "red")]
+    ("fake", "real", "color"), [("tumbler", "cup", "blue"), ("shallow_bowl", "plate_medium", "red")]
 )
-def test_a_look_alike_has_the_colour_of_what_it_resembles(fake, real, colour):
-    """Its hue comes from the same word: nearer to the real thing of this colour than the real thing of any other."""
+def test_a_look_alike_has_the_color_of_what_it_resembles(fake, real, color):
+    """Its hue comes from the same word: nearer to the real thing of this color than the real thing of any other."""
     for look in looks(fake):
-        own = shade(build(fake, look=look, colour=colour))
-        away = {c: float(np.linalg.norm(own - shade(build(real, look=look, colour=c)))) for c in colours(real)}
-        assert min(away, key=lambda c: away[c]) == colour, f"look {look}: {away}"
+        own = shade(build(fake, look=look, color=color))
+        away = {c: float(np.linalg.norm(own - shade(build(real, look=look, color=c)))) for c in colors(real)}
+        assert min(away, key=lambda c: away[c]) == color, f"look {look}: {away}"

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from betterbench.calibration import Arm, default_arms, true_label
+from betterbench.calibration import CalibrationPolicy, calibration_policies, true_label
 from betterbench.calibration.probes import chance_of
 from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
 from betterbench.errors import InvalidInputError, RecordError
@@ -79,18 +79,18 @@ def test_the_truth_is_what_was_decided_unless_the_goal_was_met():
 
 
 def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
-    arms = default_arms(trials=2, seed=10)
+    planned = calibration_policies(trials=2, seed=10)
     zoo = [n for n in EXPERTS if n.startswith("zoo:")]
     assert len(zoo) >= 10
     for name in zoo:
-        mine = [a for a in arms if a.address.name == name]
+        mine = [a for a in planned if a.address.name == name]
         assert [a.address.strength for a in mine] == [1.0, 0.6, 0.3]
         assert [a.seed for a in mine] == [10, 12, 14]
-        assert mine[0].address.tremor_m == 0.0 < mine[1].address.tremor_m < mine[2].address.tremor_m
-    assert {a.address.name for a in arms if a.probe} == {"probe:no-language", *REPLAYS}
-    assert len({a.folder for a in arms}) == len(arms)
-    assert not [a for a in default_arms(probe_trials=0) if a.probe]
-    assert {a.address.name for a in default_arms(policies=("zoo:halt",))} == {"zoo:halt"}
+        assert mine[0].address.action_noise_m == 0.0 < mine[1].address.action_noise_m < mine[2].address.action_noise_m
+    assert {a.address.name for a in planned if a.probe} == {"probe:no-language", *REPLAYS}
+    assert len({a.folder for a in planned}) == len(planned)
+    assert not [a for a in calibration_policies(probe_trials=0) if a.probe]
+    assert {a.address.name for a in calibration_policies(policies=("zoo:halt",))} == {"zoo:halt"}
 
 
 @pytest.mark.parametrize(
@@ -99,13 +99,13 @@ def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
 )
 def test_bad_arms_are_named(options):
     with pytest.raises(InvalidInputError, match="--"):
-        default_arms(**options)
+        calibration_policies(**options)
 
 
 def test_an_address_reads_back():
-    for arm in default_arms():
-        assert isinstance(arm, Arm)
-        assert parse_address(str(arm.address)) == arm.address
+    for entry in calibration_policies():
+        assert isinstance(entry, CalibrationPolicy)
+        assert parse_address(str(entry.address)) == entry.address
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_an_address_reads_back():
         ("zoo:lexical?strength=2", "strength"),
         ("zoo:lexical?strength=x", "strength"),
         ("zoo:lexical?strength=nan", "strength"),
-        ("zoo:lexical?tremor=0.5", "tremor"),
+        ("zoo:lexical?action_noise=0.5", "action_noise"),
         ("zoo:lexical?size=1", "size"),
     ],
 )

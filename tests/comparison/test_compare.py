@@ -179,7 +179,7 @@ def test_other_conventions_are_noted(two):
     good = replace(good, conventions={**good.conventions, "camera_preset": "None"})
     notes = match_sides([good, bad]).notes
     assert "package_version differs: '1' in good, '2' in bad." in notes
-    assert not any("camera_preset" in note for note in notes)  # one of them looked at no picture
+    assert not any("camera_preset" in note for note in notes)  # one of them looked at no image
 
 
 def test_sequential_evidence_is_that_of_the_pairs_in_the_order_of_the_run(side):

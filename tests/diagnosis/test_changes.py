@@ -79,7 +79,7 @@ def test_the_same_diagnosis_again_changes_nothing(run):
     }
 
 
-def test_a_run_that_went_on_has_other_records_and_no_other_judgement(run, policies):
+def test_a_run_that_went_on_has_other_records_and_no_other_judgment(run, policies):
     before = StoredDiagnosis.of(diagnose_run(run))
     with run.journal() as journal:
         run.write_record(policies["inertia"]("fast_food", "L1", 0))
@@ -145,7 +145,7 @@ def test_labels_rules_and_evidence_are_told_apart():
         ),
     ],
 )
-def test_the_reason_is_what_the_two_judgements_show(changes, reasons):
+def test_the_reason_is_what_the_two_judgments_show(changes, reasons):
     assert change(replace(TRIAL, **changes)).reasons == reasons
 
 
@@ -175,7 +175,7 @@ def test_changes_of_labels_are_counted_the_most_frequent_first():
     assert form["trials"][0]["before"]["text"] == "It goes for the fries."
 
 
-def test_a_new_ruling_of_the_diagnosis_itself_is_recognised(run, monkeypatch):
+def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
     """The inertia of this run is taken away from the diagnosis: the reason names the rule that no longer decides."""
     before = StoredDiagnosis.of(diagnose_run(run))
     monkeypatch.setattr("betterbench.diagnosis.labels.modes.behavioral_inertia.find", lambda _: None)

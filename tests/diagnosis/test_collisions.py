@@ -10,7 +10,7 @@ import pytest
 from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import trace_of
-from betterbench.diagnosis.trial import setting_of
+from betterbench.diagnosis.trial import setup_of
 from betterbench.episodes import TrialContext, run_episode
 from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
@@ -30,7 +30,7 @@ def record():
 
 
 def counted(record):
-    setting = setting_of("seasoning_rack", "train1")
+    setting = setup_of("seasoning_rack", "train1")
     limit = setting.task.step_limit(setting.condition)
     return count_collisions(record, trace_of(record, setting.condition, step_limit=limit))
 

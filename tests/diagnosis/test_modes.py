@@ -40,7 +40,7 @@ def test_inertia_is_the_frequent_first_step_unasked(stage):
     assert found.attempts[0].result == "distractor"
 
 
-def test_inertia_is_an_air_grasp_at_a_memorised_slot(stage):
+def test_inertia_is_an_air_grasp_at_a_memorized_slot(stage):
     found = diagnose_record(stage("fast_food", "T1").air_grasp("second").wait(4).end())
     assert found.label is Label.BEHAVIORAL_INERTIA
     assert found.attempts[0].result == "null"
@@ -105,11 +105,11 @@ def test_semantic_collapse_names_what_is_shared(stage):
     s = stage("fast_food", "O1")
     found = diagnose_record(s.bring(s.at("first")).wait(5).end())
     assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
-    assert found.evidence.shared == ("colour", "shape", "slot")
+    assert found.evidence.shared == ("color", "shape", "slot")
     s = stage("morning_coffee", "O1")
     found = diagnose_record(s.bring(s.of("red can")).wait(5).end())
     assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
-    assert found.evidence.shared == ("colour", "shape", "slot")
+    assert found.evidence.shared == ("color", "shape", "slot")
 
 
 def test_a_look_alike_shares_no_more_than_it_does(stage, looks):

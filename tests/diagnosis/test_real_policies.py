@@ -31,13 +31,13 @@ HALT = (Label.EARLY_HALT, "still_with_open_subgoals")
 def test_a_miss_that_a_retry_made_good_does_not_hide_a_wrong_place(stage):
     s = stage("desk_meeting", "R1")
     s.grasp("mug", beside=(0.052, 0.0)).open().lift().bring("mug", s.goal(1)).home().wait(4)
-    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorised_place")
+    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorized_place")
 
 
 def test_a_drop_that_was_picked_up_again_does_not_hide_a_wrong_place(stage):
     s = stage("desk_meeting", "R1")
     s.grasp("mug").lift().open().wait(1).bring("mug", s.goal(1)).home().wait(4)
-    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorised_place")
+    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorized_place")
 
 
 def test_a_second_drop_that_lands_at_a_wrong_place_by_chance_does_not_excuse_the_first(stage):
@@ -226,7 +226,7 @@ def test_a_target_pushed_out_of_its_slot_is_still_the_target(stage):
     assert found.label is Label.EARLY_HALT
 
 
-def test_what_was_right_and_is_knocked_away_afterwards_is_execution(stage):
+def test_what_was_right_and_is_knocked_away_afterward_is_execution(stage):
     s = stage("fast_food", "train1")
     s.bring(s.at("first")).wait(0.5)
     s.positions[s.at("first")] = s.positions[s.at("first")] + np.array([0.0, -0.2, 0.0])

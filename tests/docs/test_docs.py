@@ -84,7 +84,7 @@ NEW_TASK = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import tea_tray
-from betterbench.certification.support import Regime
+from betterbench.certification.support import TrainedSupport
 from betterbench.episodes import TrialContext, run_episode
 from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
@@ -95,7 +95,7 @@ from betterbench.tasks import environment_id, get_task, suite_tasks
 task = get_task("tea_tray")
 assert "tea_tray" not in suite_tasks("better60")
 assert environment_id("tea_tray") == "BeTTER/TeaTray-v0"
-assert Regime.of(task).grasped == {"cup", "spoon"}
+assert TrainedSupport.of(task).grasped == {"cup", "spoon"}
 for condition in (task.training[0], vary(task, task.variations[0])[0]):
     assert task.template.problems(condition) == ()
     for seed in (0, 1):

@@ -17,8 +17,9 @@ import pytest
 
 import betterbench
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.evaluation import evaluate, ray_engine
-from betterbench.evaluation.cluster import Cluster
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.ray_engine import engine as ray_engine
+from betterbench.evaluation.ray_engine.cluster import Cluster
 from betterbench.recording import RunFolder, TrialKey
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]

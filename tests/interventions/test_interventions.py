@@ -9,7 +9,7 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interventions import Changes, apply, operations, vary
-from betterbench.tasks import Condition, Expected, Instruction, ObjectSpec, Place, all_tasks, do, get_task
+from betterbench.tasks import Condition, Expected, Instruction, ObjectSpec, TargetRegion, all_tasks, do, get_task
 
 VARIATIONS = [(t, v) for t in all_tasks() for v in t.variations]
 each_variation = pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_move_needs_a_free_slot_and_frees_the_old_one(food):
 
 def test_preplace_takes_the_object_off_its_slot(food):
     placed, _ = apply(food, [do("preplace", object="fries", target="box")])
-    assert placed.preplaced == {"fries": Place("box")}
+    assert placed.preplaced == {"fries": TargetRegion("box")}
     assert "fries" not in placed.layout
     assert apply(placed, [do("remove", object="fries")])[0].preplaced == {}
 
@@ -241,7 +241,7 @@ def test_an_unknown_slot_is_found_when_the_scene_is_built_at_the_latest(food):
         place_objects(get_task("fast_food"), moved, 0)
 
 
-def test_expected_behaviour_is_no_intervention(food):
+def test_expected_behavior_is_no_intervention(food):
     changed, _ = apply(food, [do("swap", a="fries", b="drink")])
     assert changed.expected is Expected.SUCCEED
     assert changed.name == food.name

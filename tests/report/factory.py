@@ -182,7 +182,7 @@ def _played(
             f"the instruction asks for the {asked}.",
             start,
             start + 0.6,
-            shared=("colour", "slot") if label is Label.SEMANTIC_FEATURE_COLLAPSE else (),
+            shared=("color", "slot") if label is Label.SEMANTIC_FEATURE_COLLAPSE else (),
         ),
     )
 
@@ -192,16 +192,16 @@ def draw_frame(generator: np.random.Generator, *, size: int = 192) -> bytes:
     image = Image.new("RGB", (size, size), (196, 190, 180))
     pen = ImageDraw.Draw(image)
     pen.rectangle((0, size * 0.45, size, size), fill=(150, 118, 88))
-    for colour in ((190, 60, 50), (60, 90, 170), (220, 180, 60)):
+    for color in ((190, 60, 50), (60, 90, 170), (220, 180, 60)):
         x, y = generator.uniform(0.15, 0.8, 2) * size
-        pen.ellipse((x, max(y, size * 0.5), x + 24, max(y, size * 0.5) + 20), fill=colour)
+        pen.ellipse((x, max(y, size * 0.5), x + 24, max(y, size * 0.5) + 20), fill=color)
     buffer = io.BytesIO()
     image.save(buffer, "JPEG", quality=80)
     return buffer.getvalue()
 
 
-def film_of(showing: Showing, picture: Callable[[], bytes]) -> Film:
-    """Returns the film that was asked for, with any pictures."""
-    frames = tuple(Frame(t, picture(), c) for t, c in zip(showing.times_s, showing.captions, strict=True))
-    twin = tuple(Frame(t, picture(), c) for t, c in zip(showing.twin_times_s, showing.twin_captions, strict=True))
+def film_of(showing: Showing, image: Callable[[], bytes]) -> Film:
+    """Returns the film that was asked for, with any images."""
+    frames = tuple(Frame(t, image(), c) for t, c in zip(showing.times_s, showing.captions, strict=True))
+    twin = tuple(Frame(t, image(), c) for t, c in zip(showing.twin_times_s, showing.twin_captions, strict=True))
     return Film(showing.policy, showing.trial, frames, showing.twin, twin, showing.evidence_s)

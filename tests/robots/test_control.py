@@ -47,7 +47,7 @@ def test_zero_action_holds_still(bench: Make) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("space", [EE_DELTA, EE_DELTA_MEASURED], ids=lambda s: s.name)
-def test_one_unit_is_five_centimetres_along_the_base_axes(
+def test_one_unit_is_five_centimeters_along_the_base_axes(
     bench: Make, space: ActionSpace, axis: int, sign: float
 ) -> None:
     b = bench(EE_DELTA)

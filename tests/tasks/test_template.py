@@ -10,7 +10,7 @@ import pytest
 from betterbench.errors import InvalidInputError
 from betterbench.interventions import vary
 from betterbench.tasks import TEMPLATES, THRESHOLDS, Expected, ObjectSpec, all_tasks, get_task
-from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.template import Template
 
 CONDITIONS = [c for t in all_tasks() for c in (*t.training, *(vary(t, v)[0] for v in t.variations))]
@@ -50,7 +50,7 @@ def test_json_round_trip(template):
 
 BAD = {
     "template.meta.title": lambda f: f["meta"].update(title=""),
-    "template.meta.colour": lambda f: f["meta"].update(colour="red"),
+    "template.meta.color": lambda f: f["meta"].update(color="red"),
     "template.object_groups": lambda f: f.update(object_groups=[]),
     "template.object_groups[0].count_range": lambda f: f["object_groups"][0].update(count_range=[3, 1]),
     "template.object_groups[1].allowed_types[0]": lambda f: f["object_groups"][1].update(allowed_types=[7]),

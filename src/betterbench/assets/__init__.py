@@ -1,7 +1,7 @@
 """Three-dimensional objects ready for simulation, from parametric generators and other sources."""
 
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.procedural import build, categories, colours, looks
+from betterbench.assets.procedural import build, categories, colors, looks
 
 __all__ = [
     "Asset",
@@ -11,6 +11,6 @@ __all__ = [
     "VisualPart",
     "build",
     "categories",
-    "colours",
+    "colors",
     "looks",
 ]

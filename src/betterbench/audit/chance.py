@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from betterbench.audit.counts import count_behind
-from betterbench.audit.finding import Finding, Support, Verdict
+from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.form import Form
-from betterbench.audit.table import Table
+from betterbench.audit.table import AuditedTable
 from betterbench.audit.wording import ALPHA, POINTS, ends, p_text
 from betterbench.statistics import Rate, chance_p, holm, round_half_up
 
@@ -35,7 +35,7 @@ class Chance:
     guess: str
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Chance:
+    def read(cls, form: Form, table: AuditedTable) -> Chance:
         """Return the rule that a form describes."""
         guess = form.name("guess", table.row_names) if form.has("guess") else ""
         rows = form.names("rows", table.row_names, [r for r in table.row_names if r != guess])
@@ -45,7 +45,7 @@ class Chance:
             raise form.wrong("choices", "one thing is no choice", "Write 2 or more")
         return cls(rows, columns, form.count("trials"), choices, guess)
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield whether the guess is printed right, and one finding per cell."""
         if self.guess:
             yield from self._guesses(table)
@@ -58,12 +58,12 @@ class Chance:
         p_values = [_chance(rate, chance=1 / self.choices) for rate in rates.values()]
         for ((row, column), rate), p, corrected in zip(rates.items(), p_values, holm(p_values), strict=True):
             differs = corrected < ALPHA
-            support = Support("exact binomial", p, corrected, (rate.n,), POINTS * rate.low, POINTS * rate.high)
+            support = ClaimSupport("exact binomial", p, corrected, (rate.n,), POINTS * rate.low, POINTS * rate.high)
             why = (
                 f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be told'} from guessing among {self.choices}: "
                 f"{p_text(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
             )
-            yield Finding(
+            yield AuditFinding(
                 table.name,
                 "chance",
                 row,
@@ -75,14 +75,14 @@ class Chance:
                 support=support,
             )
 
-    def _guesses(self, table: Table) -> Iterator[Finding]:
+    def _guesses(self, table: AuditedTable) -> Iterator[AuditFinding]:
         for column in self.columns:
             printed = table.cell(self.guess, column)
             if printed is None:
                 continue
             right = printed * self.choices == 100
             found = round_half_up(POINTS / self.choices, 2)
-            yield Finding(
+            yield AuditFinding(
                 table.name,
                 "chance",
                 self.guess,

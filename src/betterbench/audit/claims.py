@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from betterbench.audit.counts import Count, count_behind
-from betterbench.audit.finding import Finding, Support, Verdict
+from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.form import Form
 from betterbench.audit.pooled import Pooled, recover_sizes
-from betterbench.audit.table import Table
+from betterbench.audit.table import AuditedTable
 from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
@@ -22,7 +22,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ClaimComparison:
     """Two rates from different trials.
 
     Attributes:
@@ -53,12 +53,12 @@ class Composition:
     trials: int
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Composition:
+    def read(cls, form: Form, table: AuditedTable) -> Composition:
         """Return the rule that a form describes."""
         seen = form.names("seen", table.columns)
         return cls(form.name("novel", table.columns), seen, form.count("trials"))
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
         compared = []
         for row in table.row_names:
@@ -67,8 +67,10 @@ class Composition:
             if len(counts) < len(cells):
                 continue
             seen = Rate(sum(c.k for c in counts[1:]), sum(c.n for c in counts[1:]))
-            compared.append(Comparison(row, f"{self.novel} against {', '.join(self.seen)}", Rate(*counts[0]), seen))
-        yield from compare(table, "composition", compared)
+            compared.append(
+                ClaimComparison(row, f"{self.novel} against {', '.join(self.seen)}", Rate(*counts[0]), seen)
+            )
+        yield from compare_claims(table, "composition", compared)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,7 @@ class Claim:
     parts: tuple[str, ...]
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Claim:
+    def read(cls, form: Form, table: AuditedTable) -> Claim:
         """Return the claim that a form describes."""
         rows = table.row_names
         if form.has("trials") == form.has("parts"):
@@ -104,7 +106,7 @@ class Claim:
         form.done()
         return claim
 
-    def count(self, table: Table, row: str) -> Count | None:
+    def count(self, table: AuditedTable, row: str) -> Count | None:
         """Return the count behind one of the two cells, or None if it cannot be known."""
         trials = self.trials
         if trials is None:
@@ -125,14 +127,14 @@ class Differences:
     claims: tuple[Claim, ...]
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Differences:
+    def read(cls, form: Form, table: AuditedTable) -> Differences:
         """Return the rule that a form describes."""
         claims = tuple(Claim.read(f, table) for f in form.forms("claims"))
         if not claims:
             raise InvalidInputError(f"{form.where}.claims", "the list is empty", "Write at least one claim")
         return cls(claims)
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per claim."""
         compared = []
         for claim in self.claims:
@@ -142,13 +144,13 @@ class Differences:
                 numbers = tuple(table.cell(r, claim.column) for r in (claim.first, claim.second))
                 printed = " against ".join(map(str, numbers))
                 why = "The counts behind the two numbers cannot be recovered."
-                yield Finding(table.name, "differences", claim.first, name, printed, "", Verdict.UNKNOWN, why)
+                yield AuditFinding(table.name, "differences", claim.first, name, printed, "", Verdict.UNKNOWN, why)
                 continue
-            compared.append(Comparison(claim.first, name, Rate(*first), Rate(*second)))
-        yield from compare(table, "differences", compared)
+            compared.append(ClaimComparison(claim.first, name, Rate(*first), Rate(*second)))
+        yield from compare_claims(table, "differences", compared)
 
 
-def compare(table: Table, rule: str, compared: Sequence[Comparison]) -> Iterator[Finding]:
+def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, corrected together.
 
     Args:
@@ -166,7 +168,7 @@ def compare(table: Table, rule: str, compared: Sequence[Comparison]) -> Iterator
         difference = newcombe_difference(c.first, c.second)
         differs = corrected < ALPHA
         trials = (c.first.n, c.second.n)
-        support = Support(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
+        support = ClaimSupport(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
         also = f", Fisher p = {round_p(plain)}" if barnard else ""
         why = (
             f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
@@ -174,7 +176,7 @@ def compare(table: Table, rule: str, compared: Sequence[Comparison]) -> Iterator
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
-        yield Finding(
+        yield AuditFinding(
             table.name,
             rule,
             c.row,

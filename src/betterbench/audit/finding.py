@@ -25,7 +25,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Support:
+class ClaimSupport:
     """What the trials behind a claim can carry.
 
     Attributes:
@@ -60,7 +60,7 @@ class Support:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class AuditFinding:
     """What one check says about one number, or about one claim.
 
     Attributes:
@@ -89,7 +89,7 @@ class Finding:
     covers: tuple[Cell, ...] = ()
     unnoticed: int = 0
     misprints: int = 0
-    support: Support | None = None
+    support: ClaimSupport | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -18,10 +18,10 @@ from betterbench.audit.pooled import Pooled
 from betterbench.audit.quotes import Quoted
 from betterbench.audit.shape import Falling, Measured, Shares
 from betterbench.audit.sums import RowSum, Total
-from betterbench.audit.table import Rule, Table
+from betterbench.audit.table import AuditedTable, AuditRule
 from betterbench.errors import InvalidInputError, UnknownNameError
 
-RULES: Mapping[str, Callable[[Form, Table], Rule]] = {
+RULES: Mapping[str, Callable[[Form, AuditedTable], AuditRule]] = {
     "grid": Grid.read,
     "mean": RowSum.read_mean,
     "sum": RowSum.read_sum,
@@ -52,7 +52,7 @@ MOST_DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class PaperSource:
     """A file of tables.
 
     Attributes:
@@ -61,22 +61,22 @@ class Source:
     """
 
     name: str
-    tables: tuple[tuple[Table, tuple[Rule, ...]], ...]
+    tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]
 
     @property
-    def by_name(self) -> dict[str, Table]:
+    def by_name(self) -> dict[str, AuditedTable]:
         """The tables by name."""
         return {table.name: table for table, _ in self.tables}
 
 
 @cache
-def paper_tables() -> Source:
+def paper_tables() -> PaperSource:
     """Return the tables of the benchmark paper with what they promise."""
     text = resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_text(encoding="utf-8")
     return read_source(text, "paper_tables.json")
 
 
-def load_tables(path: Path) -> Source:
+def load_tables(path: Path) -> PaperSource:
     """Return the tables of a file.
 
     Args:
@@ -97,7 +97,7 @@ def load_tables(path: Path) -> Source:
     return read_source(text, str(path))
 
 
-def read_source(text: str, where: str) -> Source:
+def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
     Args:
@@ -127,7 +127,7 @@ def read_source(text: str, where: str) -> Source:
     for name in names:
         if names.count(name) > 1:
             raise form.wrong("tables", f"{name!r} is there twice", "Give each table a name of its own")
-    return Source(source, tables)
+    return PaperSource(source, tables)
 
 
 def _refuse(constant: str) -> Decimal:
@@ -144,7 +144,7 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return fields
 
 
-def _table(form: Form) -> tuple[Table, tuple[Rule, ...]]:
+def _table(form: Form) -> tuple[AuditedTable, tuple[AuditRule, ...]]:
     name, title = form.text("name"), form.text("title")
     columns = form.new_names("columns")
     rows = []
@@ -154,7 +154,7 @@ def _table(form: Form) -> tuple[Table, tuple[Rule, ...]]:
         rows.append((row, tuple(_number(form, row, c, n) for c, n in zip(columns, numbers, strict=True))))
     if not 1 <= len(rows) <= MOST_ROWS:
         raise form.wrong("rows", f"there are {len(rows)}", f"Write 1 to {MOST_ROWS} rows")
-    table = Table(name, title, columns, tuple(rows))
+    table = AuditedTable(name, title, columns, tuple(rows))
     rules = tuple(_rule(f, table) for f in form.forms("rules"))
     form.done()
     return table, rules
@@ -174,7 +174,7 @@ def _number(form: Form, row: str, column: str, value: object) -> Decimal | None:
     return value
 
 
-def _rule(form: Form, table: Table) -> Rule:
+def _rule(form: Form, table: AuditedTable) -> AuditRule:
     name = form.text("rule")
     if name not in RULES:
         raise UnknownNameError(f"rule in {form.where}", name, RULES)

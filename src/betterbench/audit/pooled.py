@@ -11,10 +11,10 @@ from decimal import Decimal
 from fractions import Fraction
 
 from betterbench.audit.counts import Count, all_with_dropped, count_behind, shown
-from betterbench.audit.finding import Cell, Finding, Verdict
+from betterbench.audit.finding import AuditFinding, Cell, Verdict
 from betterbench.audit.form import Form
 from betterbench.audit.sums import missing_parts
-from betterbench.audit.table import Table, blindness, decimals, one_digit_apart, replaced
+from betterbench.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 from betterbench.statistics import round_half_up
 
 LARGEST_SIZE = 1000
@@ -67,11 +67,11 @@ class Pooled:
     parts: tuple[str, ...]
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Pooled:
+    def read(cls, form: Form, table: AuditedTable) -> Pooled:
         """Return the rule that a form describes."""
         return cls(form.name("target", table.columns), form.names("parts", table.columns))
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the sizes, and what is wrong or right with each row."""
         rows = self.rows(table)
         sizes = recover_sizes(tuple(rows.values()))
@@ -86,7 +86,7 @@ class Pooled:
         for name, row in rows.items():
             yield from self._judge(table, name, row, sizes)
 
-    def rows(self, table: Table) -> dict[str, Row]:
+    def rows(self, table: AuditedTable) -> dict[str, Row]:
         """Return the rows that print the overall rate and all parts."""
         found: dict[str, Row] = {}
         for name in table.row_names:
@@ -96,12 +96,12 @@ class Pooled:
                 found[name] = (parts, whole)
         return found
 
-    def _no_sizes(self, table: Table, rows: Mapping[str, Row]) -> Finding:
+    def _no_sizes(self, table: AuditedTable, rows: Mapping[str, Row]) -> AuditFinding:
         why = f"No sizes of up to {LARGEST_SIZE} questions per part reproduce most of the rows."
         covers = tuple((r, c) for r in rows for c in (*self.parts, self.target))
-        return Finding(table.name, "pooled", "", self.target, "", "", Verdict.UNKNOWN, why, covers, 1, 1)
+        return AuditFinding(table.name, "pooled", "", self.target, "", "", Verdict.UNKNOWN, why, covers, 1, 1)
 
-    def _about_sizes(self, table: Table, sizes: Sizes, rows: Mapping[str, Row]) -> Finding:
+    def _about_sizes(self, table: AuditedTable, sizes: Sizes, rows: Mapping[str, Row]) -> AuditFinding:
         plain = sum(
             round_half_up(sum(map(Fraction, parts), Fraction(0)) / len(parts), decimals(whole)) == whole
             for parts, whole in rows.values()
@@ -111,9 +111,11 @@ class Pooled:
             f"The smallest sizes that reproduce most rows are {listed} = {sizes.total}: {sizes.reproduced} of "
             f"{sizes.rows} distinct rows in every digit. The plain mean of the parts fits {plain}/{len(rows)} rows."
         )
-        return Finding(table.name, "pooled", "", self.target, "micro average", str(sizes.total), Verdict.HOLDS, why)
+        return AuditFinding(
+            table.name, "pooled", "", self.target, "micro average", str(sizes.total), Verdict.HOLDS, why
+        )
 
-    def _judge(self, table: Table, name: str, row: Row, sizes: Sizes) -> Iterator[Finding]:
+    def _judge(self, table: AuditedTable, name: str, row: Row, sizes: Sizes) -> Iterator[AuditFinding]:
         parts, whole = row
         numbers: dict[Cell, Decimal] = {(name, c): n for c, n in zip(self.parts, parts, strict=True)}
         numbers[(name, self.target)] = whole
@@ -127,11 +129,11 @@ class Pooled:
             why = f"The parts are {', '.join(map(str, counts))}, together {value}{'' if right else f', not {whole}'}."
             verdict = Verdict.HOLDS if right else Verdict.BROKEN
             covers = tuple(numbers)
-            yield Finding(table.name, "pooled", name, self.target, str(whole), value, verdict, why, covers, *blind)
+            yield AuditFinding(table.name, "pooled", name, self.target, str(whole), value, verdict, why, covers, *blind)
             return
         repaired, explanation = _explain(row, sizes, misfits)
         for i in misfits:
-            yield Finding(
+            yield AuditFinding(
                 table.name,
                 "pooled",
                 name,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from betterbench.audit.finding import Finding, Verdict
+from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.form import Form
-from betterbench.audit.table import Table, misprints
+from betterbench.audit.table import AuditedTable, misprints
 from betterbench.errors import UnknownNameError
 
 
@@ -30,12 +30,12 @@ class Quoted:
     at_column: str
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Quoted:
+    def read(cls, form: Form, table: AuditedTable) -> Quoted:
         """Return the rule that a form describes."""
         row, column = form.name("row", table.row_names), form.name("column", table.columns)
         return cls(row, column, form.text("table"), form.text("at_row"), form.text("at_column"))
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield the finding about the quotation.
 
         Raises:
@@ -50,7 +50,7 @@ class Quoted:
         right = printed == source
         # A zero appended or left out does not change a number; any other wrong digit does.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
-        yield Finding(
+        yield AuditFinding(
             table.name,
             "quoted",
             self.row,

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.audit.finding import Cell, Finding, Verdict
+from betterbench.audit.finding import AuditFinding, Cell, Verdict
 from betterbench.audit.form import Form
-from betterbench.audit.table import Table, blindness, decimals, misprints, replaced
+from betterbench.audit.table import AuditedTable, blindness, decimals, misprints, replaced
 from betterbench.statistics import round_half_up
 
 Terms = tuple[tuple[Fraction, Decimal], ...]
@@ -33,12 +33,12 @@ class Combination:
 
     def judge(
         self,
-        table: Table,
+        table: AuditedTable,
         row: str,
         cell: str,
         target: tuple[Cell, Decimal],
         parts: Mapping[Cell, tuple[Fraction, Decimal]],
-    ) -> Finding:
+    ) -> AuditFinding:
         """Return the finding about one result.
 
         Args:
@@ -66,7 +66,7 @@ class Combination:
             why += f", not {printed}."
         covers = (*parts, place)
         shown = str(printed), str(recomputed)
-        return Finding(table.name, self.kind, row, cell, *shown, verdict, why, covers, unnoticed, possible)
+        return AuditFinding(table.name, self.kind, row, cell, *shown, verdict, why, covers, unnoticed, possible)
 
     def value(self, terms: Terms) -> Fraction:
         """Return the exact result of weighted parts."""
@@ -113,30 +113,30 @@ class RowSum:
     combination: Combination
 
     @classmethod
-    def read_mean(cls, form: Form, table: Table) -> RowSum:
+    def read_mean(cls, form: Form, table: AuditedTable) -> RowSum:
         """Return the rule that the target is the mean of the parts."""
         parts = form.names("parts", table.columns)
         return cls._read(form, table, "mean", {p: Fraction(1, len(parts)) for p in parts})
 
     @classmethod
-    def read_sum(cls, form: Form, table: Table) -> RowSum:
+    def read_sum(cls, form: Form, table: AuditedTable) -> RowSum:
         """Return the rule that the target is the sum of the parts, divided by ``divisor`` if given."""
         divisor = form.count("divisor", 1)
         return cls._read(form, table, "sum", {p: Fraction(1, divisor) for p in form.names("parts", table.columns)})
 
     @classmethod
-    def read_delta(cls, form: Form, table: Table) -> RowSum:
+    def read_delta(cls, form: Form, table: AuditedTable) -> RowSum:
         """Return the rule that the target is the novel condition minus the mean of the seen ones."""
         novel, seen = form.name("novel", table.columns), form.names("seen", table.columns)
         return cls._read(form, table, "delta", {novel: Fraction(1)} | {s: Fraction(-1, len(seen)) for s in seen})
 
     @classmethod
-    def _read(cls, form: Form, table: Table, kind: str, weights: Mapping[str, Fraction]) -> RowSum:
+    def _read(cls, form: Form, table: AuditedTable, kind: str, weights: Mapping[str, Fraction]) -> RowSum:
         rows = form.names("rows", table.row_names, table.row_names)
         combination = Combination(kind, rounded=form.flag("rounded_parts"))
         return cls(rows, form.name("target", table.columns), tuple(weights.items()), combination)
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
         for row in self.rows:
             printed = table.cell(row, self.target)
@@ -164,12 +164,12 @@ class Total:
     combination: Combination
 
     @classmethod
-    def read(cls, form: Form, table: Table) -> Total:
+    def read(cls, form: Form, table: AuditedTable) -> Total:
         """Return the rule that a form describes."""
         combination = Combination("total", rounded=form.flag("rounded_parts"), unit=form.count("unit", 1))
         return cls(form.name("row", table.row_names), form.name("column", table.columns), combination)
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the total."""
         printed = table.cell(self.row, self.column)
         rest = [row for row in table.row_names if row != self.row]
@@ -182,12 +182,12 @@ class Total:
         yield self.combination.judge(table, self.row, self.column, ((self.row, self.column), printed), parts)
 
 
-def missing_parts(table: Table, rule: str, row: str, column: str, printed: Decimal) -> Finding:
+def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed: Decimal) -> AuditFinding:
     """Return the finding about a result whose parts are not printed."""
     why = f"The parts of {printed} are not printed."
     possible = len(tuple(misprints(printed)))
     cell = (row, column)
-    return Finding(table.name, rule, *cell, str(printed), "", Verdict.UNKNOWN, why, (cell,), possible, possible)
+    return AuditFinding(table.name, rule, *cell, str(printed), "", Verdict.UNKNOWN, why, (cell,), possible, possible)
 
 
 def _exactly(value: Fraction) -> str:

@@ -107,7 +107,7 @@ class TrialCertificate:
 
 @with_config(ConfigDict(extra="forbid", strict=True))
 @dataclass(frozen=True, slots=True)
-class Versions:
+class CertificateVersions:
     """What a certificate depends on besides the seeds.
 
     Attributes:
@@ -138,7 +138,7 @@ class Certificate:
         form: Tells the file from others.
     """
 
-    versions: Versions
+    versions: CertificateVersions
     platform: str
     trials: tuple[TrialCertificate, ...]
     wall_s: float

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
-from betterbench.certification.certificate import Certificate, Versions, first_problem, seed_ranges
+from betterbench.certification.certificate import Certificate, CertificateVersions, first_problem, seed_ranges
 from betterbench.errors import InvalidInputError
 
 SOLVED_SHARE = 0.95
@@ -69,7 +69,7 @@ class Coverage:
         form: Tells the file from others.
     """
 
-    versions: Versions
+    versions: CertificateVersions
     conditions: Mapping[str, Seeds]
     form: Literal["betterbench coverage"] = FORM
 
@@ -116,7 +116,7 @@ class Coverage:
             trials: Task, condition and seed of every planned trial.
             suite: Version of the suite in use.
             engine: Version of MuJoCo in use.
-            tasks: Versions of the tasks in use.
+            tasks: CertificateVersions of the tasks in use.
         """
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.certification.certificate import Clause, TrialCertificate
-from betterbench.certification.support import Found, Handling, Regime
+from betterbench.certification.support import Found, Handling, TrainedSupport
 from betterbench.errors import PlanningError
 from betterbench.experts import make_expert
 from betterbench.experts.planner import Planner
@@ -30,7 +30,7 @@ from betterbench.tasks import (
     broken_premises,
     get_task,
 )
-from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
 """Control steps of zero action after which an initial state has to be at rest: 0.2 s."""
@@ -213,7 +213,7 @@ def _to_be_grasped(condition: Condition, state: WorldState) -> tuple[str, ...]:
     names: dict[str, None] = {}
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
-            if not RELATIONS[goal.relation].holds(state, name, goal.target, goal.place):
+            if not RELATIONS[goal.relation].holds(state, name, goal.target, goal.region):
                 names.setdefault(name)
     return tuple(names)
 
@@ -286,11 +286,11 @@ def _expert(scene: Scene) -> _Episode:
             handling.update(state)
     except Exception as error:  # noqa: BLE001 - an expert that breaks down has not solved the trial; it is listed as such
         broke = f"{type(error).__name__}: {error}"
-    regime = Regime.of(task)
+    trained = TrainedSupport.of(task)
     return _Episode(
         Clause(truth.success, "" if truth.success else broke or _why_not(condition, tracker, truth, state.step)),
         state.step,
-        tuple(regime.judge(p) for p in handling.finish()),
+        tuple(trained.judge(p) for p in handling.finish()),
         time.perf_counter() - began,
     )
 

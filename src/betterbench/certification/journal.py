@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from betterbench.certification.certificate import TrialCertificate, Versions, trial_from_json
+from betterbench.certification.certificate import CertificateVersions, TrialCertificate, trial_from_json
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.recording import RunLock
 from betterbench.recording.durable import sync_folder
@@ -31,14 +31,14 @@ class CertificationJournal:
 
     Args:
         folder: Folder of the certificate; it is made if missing.
-        versions: Versions in use.
+        versions: CertificateVersions in use.
 
     Raises:
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If a line is corrupt.
     """
 
-    def __init__(self, folder: Path, versions: Versions) -> None:
+    def __init__(self, folder: Path, versions: CertificateVersions) -> None:
         """Open the journal."""
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / JOURNAL_NAME

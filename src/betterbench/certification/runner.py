@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import betterbench
-from betterbench.certification.certificate import Certificate, TrialCertificate, Versions, certificate_path
+from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
 from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import Subject, examine
 from betterbench.certification.journal import CertificationJournal
@@ -48,10 +48,10 @@ class CertificationProgress:
     last: TrialCertificate | None
 
 
-def versions_in_use(tasks: Sequence[str]) -> Versions:
+def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
     """Return the versions that a certificate of some tasks depends on."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return Versions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
+    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
 
 
 def certify(

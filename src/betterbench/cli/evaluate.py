@@ -15,14 +15,14 @@ import tyro
 from betterbench.certification import Coverage, load_coverage, packaged_coverage
 from betterbench.certification.coverage import cure_for
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
-from betterbench.cli.tally import Tally, service
+from betterbench.cli.tally import RunTally, service
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
-from betterbench.evaluation.agents import needs_no_thread
-from betterbench.evaluation.cluster import ANYWHERE, Cluster
-from betterbench.evaluation.repeat import repeated_plan
-from betterbench.evaluation.trial import POLICY_TIMEOUT_S
+from betterbench.evaluation.planning.repeat import repeated_plan
+from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster
+from betterbench.evaluation.trials.policy_factory import needs_no_thread
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
@@ -266,7 +266,7 @@ def run_with_bar(
         repeats: Run whose policy has to be the same.
     """
     prepare_robot(plan.robot)
-    tally, folder, ended, elapsed_s = Tally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
+    tally, folder, ended, elapsed_s = RunTally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
     next_line_s = 0.0
     with progress_bar(plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
 

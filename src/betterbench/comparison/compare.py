@@ -11,8 +11,8 @@ from betterbench.comparison.contrast import (
     Contrast,
     Counted,
     Group,
+    OutcomeCounts,
     SequentialContrast,
-    Tally,
     could_have_shown,
     judged,
     rate_of,
@@ -153,10 +153,10 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
-    drafts: list[tuple[_Question, Tally, Contrast]] = []
+    drafts: list[tuple[_Question, OutcomeCounts, Contrast]] = []
     for q in asked:
         for i, j in pairs:
-            tally = Tally(counted[q][i], counted[q][j])
+            tally = OutcomeCounts(counted[q][i], counted[q][j])
             found = _contrast(q, tally, (names[i], names[j]), paired=matching.paired, alpha=alpha)
             drafts.append((q, tally, found))
     corrected = holm([c.p_value for _, _, c in drafts])
@@ -176,7 +176,9 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
         yield Group(question.measure, question.scope, names, rates, _letters(rates, mine, pairs), tuple(mine))
 
 
-def _contrast(question: _Question, tally: Tally, names: tuple[str, str], *, paired: bool, alpha: float) -> Contrast:
+def _contrast(
+    question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
+) -> Contrast:
     """Return two sides before the correction over their family."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)

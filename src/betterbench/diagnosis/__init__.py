@@ -7,12 +7,11 @@ from betterbench.diagnosis.trial import diagnose_record, offline_truth
 from betterbench.diagnosis.verdict import (
     Attempt,
     Evidence,
-    Kind,
-    Label,
     Metric,
     RunDiagnosis,
     TrialDiagnosis,
 )
+from betterbench.tasks.labels import Kind, Label
 
 __all__ = [
     "LIMITS",

@@ -12,7 +12,7 @@ from betterbench.tasks import THRESHOLDS
 
 
 @dataclass(frozen=True, slots=True)
-class Grasp:
+class GraspAttempt:
     """One grasp attempt, before it is known what was asked for.
 
     Attributes:
@@ -34,13 +34,13 @@ class Grasp:
     secured: bool
 
 
-def find_grasps(trace: Trace) -> tuple[Grasp, ...]:
+def find_grasps(trace: Trace) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in time.
 
     Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
     is in the hand already are no attempts; closings that only a flicker separates are one.
     """
-    grasps: list[Grasp] = []
+    grasps: list[GraspAttempt] = []
     for start, stop in _closings(trace):
         before = start - 1
         last = grasps[-1] if grasps else None
@@ -71,12 +71,12 @@ def _closings(trace: Trace) -> list[tuple[int, int]]:
     return spans
 
 
-def _still_gripped(trace: Trace, last: Grasp, row: int) -> bool:
+def _still_gripped(trace: Trace, last: GraspAttempt, row: int) -> bool:
     i = last.object
     return i is not None and last.secured and bool(trace.left[row, i] and trace.right[row, i])
 
 
-def _in_place(trace: Trace, last: Grasp, grasp: Grasp) -> bool:
+def _in_place(trace: Trace, last: GraspAttempt, grasp: GraspAttempt) -> bool:
     """Tell whether a hand only closes again on what it has just put somewhere, before it has gone away from it."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not trace.there[grasp.start, i]:
@@ -85,7 +85,7 @@ def _in_place(trace: Trace, last: Grasp, grasp: Grasp) -> bool:
     return bool((away <= THRESHOLDS.slot_reach).all())
 
 
-def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
+def _resolve(trace: Trace, start: int, stop: int) -> GraspAttempt | None:
     """Return the attempt that a closing is, or None if it is none."""
     before = start - 1
     limit = min(stop, start + trace.steps(THRESHOLDS.attempt_window), trace.rows)
@@ -100,7 +100,7 @@ def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
         if i in trace.items:  # a container beside a slot is not what stands in it
             slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
             slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
-        return Grasp(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
+        return GraspAttempt(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
     if limit == trace.rows and (limit - start < trace.steps(LIMITS.stop_time) or _still_closing(trace, limit)):
         return None  # the episode ended before the fingers could reach anything
     return _air_grasp(trace, before, settled, stop)
@@ -155,7 +155,7 @@ def _lifted(trace: Trace, i: int | None, start: int, stop: int) -> bool:
     return bool((gripped & risen).any())
 
 
-def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | None:
+def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> GraspAttempt | None:
     """Return a null attempt, or None where nothing is within reach of the hand."""
     tool = trace.tool[settled]
     home = np.array(trace.info.home_position)
@@ -163,13 +163,13 @@ def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | No
         return None
     if float(np.linalg.norm((tool - trace.tool[before])[:2])) > THRESHOLDS.slot_reach:
         return None  # a hand that closes while it travels past aims at nothing
-    boxes, centres = trace.box_distances(before, tool), trace.centre_distances(before, tool)
+    boxes, centers = trace.box_distances(before, tool), trace.center_distances(before, tool)
     within = [
-        (float(centres[i]), i)
+        (float(centers[i]), i)
         for i in trace.items
         if not trace.there[before, i]
         and trace.on_table(before, i)
-        and (boxes[i] <= THRESHOLDS.grasp_reach or max(centres[i], boxes[i]) <= THRESHOLDS.slot_reach)
+        and (boxes[i] <= THRESHOLDS.grasp_reach or max(centers[i], boxes[i]) <= THRESHOLDS.slot_reach)
     ]
     aim = min(within)[1] if within else None
     slot = None
@@ -180,4 +180,4 @@ def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | No
         slot = slot or trace.slot_near(tool, THRESHOLDS.slot_reach)
     if aim is None and slot is None:
         return None
-    return Grasp(before, settled, stop, None, aim, slot, secured=False)
+    return GraspAttempt(before, settled, stop, None, aim, slot, secured=False)

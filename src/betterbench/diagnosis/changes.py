@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeVar
 
 from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
-from betterbench.diagnosis.verdict import Label
+from betterbench.tasks.labels import Label
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -47,9 +47,9 @@ class TrialChange:
     Attributes:
         key: The trial ("fast_food/T1/3").
         sort: What changed.
-        before: The stored judgement, or None for a new trial.
-        now: The judgement now, or None for a trial that is gone.
-        reasons: Why, as far as the two judgements show it; sentences without a full stop.
+        before: The stored judgment, or None for a new trial.
+        now: The judgment now, or None for a trial that is gone.
+        reasons: Why, as far as the two judgments show it; sentences without a full stop.
     """
 
     key: str
@@ -184,7 +184,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield what two judgements of the same record show about the cause of the change."""
+    """Yield what two judgments of the same record show about the cause of the change."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts

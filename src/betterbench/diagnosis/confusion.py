@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from importlib import resources
 from typing import Any
 
-from betterbench.diagnosis.verdict import Kind, Label
 from betterbench.errors import RecordError
 from betterbench.statistics import Rate
+from betterbench.tasks.labels import Kind, Label
 
 PACKAGED = "calibration.json"
 """File of the packaged calibration, beside this module in ``data``."""
@@ -55,12 +55,12 @@ class Judged:
     """One trial of the zoo with its true label and the one that it was given.
 
     Attributes:
-        policy: Address of the policy, with strength and tremor.
+        policy: Address of the policy, with strength and action_noise.
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
         label: Label that the diagnosis gave.
         fault: What was decided wrongly, in the policy's own words.
-        rule: Rule of the diagnosis that fired.
+        rule: PolicyRule of the diagnosis that fired.
         text: Its evidence, one sentence.
     """
 
@@ -108,7 +108,7 @@ class Calibration:
         wrong: The trials whose label is wrong.
         crossed: Trials in which reasoning was called execution or the other way round.
         probes: What the blind probes reach on every variation.
-        versions: Versions found in the records.
+        versions: RecordVersions found in the records.
     """
 
     counts: dict[tuple[Label, Label], int]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from betterbench.diagnosis.second_pass import HABIT, WORD, Rule, TaskRules
-from betterbench.diagnosis.verdict import Kind, Label, TrialDiagnosis
+from betterbench.diagnosis.second_pass import HABIT, WORD, PolicyRule, TaskRules
+from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
+from betterbench.tasks.labels import Kind, Label
 
 _WHAT = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: "Goes where the word led in training, to another object",
@@ -140,5 +141,5 @@ def _proof(label: Label, members: Sequence[TrialDiagnosis], found: TaskRules | N
     return text
 
 
-def _rule(found: TaskRules, name: str) -> Rule | None:
+def _rule(found: TaskRules, name: str) -> PolicyRule | None:
     return next((r for r in found.rules if r.name == name and r.name in found.upheld), None)

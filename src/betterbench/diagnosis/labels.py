@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from betterbench.diagnosis import modes
-from betterbench.diagnosis.course import Course
-from betterbench.diagnosis.verdict import Evidence, Label
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.verdict import Evidence
 from betterbench.recording import Record
 from betterbench.tasks import Expected
+from betterbench.tasks.labels import Label
 
 ORDER: tuple[Label, ...] = tuple(Label)
 """The order of the table of suite, section 5, with ``wrong_object`` after all other reasoning labels: it is general."""
@@ -18,7 +19,7 @@ ORDER: tuple[Label, ...] = tuple(Label)
 _FIRST_ATTEMPT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 
-class Finding(NamedTuple):
+class LabelEvidence(NamedTuple):
     """One piece of evidence for one label.
 
     Attributes:
@@ -49,7 +50,7 @@ ALONE = Ruling()
 
 
 def success_label(expected: Expected) -> Label:
-    """Return the label of a success under an expected behaviour."""
+    """Return the label of a success under an expected behavior."""
     return {
         Expected.SUCCEED: Label.SUCCESS,
         Expected.STAY_STILL: Label.CORRECT_FREEZE,
@@ -57,56 +58,56 @@ def success_label(expected: Expected) -> Label:
     }[expected]
 
 
-def gather(record: Record, course: Course) -> tuple[Finding, ...]:
+def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...]:
     """Return all evidence that a trial gives, in no order. The first two rules await the second pass.
 
     Args:
         record: The record.
-        course: Its course.
+        episode: Its episode.
 
     Returns:
         At least one finding.
     """
-    expected = course.condition.expected
+    expected = episode.condition.expected
     if record.outcome.success:
         label = success_label(expected)
-        last = course.trace.rows - 1
+        last = episode.trace.rows - 1
         text = {
             Label.SUCCESS: "The goal is met.",
             Label.CORRECT_FREEZE: "Nothing was to be done, and nothing was touched.",
             Label.CORRECT_REFUSAL: "The target is absent, and nothing forbidden was touched.",
         }[label]
-        return (Finding(label, course.evidence("goal", text, rows=(last, last))),)
+        return (LabelEvidence(label, episode.evidence("goal", text, rows=(last, last))),)
     crashed = modes.policy_error.find(record)
     if crashed is not None:
-        return (Finding(Label.POLICY_ERROR, crashed),)
-    slot = None if course.first_choice is None else course.first_choice.grasp.slot
+        return (LabelEvidence(Label.POLICY_ERROR, crashed),)
+    slot = None if episode.first_choice is None else episode.first_choice.grasp.slot
     found: dict[Label, Evidence | None] = {
-        Label.LEXICAL_KINEMATIC_SHORTCUT: modes.lexical_kinematic_shortcut.find(course),
-        Label.VISUAL_LAYOUT_BIAS: modes.visual_layout_bias.find(course, slot),
-        Label.BEHAVIORAL_INERTIA: modes.behavioral_inertia.find(course),
-        Label.CAUSAL_CONFUSION: modes.causal_confusion.find(course),
-        Label.SEMANTIC_FEATURE_COLLAPSE: modes.semantic_feature_collapse.find(course),
-        Label.ORDER_VIOLATION: modes.order_violation.find(course),
-        Label.PHASE_CONFLICT: modes.phase_conflict.find(course),
-        Label.EARLY_HALT: modes.early_halt.find(course),
-        Label.WRONG_OBJECT: modes.wrong_object.find(course),
-        Label.EXECUTION_FAILURE: modes.execution_failure.find(course),
+        Label.LEXICAL_KINEMATIC_SHORTCUT: modes.lexical_kinematic_shortcut.find(episode),
+        Label.VISUAL_LAYOUT_BIAS: modes.visual_layout_bias.find(episode, slot),
+        Label.BEHAVIORAL_INERTIA: modes.behavioral_inertia.find(episode),
+        Label.CAUSAL_CONFUSION: modes.causal_confusion.find(episode),
+        Label.SEMANTIC_FEATURE_COLLAPSE: modes.semantic_feature_collapse.find(episode),
+        Label.ORDER_VIOLATION: modes.order_violation.find(episode),
+        Label.PHASE_CONFLICT: modes.phase_conflict.find(episode),
+        Label.EARLY_HALT: modes.early_halt.find(episode),
+        Label.WRONG_OBJECT: modes.wrong_object.find(episode),
+        Label.EXECUTION_FAILURE: modes.execution_failure.find(episode),
     }
-    findings = [Finding(label, evidence) for label, evidence in found.items() if evidence is not None]
+    findings = [LabelEvidence(label, evidence) for label, evidence in found.items() if evidence is not None]
     proven = [f for f in findings if f.label is not Label.VISUAL_LAYOUT_BIAS]
     if not proven:
         limit = record.outcome.termination == "step_limit"
-        late = modes.timeout.find(course, limit_reached=limit)
+        late = modes.timeout.find(episode, limit_reached=limit)
         findings.append(
-            Finding(Label.EXECUTION_FAILURE, modes.timeout.unexplained(course))
+            LabelEvidence(Label.EXECUTION_FAILURE, modes.timeout.unexplained(episode))
             if late is None
-            else Finding(Label.TIMEOUT, late)
+            else LabelEvidence(Label.TIMEOUT, late)
         )
     return tuple(findings)
 
 
-def decide(findings: Sequence[Finding], ruling: Ruling = ALONE) -> Finding:
+def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the finding that decides a trial.
 
     The first piece of evidence in time decides; for the same attempt the order of the table does. A shortcut that is
@@ -117,7 +118,7 @@ def decide(findings: Sequence[Finding], ruling: Ruling = ALONE) -> Finding:
         findings: All evidence of the trial.
         ruling: What the second pass says about it.
     """
-    kept: list[tuple[float, int, Finding]] = []
+    kept: list[tuple[float, int, LabelEvidence]] = []
     shortcut = {f.evidence.start_s for f in findings if f.label is Label.LEXICAL_KINEMATIC_SHORTCUT}
     for finding in findings:
         label, evidence = finding
@@ -127,7 +128,7 @@ def decide(findings: Sequence[Finding], ruling: Ruling = ALONE) -> Finding:
                 # What is not proven gives way to whatever else is known of the same attempt.
                 undecided = replace(evidence, rule="undecided", candidates=tuple(r.value for r in _FIRST_ATTEMPT_RULES))
                 rank = ORDER.index(Label.WRONG_OBJECT)
-                kept.append((evidence.start_s, rank, Finding(Label.WRONG_OBJECT, undecided)))
+                kept.append((evidence.start_s, rank, LabelEvidence(Label.WRONG_OBJECT, undecided)))
             continue
         if label is Label.VISUAL_LAYOUT_BIAS and not ruling.place:
             continue
@@ -137,8 +138,8 @@ def decide(findings: Sequence[Finding], ruling: Ruling = ALONE) -> Finding:
             and label not in (*_FIRST_ATTEMPT_RULES, Label.WRONG_OBJECT)
         ):
             candidates = tuple(r.value for r in (*_FIRST_ATTEMPT_RULES, label))
-            finding = Finding(label, replace(evidence, candidates=candidates))  # noqa: PLW2901 - the same finding, annotated
+            finding = LabelEvidence(label, replace(evidence, candidates=candidates))  # noqa: PLW2901 - the same finding, annotated
         kept.append((evidence.start_s, rank, finding))
     if not kept:  # only a place rule spoke, and it was not upheld
-        return Finding(Label.WRONG_OBJECT, findings[0].evidence)
+        return LabelEvidence(Label.WRONG_OBJECT, findings[0].evidence)
     return min(kept, key=lambda entry: (entry[0], entry[1]))[2]

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of the detectors. Metres, seconds, radians.
+    """Limits of the detectors. Meters, seconds, radians.
 
     Attributes:
         chatter_time: Opening shorter than this between two closings makes them one attempt [s]; the fingers need 0.4 s

@@ -12,11 +12,12 @@ from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
-from betterbench.diagnosis.trial import Choice, Reading, read_trial, setting_of, settled
-from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.trial import Choice, Reading, read_trial, settled, setup_of
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.recording import Record, RecordMetadata, RunFolder
 from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.labels import Label
 
 _SCENE_KEYS = ("model", "scene", "hash")
 """Words in the names of those parts of an engine fingerprint that differ from scene to scene by design."""
@@ -67,7 +68,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     readings: dict[str, Reading] = {}
     missing: dict[str, str | None] = {}
     pending: list[str] = []
-    versions = Versions(allow_mixed=allow_mixed)
+    versions = RecordVersions(allow_mixed=allow_mixed)
     for planned in plan:
         entry = entries.get((planned.task, planned.name, planned.seed))
         path = run.record_path(planned.task, planned.name, planned.seed)
@@ -99,7 +100,7 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
-    versions = Versions(allow_mixed=allow_mixed)
+    versions = RecordVersions(allow_mixed=allow_mixed)
     plan, readings = [], {}
     for record in records:
         m = record.metadata
@@ -154,7 +155,7 @@ def _planned(form: Any, where: str) -> PlannedTrial:  # noqa: ANN401 -- JSON of 
     return PlannedTrial(task, name, variation, seed)
 
 
-class Versions:
+class RecordVersions:
     """The versions found in the records of a run, which must not be mixed silently."""
 
     def __init__(self, *, allow_mixed: bool) -> None:
@@ -187,7 +188,7 @@ class Versions:
                     "Run one of them again, or allow mixed versions and read the numbers with care."
                 )
             known.setdefault(value, trial)
-        wanted = setting_of(metadata.task, metadata.variation or metadata.condition).task.version
+        wanted = setup_of(metadata.task, metadata.variation or metadata.condition).task.version
         if metadata.task_version != wanted and not self._allow_mixed:
             raise RunConflictError(
                 f"{trial} was recorded with version {metadata.task_version} of its task and is judged with version "
@@ -255,7 +256,7 @@ def _settled(planned: PlannedTrial, reading: Reading, rules: Mapping[str, TaskRu
 
 
 def _without_record(planned: PlannedTrial, policy: str, reason: str | None) -> TrialDiagnosis:
-    setting = setting_of(planned.task, planned.name)
+    setting = setup_of(planned.task, planned.name)
     return TrialDiagnosis(
         task=planned.task,
         variation=planned.variation,

@@ -29,12 +29,12 @@ class StoredTrial:
     Attributes:
         label: The outcome, by the names of the version that gave it.
         success: Whether the trial succeeded.
-        rule: Rule that fired.
+        rule: PolicyRule that fired.
         text: The evidence in a sentence.
         start_s: Beginning of the evidence [s].
         end_s: End of the evidence [s].
         candidates: Labels that the trial alone could not tell apart.
-        attempts: Grasp attempts as (start [s], object, result).
+        attempts: GraspAttempt attempts as (start [s], object, result).
         steps: Control steps of its record.
         has_record: Whether there was a record.
     """

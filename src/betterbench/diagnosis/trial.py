@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from betterbench.diagnosis.collisions import count_collisions
-from betterbench.diagnosis.course import Course, Standing, course_of
-from betterbench.diagnosis.labels import ALONE, Finding, Ruling, decide, gather
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
+from betterbench.diagnosis.labels import ALONE, LabelEvidence, Ruling, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import habit
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
@@ -20,11 +20,11 @@ from betterbench.tasks import (
     Condition,
     Expected,
     GoalTracker,
-    Regime,
     Task,
+    TrainingDistribution,
     Truth,
     get_task,
-    regime_of,
+    training_distribution_of,
 )
 
 
@@ -62,12 +62,12 @@ class Reading:
     """
 
     diagnosis: TrialDiagnosis
-    findings: tuple[Finding, ...]
+    findings: tuple[LabelEvidence, ...]
     choice: Choice | None
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class TrialSetup:
     """The task and the condition of a trial.
 
     Attributes:
@@ -75,30 +75,30 @@ class Setting:
         condition: The condition in force.
         base: Name of the training condition: its own, or the one that the variation is derived from.
         axis: Axis of the variation, or None.
-        regime: Regularities of the training regime.
+        trained: Regularities of the training regime.
     """
 
     task: Task
     condition: Condition
     base: str
     axis: str | None
-    regime: Regime
+    trained: TrainingDistribution
 
 
 @functools.cache
-def setting_of(task_name: str, name: str) -> Setting:
+def setup_of(task_name: str, name: str) -> TrialSetup:
     """Return the setting of a variation or training condition.
 
     Raises:
         UnknownNameError: If there is no such task, variation or training condition.
     """
     task = get_task(task_name)
-    regime = regime_of(task)
+    trained = training_distribution_of(task)
     if any(c.name == name for c in task.training):
-        return Setting(task, task.train(name), name, None, regime)
+        return TrialSetup(task, task.train(name), name, None, trained)
     variation = task.variation(name)
     condition, _ = vary(task, variation)
-    return Setting(task, condition, variation.base, variation.axis.value, regime)
+    return TrialSetup(task, condition, variation.base, variation.axis.value, trained)
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
@@ -122,12 +122,12 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
 def read_trial(record: Record, *, path: str | None = None) -> Reading:
     """Return everything that one record says."""
     m = record.metadata
-    setting = setting_of(m.task, m.variation or m.condition)
-    course = _course(record, setting)
-    findings = gather(record, course)
+    setting = setup_of(m.task, m.variation or m.condition)
+    episode = _course(record, setting)
+    findings = gather(record, episode)
     label, evidence = decide(findings, ALONE)
-    first = course.first_attempt
-    rows = course.trace.rows
+    first = episode.first_attempt
+    rows = episode.trace.rows
     diagnosis = TrialDiagnosis(
         task=m.task,
         variation=m.variation,
@@ -141,20 +141,20 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         label=label,
         first_attempt=None if first is None else first.attempt.object,
         first_slot=None if first is None else first.attempt.slot,
-        intended=course.intended(),
-        intention_correct=course.intention_correct(),
-        progress=course.progress(),
-        attempts=tuple(s.attempt for s in course.steps),
+        intended=episode.intended(),
+        intention_correct=episode.intention_correct(),
+        progress=episode.progress(),
+        attempts=tuple(s.attempt for s in episode.steps),
         evidence=evidence,
-        collisions=count_collisions(record, course.trace),
+        collisions=count_collisions(record, episode.trace),
         steps=rows - 1,
-        duration_s=float(course.trace.time[-1]),
+        duration_s=float(episode.trace.time[-1]),
         record=path,
     )
-    return Reading(diagnosis, findings, _choice(course))
+    return Reading(diagnosis, findings, _choice(episode))
 
 
-def settled(reading: Reading, ruling: Ruling) -> Finding:
+def settled(reading: Reading, ruling: Ruling) -> LabelEvidence:
     """Return the finding that decides a trial under the ruling of the second pass."""
     return decide(reading.findings, ruling)
 
@@ -169,51 +169,51 @@ def offline_truth(record: Record) -> list[Truth]:
         One truth per row; its subgoals, goal and forbidden flags equal the recorded ones, bit for bit.
     """
     m = record.metadata
-    setting = setting_of(m.task, m.variation or m.condition)
+    setting = setup_of(m.task, m.variation or m.condition)
     tracker = GoalTracker(setting.condition, m.scene, template=setting.task.template, control_rate_hz=m.control_rate_hz)
     return [tracker.update(state) for state in record.states()]
 
 
-def _course(record: Record, setting: Setting) -> Course:
+def _course(record: Record, setting: TrialSetup) -> EpisodeAnalysis:
     task, condition = setting.task, setting.condition
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
-    return course_of(trace, condition, setting.regime)
+    return analyze_episode(trace, condition, setting.trained)
 
 
-def _choice(course: Course) -> Choice | None:
+def _choice(episode: EpisodeAnalysis) -> Choice | None:
     """Return where the first attempt went; None for look-alikes, which have a label of their own, and for no choice."""
-    trace, regime, goals = course.trace, course.regime, course.goals
-    standing = dict(_standing_at_start(course))
-    first = course.first_choice
-    nothing_asked = course.condition.expected is Expected.STAY_STILL
+    trace, trained, goals = episode.trace, episode.trained, episode.goals
+    target = dict(_standing_at_start(episode))
+    first = episode.first_choice
+    nothing_asked = episode.condition.expected is Expected.STAY_STILL
     if first is None:
         if not nothing_asked:
             return None
         right: frozenset[str] = frozenset()
         slot, correct, goal = None, True, 0
     else:
-        if first.standing is Standing.FOREIGN or first.grasp.slot is None:
+        if first.target is AttemptTarget.FOREIGN or first.grasp.slot is None:
             return None
-        another = taken_for_another(course, first)
+        another = taken_for_another(episode, first)
         right = frozenset(first.asked_slots) - ({first.grasp.slot} if another is not None else set())
-        slot, correct = first.grasp.slot, first.standing is Standing.ASKED and another is None
+        slot, correct = first.grasp.slot, first.target is AttemptTarget.ASKED and another is None
         goal = another if another is not None else first.goal if first.goal is not None else 0
-    kind = habit(regime)
-    waiting = frozenset(s for s, i in standing.items() if course.kind(i) == kind)
-    habit_slots = frozenset() if kind is None else waiting or frozenset(regime.kind_slots.get(kind, ()))
+    kind = habit(trained)
+    waiting = frozenset(s for s, i in target.items() if episode.kind(i) == kind)
+    habit_slots = frozenset() if kind is None else waiting or frozenset(trained.kind_slots.get(kind, ()))
     return Choice(
-        layout=frozenset((s, course.kind(i)) for s, i in standing.items()),
+        layout=frozenset((s, episode.kind(i)) for s, i in target.items()),
         right=right,
         slot=slot,
         correct=correct,
-        word_slots=frozenset(regime.word_slots.get(goals[goal].word, ())) if goals else frozenset(),
+        word_slots=frozenset(trained.word_slots.get(goals[goal].word, ())) if goals else frozenset(),
         habit_slots=habit_slots,
-        places=max(2, len(standing), len(trace.pick_slots) if slot not in standing else 0),
+        places=max(2, len(target), len(trace.pick_slots) if slot not in target else 0),
     )
 
 
-def _standing_at_start(course: Course) -> Iterator[tuple[str, int]]:
-    trace = course.trace
+def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:
+    trace = episode.trace
     for i in trace.items:
         slot = trace.slot_near(trace.positions[0, i], THRESHOLDS.slot_reach)
         if slot is not None and not trace.there[0, i]:

@@ -3,48 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from enum import StrEnum
 from typing import Any
 
 from betterbench.statistics import Rate
-
-
-class Kind(StrEnum):
-    """What sort of failure a label is."""
-
-    NONE = "none"
-    REASONING = "reasoning"
-    EXECUTION = "execution"
-    SYSTEM = "system"
-
-
-class Label(StrEnum):
-    """The one outcome of a trial (suite, section 5)."""
-
-    SUCCESS = "success"
-    CORRECT_FREEZE = "correct_freeze"
-    CORRECT_REFUSAL = "correct_refusal"
-    LEXICAL_KINEMATIC_SHORTCUT = "lexical_kinematic_shortcut"
-    VISUAL_LAYOUT_BIAS = "visual_layout_bias"
-    BEHAVIORAL_INERTIA = "behavioral_inertia"
-    CAUSAL_CONFUSION = "causal_confusion"
-    SEMANTIC_FEATURE_COLLAPSE = "semantic_feature_collapse"
-    ORDER_VIOLATION = "order_violation"
-    PHASE_CONFLICT = "phase_conflict"
-    EARLY_HALT = "early_halt"
-    WRONG_OBJECT = "wrong_object"
-    EXECUTION_FAILURE = "execution_failure"
-    TIMEOUT = "timeout"
-    POLICY_ERROR = "policy_error"
-
-    @property
-    def kind(self) -> Kind:
-        """What sort of failure the label is."""
-        if self in (Label.SUCCESS, Label.CORRECT_FREEZE, Label.CORRECT_REFUSAL):
-            return Kind.NONE
-        if self in (Label.EXECUTION_FAILURE, Label.TIMEOUT):
-            return Kind.EXECUTION
-        return Kind.SYSTEM if self is Label.POLICY_ERROR else Kind.REASONING
+from betterbench.tasks.labels import Kind, Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +19,7 @@ class Evidence:
         start_s: Beginning of the span that shows it [s].
         end_s: End of the span [s].
         objects: Objects involved.
-        shared: For a look-alike, what it shares with the target ("colour", "shape", "slot"), or nothing.
+        shared: For a look-alike, what it shares with the target ("color", "shape", "slot"), or nothing.
         candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
     """
 
@@ -211,7 +173,7 @@ class RunDiagnosis:
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
         thresholds: The thresholds in force.
-        versions: Versions found in the records.
+        versions: RecordVersions found in the records.
         pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
             that nobody writes to any more: what it has not finished is then among the trials, without a record.
     """

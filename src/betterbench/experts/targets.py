@@ -6,17 +6,17 @@ import math
 from dataclasses import dataclass
 
 from betterbench.errors import PlanningError
-from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalise, rotate, yaw_of
+from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks import THRESHOLDS, Place
-from betterbench.tasks.predicates import relation as relation_named
+from betterbench.tasks import THRESHOLDS, TargetRegion
+from betterbench.tasks.relations import relation as relation_named
 
 RELEASE_GAP_M = 0.002
 """Height above its resting place at which an object is let go [m]."""
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
 """Length and rise of the way in below an overhang [m]."""
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
-"""Places within a container, as fractions of the distance that an item's centre may have from the middle."""
+"""Places within a container, as fractions of the distance that an item's center may have from the middle."""
 RIM_RELEASE_M = 0.03
 """Opening of the hand that lets go of a rim, with a finger inside and one outside it [m]."""
 FINGER_ROOM_M = 0.072
@@ -38,7 +38,7 @@ class PlaceGoal:
     release_width_m: float | None = None
 
 
-def place_goals(state: WorldState, name: str, place: Place, relation: str) -> tuple[PlaceGoal, ...]:
+def place_goals(state: WorldState, name: str, place: TargetRegion, relation: str) -> tuple[PlaceGoal, ...]:
     """Return poses at which an object satisfies a relation to a target, the best first.
 
     Args:
@@ -86,7 +86,7 @@ def _on_ring(state: WorldState, name: str, fixture: str) -> tuple[PlaceGoal, ...
     return tuple(goals)
 
 
-def _beside(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...]:
+def _beside(state: WorldState, name: str, place: TargetRegion) -> tuple[PlaceGoal, ...]:
     """Return goals in the zone of a side; long things lie along the anchor, either way round."""
     frame, info = state.pose(place.target), state.info.object(name)
     zone = frame @ state.info.object(place.target).region(place.at).pose
@@ -102,7 +102,7 @@ def _beside(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...]
     )
 
 
-def _in_hole(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...]:
+def _in_hole(state: WorldState, name: str, place: TargetRegion) -> tuple[PlaceGoal, ...]:
     """Return goals on the floor of a hole: straight down, let go just above it."""
     frame = state.pose(place.target)
     floor = frame.apply(state.info.object(place.target).region(place.at).position)
@@ -114,7 +114,7 @@ def _in_hole(state: WorldState, name: str, place: Place) -> tuple[PlaceGoal, ...
     )
 
 
-def _on_top(state: WorldState, name: str, place: Place, relation: str) -> tuple[PlaceGoal, ...]:
+def _on_top(state: WorldState, name: str, place: TargetRegion, relation: str) -> tuple[PlaceGoal, ...]:
     """Return goals on a plate, or on the uppermost thing of a stack below the layer that is asked for."""
     below = place.target
     if relation == "layer":
@@ -123,7 +123,7 @@ def _on_top(state: WorldState, name: str, place: Place, relation: str) -> tuple[
     region = "floor" if relation == "on_plate" else "top"
     x, y, z = state.pose(below).apply(state.info.object(below).region(region).position)
     if relation == "layer":
-        x, y, _ = state.pose(place.target).position  # centred over the base, so that small offsets do not add up
+        x, y, _ = state.pose(place.target).position  # centered over the base, so that small offsets do not add up
     now = yaw_of(state.pose(name).quaternion)
     turns = [now + turn for turn in (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6)]
     width = _narrow(state.info.object(name)) if relation == "layer" else RIM_RELEASE_M
@@ -132,7 +132,7 @@ def _on_top(state: WorldState, name: str, place: Place, relation: str) -> tuple[
     )
 
 
-def _layer(state: WorldState, name: str, place: Place) -> str | None:
+def _layer(state: WorldState, name: str, place: TargetRegion) -> str | None:
     return None if name == place.target else relation_named("layer").where(state, name, place.target)
 
 
@@ -180,7 +180,7 @@ def _inside(state: WorldState, name: str, container: str) -> tuple[PlaceGoal, ..
             for drop in (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085):
                 place = frame.apply((spot[0], spot[1], floor + drop))
                 cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
-                goals.append((cost, Pose(place, normalise(from_yaw(now + turn)))))
+                goals.append((cost, Pose(place, normalize(from_yaw(now + turn)))))
     return tuple(PlaceGoal(pose) for _, pose in sorted(goals, key=lambda g: g[0]))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from betterbench.errors import InvalidInputError
 from betterbench.interventions.operation import Changes, operation
-from betterbench.tasks import Condition, Place
+from betterbench.tasks import Condition, TargetRegion
 
 
 @operation
@@ -44,7 +44,7 @@ def preplace(condition: Condition, *, object: str, target: str, at: str = "") ->
     _require_slot(condition, object)
     condition.object(target)
     layout = {name: slot for name, slot in condition.layout.items() if name != object}
-    changed = condition.with_(layout=layout, preplaced={**condition.preplaced, object: Place(target, at)})
+    changed = condition.with_(layout=layout, preplaced={**condition.preplaced, object: TargetRegion(target, at)})
     return changed, Changes(frozenset({object}))
 
 

@@ -42,7 +42,7 @@ ADAPTER_OPTIONS = (
 """What the policy is shown and how its answers are read: a preset or a file, and what differs from it."""
 
 CAMERA_OPTION = "camera."
-"""``camera.KEY=NAME`` shows our camera NAME under the policy's picture key KEY."""
+"""``camera.KEY=NAME`` shows our camera NAME under the policy's image key KEY."""
 
 OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
     "openpi": (),

@@ -56,7 +56,7 @@ class AnswerRule:
         parts: Its columns.
         rotation: Format of its rotations.
         frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
-        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for metres.
+        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for meters.
         rotation_unit_rad: What 1 of a delta's rotation vector or angles amounts to [rad].
         joint_unit_rad: What 1 of a joint step amounts to [rad].
         step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
@@ -148,7 +148,7 @@ class AnswerRule:
     ) -> np.ndarray:
         """Return the actions that a reply means.
 
-        Rows with a number that is not finite stay recognisable: they come back with numbers that are not finite.
+        Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
 
         Args:
             reply: What the policy answered.

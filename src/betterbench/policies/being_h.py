@@ -19,11 +19,11 @@ import numpy as np
 from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.connection import PolicyConnection, Terms, api_key
 from betterbench.policies.handshake import Declaration
-from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import BEING_H_LIBERO, adapter_of
 from betterbench.policies.remote import Adapted, check_start, describe_policy
-from betterbench.policies.requester import Requester
+from betterbench.policies.request_client import RequestClient
 from betterbench.policies.torch_payload import import_torch, read_torch, write_torch
 
 _ERROR = b"ERROR"
@@ -48,7 +48,7 @@ class BeingHServer:
         """
         end = time.monotonic() + timeout_s
         self._where, self._token = f"policy server {address.scheme}://{address.target}", token
-        self._requester = Requester(*address.server(), timeout_s=timeout_s)
+        self._requester = RequestClient(*address.server(), timeout_s=timeout_s)
         try:
             self.call("ping", None, end - time.monotonic())
         except PolicyError as error:
@@ -130,7 +130,7 @@ class BeingHClient(Adapted):
         self._delay = address.whole("delay", address.execution().ahead)
         self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
         self.info: PolicyInfo = describe_policy(address, self.adapter, {}, says_actions=False)
-        self._link = Link(
+        self._link = PolicyConnection(
             self._where,
             lambda timeout_s: BeingHServer(address, token, timeout_s=timeout_s),
             Terms.of(address, seed=seed),

@@ -5,7 +5,7 @@ server tells its modalities, which are compared with the adapter whenever a conn
 ``gr00t/policy/server_client.py`` (N1.6) and ``gr00t/eval/service.py`` (N1.5).
 
 A server that looks at the present only takes the observations of many environments in one question
-(:class:`Gr00tBatchClient`). One that wants several time steps of pictures or state gets a client for each environment,
+(:class:`Gr00tBatchClient`). One that wants several time steps of images or state gets a client for each environment,
 which has to see every control step to know them: it plays the chunks itself, one action at a time.
 
 Servers of the first N1.5 releases pickle with torch. They are not supported, on purpose: unpickling a stranger's answer
@@ -25,12 +25,12 @@ from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, put
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.connection import PolicyConnection, Terms, api_key
 from betterbench.policies.handshake import Declaration
-from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.modality import SEEN, Modalities, name_of
 from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
 from betterbench.policies.remote import Adapted, check_start, describe_policy
-from betterbench.policies.requester import Requester
+from betterbench.policies.request_client import RequestClient
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
 Layout = Literal["nested", "flat", "n1.5"]
@@ -67,7 +67,7 @@ class Gr00tServer:
         """
         end = time.monotonic() + timeout_s
         self._where, self._token = where_of(address), token
-        self._requester = Requester(*address.server(), timeout_s=timeout_s)
+        self._requester = RequestClient(*address.server(), timeout_s=timeout_s)
         try:
             self._greet("ping", end)
             self.modalities = Modalities.read(self._greet("get_modality_config", end), self._where)
@@ -149,7 +149,7 @@ class Gr00tClient(Adapted):
         self._layout = address.choice("layout", get_args(Layout), "nested")
         self._token = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
         self._known: Modalities | None = None
-        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
         self.modalities = self._link.open().modalities
         declared = {"layout": self._layout, "modalities": self.modalities.to_json()}
         self.info: PolicyInfo = describe_policy(
@@ -195,8 +195,8 @@ class Gr00tClient(Adapted):
     def _seen(self, observation: Observation) -> Seen:
         """Return what the policy is shown of one observation."""
         seen: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in SEEN}
-        for key, picture in self.adapter.pictures(observation).items():
-            seen["video"][name_of(key)] = picture[None, None]
+        for key, image in self.adapter.images(observation).items():
+            seen["video"][name_of(key)] = image[None, None]
         for rule in self.adapter.states:
             value = rule.read(
                 observation,

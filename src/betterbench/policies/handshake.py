@@ -9,7 +9,7 @@ from betterbench.errors import BetterError, HandshakeError, InvalidInputError
 from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.policies.adapter import Adapter
-from betterbench.policies.fitting import EVERY_CAMERA
+from betterbench.policies.image_rule import EVERY_CAMERA
 
 PROTOCOL = 1
 """Version of what our own servers declare."""
@@ -34,7 +34,7 @@ class Declaration:
         state: Format of the robot's state.
         language: Whether the sentence is sent, or wanted ("sentence").
         rate_hz: Control rate [Hz].
-        cameras: Pictures by key, each with (width, height) or None for any size. What one side wants, the other one
+        cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
             has to give; more may be given.
     """
 
@@ -208,7 +208,7 @@ def compare(ours: Declaration, theirs: Declaration) -> None:
     if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
-                there = ", ".join(given) or "no pictures"
+                there = ", ".join(given) or "no images"
                 found.append(f"camera {key}: {theirs.who} wants it, {ours.who} gives {there}")
             elif wanted is not None and given[key] not in (None, wanted):
                 found.append(f"camera {key}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")

@@ -19,7 +19,7 @@ class Modalities:
     """The modalities of a server.
 
     Attributes:
-        video: Names of the pictures it wants; None if it does not say. Likewise the others.
+        video: Names of the images it wants; None if it does not say. Likewise the others.
         state: Names of the state vectors it wants.
         language: Names under which it wants the sentence.
         action: Names of what it answers.

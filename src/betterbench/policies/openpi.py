@@ -18,8 +18,8 @@ from betterbench.errors import PolicyError
 from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.connection import PolicyConnection, Terms, api_key
 from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_execution, read_server
-from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import NATIVE, adapter_of
 from betterbench.policies.remote import Adapted, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
@@ -48,7 +48,7 @@ class OpenpiClient(Adapted):
         Raises:
             PolicyUnavailableError: If the server cannot be reached.
             HandshakeError: If it declares other conventions than the address asks for.
-            InvalidInputError: If neither side says which pictures and state the policy wants.
+            InvalidInputError: If neither side says which images and state the policy wants.
             UnknownNameError: If a name in the address does not exist.
         """
         adapter_of(address, NATIVE)  # what is wrong with the address itself is told before anybody is dialled
@@ -63,7 +63,7 @@ class OpenpiClient(Adapted):
         self._metadata: Mapping[str, Any] = {}
         self._execution = Execution()
         self._within = False
-        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
         ours = self._metadata.get("betterbench")
         wants = ours.get("needs_images") if isinstance(ours, Mapping) else None

@@ -12,8 +12,8 @@ from betterbench.errors import HandshakeError
 from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.fitting import EVERY_CAMERA
 from betterbench.policies.handshake import Declaration, compare, declare_adapter
+from betterbench.policies.image_rule import EVERY_CAMERA
 
 _LONGEST_TEXT = 2000
 _MOST_ENTRIES = 100
@@ -33,7 +33,7 @@ def describe_policy(
         address: Address of the policy.
         adapter: How it is spoken to.
         declared: What the server said about itself.
-        needs_images: False if the server says that it looks at no picture; None to tell from the adapter. A camera
+        needs_images: False if the server says that it looks at no image; None to tell from the adapter. A camera
             that the adapter names is sent, and so rendered, all the same.
         says_actions: False if the server declares nothing about its actions. Unless the address does, what they are
             taken for stands in the metadata as "assumed", and is told before a run.

@@ -19,8 +19,8 @@ from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.connection import PolicyConnection, Terms, api_key
 from betterbench.policies.handshake import Declaration, compare
-from betterbench.policies.link import Link, Terms, api_key
 from betterbench.policies.presets import VLA_EVAL, adapter_of
 from betterbench.policies.remote import check_run, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
@@ -87,7 +87,7 @@ class VlaEvalClient:
         self._sequence = 0
         self._asked = 0
         self._running_on: WebSocket | None = None
-        self._link = Link(self._where, self._dial, Terms.of(address, seed=seed))
+        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
         self._link.open()
         self.info: PolicyInfo = describe_policy(
             address,
@@ -259,7 +259,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
             f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. "
             "Give action_space=ee_pose with the rotation format of the model, and --action-space ee_pose."
         )
-    if parameters.get("send_wrist_image", chosen or len(_pictures(seen)) > 1) is False:
+    if parameters.get("send_wrist_image", chosen or len(_images(seen)) > 1) is False:
         adapter = replace(adapter, views=tuple(v for v in adapter.views if "wrist" not in v.key[-1]))
     if parameters.get("send_state", chosen or "state" in seen) is False:
         adapter = replace(adapter, states=())
@@ -270,7 +270,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     """Return what a server declares and what the adapter offers, in words that can be compared.
 
     As in the harness, a format ``raw`` promises nothing, and ranges are no conventions: its own constant for rotation
-    vectors allows +-3.15 for numbers that are scaled to +-1. Names of pictures are its users' business, since servers
+    vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
     take them in order; how many there are is compared.
 
     Args:
@@ -316,10 +316,10 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
         elif state is not None:
             fits = sent == state or sent in seen["state"].accepts
             theirs, ours = replace(theirs, state=state), replace(ours, state=state if fits else sent)
-    pictures = _pictures(seen)
+    images = _images(seen)
     given = ["/".join(view.key) for view in adapter.views]
-    if len(pictures) > len(given):
-        cameras: dict[str, tuple[int, int] | None] = dict.fromkeys(pictures[len(given) :])
+    if len(images) > len(given):
+        cameras: dict[str, tuple[int, int] | None] = dict.fromkeys(images[len(given) :])
         theirs, ours = replace(theirs, cameras=cameras), replace(ours, cameras=dict.fromkeys(given))
     return theirs, ours
 
@@ -346,7 +346,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     return found
 
 
-def _pictures(specs: Mapping[str, _Spec]) -> list[str]:
+def _images(specs: Mapping[str, _Spec]) -> list[str]:
     return [key for key, spec in specs.items() if spec.format == "rgb_hwc_uint8"]
 
 

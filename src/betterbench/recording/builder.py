@@ -135,7 +135,7 @@ class RecordBuilder:
 
         Args:
             termination: Why the episode ended.
-            success: Whether the trial counts as a success under its expected behaviour.
+            success: Whether the trial counts as a success under its expected behavior.
             error: What went wrong, if anything.
             clipped_actions: Actions that had to be clipped.
             invalid_actions: Answers that could not be executed.

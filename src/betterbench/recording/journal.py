@@ -52,7 +52,7 @@ class JournalEntry:
         status: "done" when its record is on disk, "error" when it has to be run again.
         message: What broke, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
-        remarks: What the policy says of its own episode, by name; records hold none of it, and no verdict reads it.
+        ground_truth: What a faulty policy knows of its own episode, by name; no record holds it, no verdict reads it.
     """
 
     task: str
@@ -62,7 +62,7 @@ class JournalEntry:
     status: Status = "done"
     message: str | None = None
     wall: Mapping[str, float] = field(default_factory=dict)
-    remarks: Mapping[str, str] = field(default_factory=dict)
+    ground_truth: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what could not be read back.
@@ -84,9 +84,9 @@ class JournalEntry:
         for name, value in form["wall"].items():
             if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
                 raise InvalidInputError(f"wall.{name}", f"{value!r} is no finite number", "Leave the figure out")
-        for name, text in form["remarks"].items():
+        for name, text in form["ground_truth"].items():
             if not isinstance(text, str):
-                raise InvalidInputError(f"remarks.{name}", f"{text!r} is no text", "Give a text")
+                raise InvalidInputError(f"ground_truth.{name}", f"{text!r} is no text", "Give a text")
 
     @property
     def key(self) -> TrialKey:
@@ -103,7 +103,7 @@ class JournalEntry:
             "status": self.status,
             "message": self.message,
             "wall": dict(self.wall),
-            "remarks": dict(self.remarks),
+            "ground_truth": dict(self.ground_truth),
         }
 
     @classmethod
@@ -113,12 +113,12 @@ class JournalEntry:
         Raises:
             InvalidInputError: If it is no object with exactly the fields of an entry.
         """
-        if not isinstance(form, dict) or set(form) | {"remarks"} != set(cls.__dataclass_fields__):
+        if not isinstance(form, dict) or set(form) | {"ground_truth"} != set(cls.__dataclass_fields__):
             raise InvalidInputError("entry", "has not the fields of a finished trial", "Do not edit the journal")
         if not isinstance(form["wall"], dict):
             raise InvalidInputError("wall", f"{form['wall']!r} is no mapping", "Give figures by name")
-        if not isinstance(form.get("remarks", {}), dict):
-            raise InvalidInputError("remarks", f"{form['remarks']!r} is no mapping", "Give texts by name")
+        if not isinstance(form.get("ground_truth", {}), dict):
+            raise InvalidInputError("ground_truth", f"{form['ground_truth']!r} is no mapping", "Give texts by name")
         return cls(**form)
 
 

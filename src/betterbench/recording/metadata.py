@@ -26,7 +26,7 @@ class Outcome:
 
     Attributes:
         termination: Why it ended.
-        success: Whether the trial counts as a success under its expected behaviour.
+        success: Whether the trial counts as a success under its expected behavior.
         error: What went wrong, for "policy_error" and "interrupted".
         clipped_actions: Actions that had to be clipped to the bounds of the action space.
         invalid_actions: Answers of the policy that could not be executed.
@@ -77,7 +77,7 @@ class RecordMetadata:
         action_space: Name of the action space.
         action_components: Name of each number of an action.
         control_rate_hz: Control steps per second [Hz].
-        camera_preset: Name of the observation preset, or None when no picture was rendered.
+        camera_preset: Name of the observation preset, or None when no image was rendered.
         render_quality: Name of the render preset, or None likewise.
         engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.

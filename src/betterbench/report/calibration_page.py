@@ -1,4 +1,4 @@
-"""The page of a calibration: the confusion matrix as picture and table, every mistake with its evidence, the probes."""
+"""The page of a calibration: the confusion matrix as image and table, every mistake with its evidence, the probes."""
 
 from __future__ import annotations
 
@@ -74,14 +74,14 @@ def confusion_figure(calibration: Calibration) -> Figure:
                 if count:
                     wrong = row != column
                     dark = shares[row][column] > 0.55
-                    colour = "#b3261e" if wrong else "white" if dark else "#1b1b1b"
+                    color = "#b3261e" if wrong else "white" if dark else "#1b1b1b"
                     axes.text(
                         column,
                         row,
                         str(count),
                         ha="center",
                         va="center",
-                        color=colour,
+                        color=color,
                         weight="bold" if wrong else "normal",
                     )
         axes.set_xticks(range(n), [label_name(g) for g in labels], rotation=40, ha="right", rotation_mode="anchor")

@@ -7,12 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 from betterbench.diagnosis.metrics import twins
-from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.outcomes import task_title
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
+from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
 """Failure modes that the chart shows per policy; the CSV file of the trials has them all."""

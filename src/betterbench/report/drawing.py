@@ -30,7 +30,7 @@ PATTERNS: dict[str, str] = {
     "execution": '<path d="M-1 1 1 -1M0 6 6 0M5 7 7 5" class="hatch"/>',
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
 }
-"""What lies over a family's colour, so that a grey print and a colour-blind reader can tell them apart."""
+"""What lies over a family's color, so that a gray print and a color-blind reader can tell them apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,11 +159,11 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
 
 
 def file_style(figure_css: str, page_css: str) -> str:
-    """Return the style sheet of a chart's file: the page's light colours written out, for viewers without variables.
+    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables.
 
     Args:
         figure_css: Style sheet of the charts.
-        page_css: Style sheet of the page, which defines the colours.
+        page_css: Style sheet of the page, which defines the colors.
     """
     light = dict(re.findall(r"--([\w-]+): light-dark\(([^,]+),", page_css))
     plain = re.sub(r"var\(--([\w-]+)\)", lambda found: light.get(found[1], "#000"), figure_css)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.report.latex import paper_table_to_latex, table_to_latex
-from betterbench.report.matrices import matrices_of
-from betterbench.report.matrices import to_plain as matrices_to_plain
+from betterbench.report.matrices import matrices_of, plain_matrix
 from betterbench.report.outcomes import variation_rows
-from betterbench.report.paper import PaperTable, to_plain
+from betterbench.report.paper import PaperTable, plain_paper_table
 from betterbench.report.table import Table, to_csv
 from betterbench.report.task_views import task_views
 
@@ -43,11 +42,11 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
     """
     exports = []
     for table in paper_tables:
-        plain = to_plain(table)
+        plain = plain_paper_table(table)
         exports.append(Export(table.name, table.title, to_csv(plain), paper_table_to_latex(table), len(table.rows)))
     for pair in zip(*map(matrices_of, diagnoses), strict=True):
         if any(m.measured for m in pair):
-            plain = matrices_to_plain(pair)
+            plain = plain_matrix(pair)
             exports.append(Export(plain.name, pair[0].title, to_csv(plain), table_to_latex(plain), len(plain.rows)))
     for title, plain, short in (
         ("Tasks: success, illusion gap, leading failure", task_table(diagnoses), None),

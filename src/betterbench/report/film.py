@@ -7,8 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
+from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
 """A frame this long before the evidence shows the reach [s]; a reach over the table takes one to two seconds."""
@@ -29,7 +30,7 @@ def film_key(policy: str, trial: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture of a film.
+    """One image of a film.
 
     Attributes:
         time_s: Simulated time [s].
@@ -42,7 +43,7 @@ class Frame:
     caption: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse pictures of other formats and impossible times."""
+        """Refuse images of other formats and impossible times."""
         if not any(self.image.startswith(signature) for signature in _SIGNATURES):
             raise InvalidInputError("image", "neither a JPEG nor a PNG file", "Encode the frame as JPEG or PNG")
         if not (math.isfinite(self.time_s) and self.time_s >= 0.0):

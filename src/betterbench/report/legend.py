@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import Kind, Label
 from betterbench.tasks import Axis
+from betterbench.tasks.labels import Kind, Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Entry:
 
     @property
     def family(self) -> str:
-        """Colour family: "right", "reasoning", "execution" or "system"."""
+        """Color family: "right", "reasoning", "execution" or "system"."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
 
 
@@ -54,9 +54,9 @@ _ENTRIES = (
         "The first attempt goes to the same place whatever the instruction; decided over several trials.",
     ),
     Entry(
-        Label.BEHAVIORAL_INERTIA, "Behavioural inertia", "inertia",
+        Label.BEHAVIORAL_INERTIA, "Behavioral inertia", "inertia",
         "It plays the habitual step of training, whether or not it was asked for.",
-        "A step frequent in training but not asked for is begun, or the next step of a memorised sequence is played "
+        "A step frequent in training but not asked for is begun, or the next step of a memorized sequence is played "
         "without its object.",
     ),
     Entry(
@@ -115,7 +115,7 @@ FAMILIES: dict[str, str] = {
     "execution": "Execution failure",
     "system": "System failure",
 }
-"""Colour families and their names, in the order in which bars are stacked."""
+"""Color families and their names, in the order in which bars are stacked."""
 
 AXIS_NAMES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "Spatial layout shift",

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
+from betterbench.tasks.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,7 @@ class Segment:
 
     @property
     def family(self) -> str:
-        """Colour family."""
+        """Color family."""
         return LEGEND[self.label].family
 
     @property
@@ -73,7 +74,7 @@ class ConditionRow:
     segments: tuple[Segment, ...]
 
     def count_of(self, family: str) -> int:
-        """Return how many trials ended in a colour family."""
+        """Return how many trials ended in a color family."""
         return sum(segment.count for segment in self.segments if segment.family == family)
 
 

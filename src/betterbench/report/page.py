@@ -13,7 +13,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from betterbench.diagnosis.verdict import Kind, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.report.charts import charts_of
 from betterbench.report.drawing import UNIT, Chart, draw, file_style
@@ -26,13 +26,14 @@ from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.task_views import task_views
 from betterbench.report.wording import listed, p_text, plural
+from betterbench.tasks.labels import Kind
 
 STRIP_FRAMES = 3
 """Frames of the strip on the first screen: the reach, the moment of the evidence and what follows."""
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class ReportSetting:
     """One line of a table of settings: a name and its value per policy, or one value if all agree."""
 
     name: str
@@ -161,7 +162,7 @@ def render_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(data_uri=_text_uri, picture=_picture_uri, p_text=p_text, plural=plural, group=_grouped)
+    environment.filters.update(data_uri=_text_uri, picture=_image_uri, p_text=p_text, plural=plural, group=_grouped)
     script = _asset("page.js")
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
@@ -309,13 +310,13 @@ def _seeds(trials: Sequence[TrialDiagnosis]) -> str:
     return f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(shown[:6])}{more}"
 
 
-def _settings(values: Sequence[Mapping[str, str]]) -> tuple[Setting, ...]:
+def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
     """Return settings by name: one value if all runs agree, otherwise one per run."""
     names = sorted({name for mapping in values for name in mapping})
     settings = []
     for name in names:
         found = tuple(str(mapping.get(name, "–")) for mapping in values)
-        settings.append(Setting(name, found[:1] if len(set(found)) == 1 else found))
+        settings.append(ReportSetting(name, found[:1] if len(set(found)) == 1 else found))
     return tuple(settings)
 
 
@@ -348,8 +349,8 @@ def _text_uri(text: str, media_type: str) -> str:
     return f"data:{media_type};charset=utf-8;base64,{b64encode(text.encode()).decode('ascii')}"
 
 
-def _picture_uri(frame: Frame) -> str:
-    """Return a picture as a data URI."""
+def _image_uri(frame: Frame) -> str:
+    """Return a image as a data URI."""
     return f"data:{frame.media_type};base64,{b64encode(frame.image).decode('ascii')}"
 
 

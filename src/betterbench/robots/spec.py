@@ -25,17 +25,17 @@ class RobotSpec:
         name: Name in the register ("panda").
         title: What people call it.
         source: Where kinematics, masses and meshes come from.
-        licence: Licence of what is used.
+        license: License of what is used.
         arm_joints: Names of the arm joints.
         position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
-        velocity_actuators: Per arm joint, the servo that damps the joint towards the reference velocity.
+        velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
         finger_joints: Slide joints of the fingers; their sum is the distance of the pads.
         finger_bodies: Bodies of the left (+y of the hand) and the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm without hand and fingers.
-        tcp_site: Tool centre point between the pads; z along the approach, y along the opening of the fingers.
+        tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
         home_joints: Ready pose [rad].
         joint_low: Lower joint limits [rad].
         joint_high: Upper joint limits [rad].
@@ -43,7 +43,7 @@ class RobotSpec:
         joint_effort: Torque that the servos may use [N m].
         gripper_opening_m: Largest distance of the pads [m].
         pad_size_m: Width and height of a pad's face [m].
-        tip_below_tcp_m: How far the finger tips reach beyond the tool centre point [m].
+        tip_below_tcp_m: How far the finger tips reach beyond the tool center point [m].
         gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
         gripper_lead_m: How far the commanded distance of the pads may lead the measured one [m].
@@ -54,7 +54,7 @@ class RobotSpec:
     name: str
     title: str
     source: str
-    licence: str
+    license: str
     arm_joints: tuple[str, ...]
     position_actuators: tuple[str, ...]
     velocity_actuators: tuple[str, ...]

@@ -16,11 +16,11 @@ from betterbench.assets import Asset, build, looks
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Vector, from_yaw, rotate
 from betterbench.robots import RobotSpec, build_robot_spec, robot
-from betterbench.scenes.objects import add_asset, rest_pose, slide_of
+from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
-from betterbench.tasks import Condition, ObjectSpec, Place, Task, stream
-from betterbench.tasks.predicates.closed import MOUNTS
-from betterbench.tasks.predicates.layer import LAYERS
+from betterbench.tasks import Condition, ObjectSpec, TargetRegion, Task, stream
+from betterbench.tasks.relations.closed import MOUNTS
+from betterbench.tasks.relations.layer import LAYERS
 
 ROBOT_PREFIX = "robot/"
 
@@ -81,10 +81,15 @@ LOOK_SETS = 8
 runs compile and store a few scenes instead of one per trial."""
 
 
+_SPELLED_IN_LOOKS = {"gray": "grey"}
+"""Spelling of a color in the number that chooses a look. It decides which look a trial shows, so it never changes."""
+
+
 def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
     """Return the look of an object in a trial; like things look alike, and no other object has a say in it."""
     drawn = int(stream(task, seed, "look").integers(LOOK_SETS))
-    offset = zlib.crc32(f"{spec.category}:{spec.colour}".encode())
+    color = _SPELLED_IN_LOOKS.get(spec.color or "", spec.color)
+    offset = zlib.crc32(f"{spec.category}:{color}".encode())
     return (drawn + offset) % len(looks(spec.category))
 
 
@@ -104,7 +109,7 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
 
 def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placement, ...]:
     """Return all objects of a condition with their assets and poses, in an order that names do not influence."""
-    chosen = {o.name: build(o.category, look=look_of(task.id, seed, o), colour=o.colour) for o in condition.objects}
+    chosen = {o.name: build(o.category, look=look_of(task.id, seed, o), color=o.color) for o in condition.objects}
     poses: dict[str, Pose] = {}
     for name, slot in condition.layout.items():
         position, yaw = slot_pose(task, seed, slot)
@@ -135,13 +140,13 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
     Raises:
         InvalidInputError: If that is more than its travel.
     """
-    opening, travel = condition.opened.get(name, 0.0), slide_of(asset).travel_m
+    opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
     return opening
 
 
-def _below(condition: Condition, place: Place) -> str | None:
+def _below(condition: Condition, place: TargetRegion) -> str | None:
     """Return what lies under a preplaced layer, if that is not the base of the stack."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.at in LAYERS[1:] and other.at == LAYERS[LAYERS.index(place.at) - 1]:
@@ -158,7 +163,7 @@ def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_t
         asset: The object.
         target: What it rests in or on: a container, a ring, a hole, a plate, or the thing below it in a stack.
         T_world_target: Where that is.
-        at: Place of the target, where it offers several.
+        at: TargetRegion of the target, where it offers several.
     """
     dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
     names = {r.name for r in target.regions}
@@ -226,7 +231,7 @@ def _compile(
     add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))
     names = [f"object{i}_{p.asset.category}" for i, p in enumerate(placements)]
     for name, p in zip(names, placements, strict=True):
-        add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else slide_of(p.asset))
+        add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
     for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
         # The rails carry a drawer: between it and the carcass there is play, and nothing to collide.
         for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:

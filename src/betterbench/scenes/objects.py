@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from betterbench.assets import Asset, CollisionPart
-from betterbench.geometry import Pose, normalise
+from betterbench.geometry import Pose, normalize
 from betterbench.scenes.stage import set_physics
 
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
@@ -25,7 +25,7 @@ _TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Slide:
+class DrawerRail:
     """How an object slides along its own x axis.
 
     Attributes:
@@ -39,14 +39,14 @@ class Slide:
     damping: float
 
 
-def slide_of(asset: Asset) -> Slide:
+def rail_of(asset: Asset) -> DrawerRail:
     """Return how a drawer slides, as its generator says."""
     p = asset.parameters
-    return Slide(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
+    return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 
 
 def add_asset(
-    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: Slide | None = None
+    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
 ) -> mujoco.MjsBody:
     """Add an asset to a model.
 
@@ -77,7 +77,7 @@ def add_asset(
                 damping=slide.damping,
             )
     body.mass = asset.mass_kg
-    body.ipos = asset.centre_of_mass
+    body.ipos = asset.center_of_mass
     body.fullinertia = asset.inertia
     body.explicitinertial = True
     _add_visuals(spec, body, name, asset)
@@ -109,7 +109,7 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
                 height=height,
                 nchannel=3,
             )
-            # MuJoCo takes the first row of the data for v = 0; an asset's picture starts at the top.
+            # MuJoCo takes the first row of the data for v = 0; an asset's image starts at the top.
             texture.data = np.ascontiguousarray(part.texture.pixels[::-1]).tobytes()
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
         body.add_geom(
@@ -149,13 +149,13 @@ def rest_pose(asset: Asset) -> Pose:
     """Return the pose in which an asset rests on a flat surface through the origin of its frame.
 
     It is found by letting the asset, alone in the world, settle from its nominal pose. The result depends on nothing
-    but the asset, so that no neighbour can change where an object stands.
+    but the asset, so that no neighbor can change where an object stands.
 
     Args:
         asset: The asset.
 
     Returns:
-        ``T_surface_object``: a fraction of a millimetre of contact depth, and a tilt below a tenth of a degree.
+        ``T_surface_object``: a fraction of a millimeter of contact depth, and a tilt below a tenth of a degree.
     """
     spec = mujoco.MjSpec()
     set_physics(spec)
@@ -165,4 +165,4 @@ def rest_pose(asset: Asset) -> Pose:
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=1000)
     x, y, z = (float(v) for v in data.qpos[:3])
-    return Pose((x, y, z), normalise(data.qpos[3:7]))
+    return Pose((x, y, z), normalize(data.qpos[3:7]))

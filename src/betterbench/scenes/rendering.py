@@ -1,12 +1,12 @@
-"""Pictures of a scene: colour, depth and instance masks from MuJoCo's classic off-screen renderer.
+"""Images of a scene: color, depth and instance masks from MuJoCo's classic off-screen renderer.
 
-How passes are spent. A *colour pass* draws lights, textures and shadows into the multisampled buffer. A *geometry pass*
-draws every visible shape in a flat colour that encodes its number into the plain buffer, one sample at each pixel's
-centre, and gives depth and masks together; no id is ever blended with its neighbour. Colour with depth takes one pass
+How passes are spent. A *color pass* draws lights, textures and shadows into the multisampled buffer. A *geometry pass*
+draws every visible shape in a flat color that encodes its number into the plain buffer, one sample at each pixel's
+center, and gives depth and masks together; no id is ever blended with its neighbor. Color with depth takes one pass
 where that gives the same depth (no multisampling, nothing transparent), otherwise two. So depth and masks never depend
 on the quality.
 
-All pictures are upright: row 0 is the top. Every returned array belongs to the caller.
+All images are upright: row 0 is the top. Every returned array belongs to the caller.
 
 Contexts. A process holds one OpenGL context, made on first use and shared by all renderers of that process; each
 :class:`Renderer` keeps its own meshes, textures and buffers in it. Rendering belongs to the thread that made the first
@@ -34,14 +34,14 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
-from betterbench.geometry import Pose, Quaternion, normalise
+from betterbench.geometry import Pose, Quaternion, normalize
 from betterbench.scenes.culling import Culling
 from betterbench.scenes.stage import Quality
 
 logger = logging.getLogger(__name__)
 
 NO_BODY = -1
-"""Value of a mask where the picture shows no body: the sky."""
+"""Value of a mask where the image shows no body: the sky."""
 
 INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
 """The line that brings an OpenGL back end to a Debian or Ubuntu machine, with or without a graphics card."""
@@ -69,7 +69,7 @@ class Images:
     """One view of a scene; what was not asked for is None.
 
     Attributes:
-        rgb: (height, width, 3) uint8 colours.
+        rgb: (height, width, 3) uint8 colors.
         depth: (height, width) float32 distances along the optical axis, not along the ray [m], infinite where nothing
             was hit. A point at depth ``d`` in pixel (u, v) is ``CameraMatrices.unproject`` of it.
         masks: (height, width) int32 numbers of bodies; ``Renderer.body_names`` tells their names. 0 is the world itself
@@ -85,15 +85,15 @@ class Images:
 class CameraMatrices:
     """A pinhole camera in the conventions of OpenCV.
 
-    The camera frame has x to the right of the picture, y down and z forward along the optical axis. Pixel (u, v) counts
-    columns from the left and rows from the top, and whole numbers are the centres of pixels: the picture spans u from
+    The camera frame has x to the right of the image, y down and z forward along the optical axis. Pixel (u, v) counts
+    columns from the left and rows from the top, and whole numbers are the centers of pixels: the image spans u from
     -0.5 to width - 0.5.
 
     Attributes:
         K: (3, 3) intrinsic matrix [pixel].
         T_world_camera: Pose of the camera frame in the world.
-        width: Picture width [pixel].
-        height: Picture height [pixel].
+        width: Image width [pixel].
+        height: Image height [pixel].
     """
 
     K: np.ndarray
@@ -102,13 +102,13 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points into the picture.
+        """Project points into the image.
 
         Args:
             points: (n, 3) points in the world frame [m].
 
         Returns:
-            (n, 2) float64 pixels (u, v), which may lie outside the picture, and (n,) depths along the optical axis
+            (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
 
         Raises:
@@ -127,7 +127,7 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points that a depth picture shows.
+        """Return the points that a depth image shows.
 
         Args:
             depth: (height, width) distances along the optical axis [m].
@@ -136,7 +136,7 @@ class CameraMatrices:
             (height, width, 3) float64 points in the world frame [m]; not finite where the depth is infinite.
 
         Raises:
-            InvalidInputError: If the picture has another size.
+            InvalidInputError: If the image has another size.
         """
         if depth.shape != (self.height, self.width):
             raise InvalidInputError("depth", f"has shape {depth.shape}", f"Give {(self.height, self.width)}")
@@ -155,10 +155,10 @@ class Renderer:
     context, 0.1 to 0.3 s), so it is worth keeping as long as its model.
 
     Args:
-        model: Compiled model. Poses, colours and materials may change between pictures; meshes and textures may not.
-        width: Default picture width [pixel].
-        height: Default picture height [pixel].
-        quality: What the pictures are made with, whatever the model's own visual settings say.
+        model: Compiled model. Poses, colors and materials may change between images; meshes and textures may not.
+        width: Default image width [pixel].
+        height: Default image height [pixel].
+        quality: What the images are made with, whatever the model's own visual settings say.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -174,10 +174,10 @@ class Renderer:
         _make_current()
         self._context = _upload(model, quality, width, height)
         self._plain_fbo = (int(self._context.offFBO_r), 0)
-        self._colour_fbo = (int(self._context.offFBO), int(self._context.offSamples))
-        if quality.samples and not self._colour_fbo[1]:
+        self._color_fbo = (int(self._context.offFBO), int(self._context.offSamples))
+        if quality.samples and not self._color_fbo[1]:
             logger.warning(
-                "this OpenGL has no multisampled buffers: pictures of quality %r are not smoothed", quality.name
+                "this OpenGL has no multisampled buffers: images of quality %r are not smoothed", quality.name
             )
 
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + _SPARE_GEOMS)
@@ -227,14 +227,14 @@ class Renderer:
         Args:
             data: State to show; positions must be up to date (``mj_forward`` or a step).
             camera: Name of a camera of the model.
-            rgb: True to get colours.
+            rgb: True to get colors.
             depth: True to get distances.
             masks: True to get body numbers.
-            width: Picture width [pixel]; the renderer's own unless given.
-            height: Picture height [pixel]; the renderer's own unless given.
+            width: Image width [pixel]; the renderer's own unless given.
+            height: Image height [pixel]; the renderer's own unless given.
 
         Returns:
-            The pictures that were asked for.
+            The images that were asked for.
 
         Raises:
             UnknownNameError: If the model has no such camera.
@@ -257,13 +257,13 @@ class Renderer:
 
         Args:
             data: State to show; positions must be up to date (``mj_forward`` or a step).
-            views: Camera, picture width and picture height [pixel] of each.
-            rgb: True to get colours.
+            views: Camera, image width and image height [pixel] of each.
+            rgb: True to get colors.
             depth: True to get distances.
             masks: True to get body numbers.
 
         Returns:
-            The pictures that were asked for, in the order of ``views``.
+            The images that were asked for, in the order of ``views``.
 
         Raises:
             UnknownNameError: If the model has no such camera.
@@ -296,8 +296,8 @@ class Renderer:
         self._camera.fixedcamid = number
         mujoco.mjv_updateScene(self.model, data, self._option, None, self._camera, _EVERYTHING, self._scene)
         sky = self._culling.cull(data, number, columns / rows, geoms=not (rgb and self.quality.shadows))
-        view, colours, distances = self._buffers(columns, rows)
-        geometry_pass = masks or (depth and not (rgb and self._colour_fbo[1] == 0 and not self._has_transparency()))
+        view, colors, distances = self._buffers(columns, rows)
+        geometry_pass = masks or (depth and not (rgb and self._color_fbo[1] == 0 and not self._has_transparency()))
 
         rgb_out: np.ndarray | None = None
         masks_out: np.ndarray | None = None
@@ -309,37 +309,37 @@ class Renderer:
                 rgb_out = rgb_out[::-1].copy()
         if geometry_pass:
             self._draw(context, view, geometry=True)
-            mujoco.mjr_readPixels(colours if masks else None, distances if depth else None, view, context)
+            mujoco.mjr_readPixels(colors if masks else None, distances if depth else None, view, context)
             if masks:
-                masks_out = self._bodies(colours)
-        return Images(rgb_out, self._metres(distances) if depth else None, masks_out)
+                masks_out = self._bodies(colors)
+        return Images(rgb_out, self._meters(distances) if depth else None, masks_out)
 
     def close(self) -> None:
-        """Free the buffers; the renderer cannot be used afterwards. Closing twice does nothing."""
+        """Free the buffers; the renderer cannot be used afterward. Closing twice does nothing."""
         context, self._context = self._context, None
         if context is None:
             return
         _RENDERERS.discard(self)
         if _CONTEXT.pid == os.getpid() and _CONTEXT.gl is not None:
             _CONTEXT.gl.make_current()
-            context.offFBO, context.offSamples = self._colour_fbo
+            context.offFBO, context.offSamples = self._color_fbo
             context.free()
 
     def _fit(self, context: mujoco.MjrContext, columns: int, rows: int) -> None:
-        """Make the buffers large enough for a picture of the given size [pixel]."""
+        """Make the buffers large enough for a image of the given size [pixel]."""
         if columns > self._buffer_size[0] or rows > self._buffer_size[1]:
             _check_size(columns, rows)
             self._buffer_size = (max(columns, self._buffer_size[0]), max(rows, self._buffer_size[1]))
-            context.offFBO, context.offSamples = self._colour_fbo
+            context.offFBO, context.offSamples = self._color_fbo
             mujoco.mjr_resizeOffscreen(*self._buffer_size, context)
             self._plain_fbo = (int(context.offFBO_r), 0)
-            self._colour_fbo = (int(context.offFBO), int(context.offSamples))
+            self._color_fbo = (int(context.offFBO), int(context.offSamples))
             self._geometry = None
         elif columns < 1 or rows < 1:
             _check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
-        """Return the part of the buffer, and the reused arrays that its pixels are read into: colours, raw depths."""
+        """Return the part of the buffer, and the reused arrays that its pixels are read into: colors, raw depths."""
         buffers = self._pixels.get((columns, rows))
         if buffers is None:
             buffers = (
@@ -351,7 +351,7 @@ class Renderer:
         return buffers
 
     def _draw(self, context: mujoco.MjrContext, view: mujoco.MjrRect, *, geometry: bool, sky: bool = False) -> None:
-        """Draw the scene: either in colour, with or without the sky, or as geometry (see the module's text)."""
+        """Draw the scene: either in color, with or without the sky, or as geometry (see the module's text)."""
         if geometry is not self._geometry:
             self._prepare(context, geometry=geometry)
             self._bound = False
@@ -371,26 +371,26 @@ class Renderer:
         else:
             flags[flag.mjRND_SHADOW] = int(self.quality.shadows)
         # MuJoCo draws into and reads from offFBO; the buffer it resolves samples into is a complete one of its own.
-        context.offFBO, context.offSamples = self._plain_fbo if geometry and self._colour_fbo[1] else self._colour_fbo
+        context.offFBO, context.offSamples = self._plain_fbo if geometry and self._color_fbo[1] else self._color_fbo
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if something may be see-through: the colour pass leaves such things out of the depth."""
+        """Return True if something may be see-through: the color pass leaves such things out of the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True
         return False
 
-    def _bodies(self, colours: np.ndarray) -> np.ndarray:
+    def _bodies(self, colors: np.ndarray) -> np.ndarray:
         """Return the body number of each pixel of a geometry pass, turned upright.
 
         Args:
-            colours: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
+            colors: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
 
         Returns:
             (height, width) int32 body numbers.
         """
-        upright = _upright(colours)
+        upright = _upright(colors)
         segments = upright[:, :, 0].astype(np.int32)
         if self._scene.ngeom >= 0xFF:
             segments |= upright[:, :, 1].astype(np.int32) << 8
@@ -416,7 +416,7 @@ class Renderer:
             self._body_of_segment = {key: table}
         return table
 
-    def _metres(self, raw: np.ndarray) -> np.ndarray:
+    def _meters(self, raw: np.ndarray) -> np.ndarray:
         """Return upright distances along the optical axis [m] from raw depths.
 
         Args:
@@ -444,8 +444,8 @@ def camera_matrices(
         model: Compiled model.
         data: State with positions up to date.
         camera: Name of a camera of the model.
-        width: Picture width [pixel].
-        height: Picture height [pixel].
+        width: Image width [pixel].
+        height: Image height [pixel].
 
     Returns:
         The camera in the conventions of OpenCV.
@@ -465,12 +465,12 @@ def camera_matrices(
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
     x, y, z = (float(value) for value in data.cam_xpos[number])
-    return CameraMatrices(K, Pose((x, y, z), normalise(quaternion.tolist())), width, height)
+    return CameraMatrices(K, Pose((x, y, z), normalize(quaternion.tolist())), width, height)
 
 
 @functools.cache
 def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end that pictures are made with: "egl", "osmesa" or "glfw".
+    """Return the off-screen OpenGL back end that images are made with: "egl", "osmesa" or "glfw".
 
     The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
     is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
@@ -493,7 +493,7 @@ def gl_backend() -> str | None:
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return what decides about pixels besides the scene: pictures of two machines are equal if this is.
+    """Return what decides about pixels besides the scene: images of two machines are equal if this is.
 
     Returns:
         ``backend``, ``vendor``, ``renderer`` and ``version`` of OpenGL, and ``mujoco``'s version.
@@ -528,7 +528,7 @@ def _make_current() -> None:
     """Make this process's OpenGL context current, creating it on first use."""
     known = _CONTEXT.query
     if known is not None and _CONTEXT.thread == threading.get_ident() and _CONTEXT.pid == os.getpid():
-        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a picture of the fast preset.
+        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a image of the fast preset.
         if known() != _CONTEXT.handle and _CONTEXT.gl is not None:
             _CONTEXT.gl.make_current()
         return
@@ -591,9 +591,9 @@ _PACK_INVERT_MESA = 0x8758
 
 
 def _read_from_top(*, wanted: bool) -> bool:
-    """Choose whether pixels are read with the top row first, which saves turning each picture, and tell what is so.
+    """Choose whether pixels are read with the top row first, which saves turning each image, and tell what is so.
 
-    Mesa can do that; with another OpenGL rows are always read from the bottom, and pictures are turned afterwards.
+    Mesa can do that; with another OpenGL rows are always read from the bottom, and images are turned afterward.
     """
     gl = importlib.import_module("OpenGL.GL")
     names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
@@ -671,7 +671,7 @@ def _visible_things() -> mujoco.MjvOption:
 def _check_size(width: int, height: int) -> None:
     """Raise an InvalidInputError unless both sides [pixel] are in range."""
     if not (1 <= width <= _MAX_SIZE and 1 <= height <= _MAX_SIZE):
-        raise InvalidInputError("picture size", f"{width} x {height} pixels", f"Use 1 to {_MAX_SIZE} pixels a side")
+        raise InvalidInputError("image size", f"{width} x {height} pixels", f"Use 1 to {_MAX_SIZE} pixels a side")
 
 
 def _rotation_matrix(quaternion: Quaternion | Sequence[float]) -> np.ndarray:

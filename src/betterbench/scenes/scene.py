@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, distance, normalise
+from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
-from betterbench.tasks import Condition, Task, broken_premises, regime_of
+from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S = 0.002
 CONTROL_RATE_HZ = 20.0
@@ -101,14 +101,14 @@ class Scene:
         return qpos
 
     def _describe(self) -> SceneInfo:
-        regime = regime_of(self.task)
+        trained = training_distribution_of(self.task)
         slots = tuple(
             SlotInfo(
                 s.name,
                 (s.x, s.y, 0.0),
                 s.yaw,
-                regime.standing_kinds.get(s.name, ()),
-                tuple(sorted(k for k, slots in regime.kind_slots.items() if s.name in slots)),
+                trained.standing_kinds.get(s.name, ()),
+                tuple(sorted(k for k, slots in trained.kind_slots.items() if s.name in slots)),
             )
             for s in self.task.slots
         )
@@ -220,10 +220,10 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool centre point; positions are up to date after a reset and a step."""
+        """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
         mujoco.mju_mat2Quat(self._quaternion, self.data.site_xmat[self._tcp])
         x, y, z = self.data.site_xpos[self._tcp].tolist()
-        return Pose((x, y, z), normalise(self._quaternion.tolist()))
+        return Pose((x, y, z), normalize(self._quaternion.tolist()))
 
     def _contacts(self) -> tuple[tuple[Contact, ...], str | None]:
         data = self.data
@@ -284,7 +284,7 @@ def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
         kind=spec.kind,
         asset=asset.identity,
         category=asset.category,
-        colour=asset.colour,
+        color=asset.color,
         shape=asset.shape,
         role=spec.role,
         fixed=spec.fixed,

@@ -1,4 +1,4 @@
-"""Scenes on disk: the compiled model as MuJoCo writes it, and pictures of recorded states of it."""
+"""Scenes on disk: the compiled model as MuJoCo writes it, and images of recorded states of it."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class StoredView:
         """Return the view of one recorded state.
 
         Args:
-            qpos: (nq,) generalised positions of the record.
+            qpos: (nq,) generalized positions of the record.
             camera: Name of the camera.
             depth: True to get distances.
             masks: True to get instance masks.

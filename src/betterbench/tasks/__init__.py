@@ -2,17 +2,19 @@
 
 from betterbench.tasks import suite
 from betterbench.tasks.axes import Axis, Expected, Support
-from betterbench.tasks.condition import Condition, ObjectSpec, Place, Slot
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
 from betterbench.tasks.goal import GoalTracker, Truth
+from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
-from betterbench.tasks.regime import Regime, regime_of
 from betterbench.tasks.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.task import Task
 from betterbench.tasks.template import ObjectGroup, Template
 from betterbench.tasks.templates import TEMPLATES
 from betterbench.tasks.thresholds import THRESHOLDS, Thresholds
+from betterbench.tasks.training_distribution import TrainingDistribution, training_distribution_of
+from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.variation import Intervention, Variation, do
 
 __all__ = [
@@ -25,17 +27,20 @@ __all__ = [
     "GoalTracker",
     "Instruction",
     "Intervention",
+    "Kind",
+    "Label",
     "ObjectGroup",
     "ObjectSpec",
-    "Place",
     "Reference",
-    "Regime",
     "Slot",
     "Subgoal",
     "Support",
+    "TargetRegion",
     "Task",
     "Template",
     "Thresholds",
+    "TrainingDistribution",
+    "TrialId",
     "Truth",
     "Variation",
     "all_tasks",
@@ -43,9 +48,9 @@ __all__ = [
     "do",
     "environment_id",
     "get_task",
-    "regime_of",
     "stream",
     "suite",
     "suite_tasks",
     "task_names",
+    "training_distribution_of",
 ]

@@ -6,7 +6,7 @@ from betterbench.geometry import distance, horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.predicates import RELATIONS, at_rest, relation, upright
+from betterbench.tasks.relations import RELATIONS, at_rest, relation, upright
 from betterbench.tasks.thresholds import THRESHOLDS
 
 SLOT_TOLERANCE_M = 0.04
@@ -48,7 +48,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
         if len(names) < goal.count:
             problems.append(f"the instruction names {goal.word!r}, but the scene holds {len(names)} of {goal.count}")
             continue
-        there = sum(relation(goal.relation).holds(state, name, goal.target, goal.place) for name in names)
+        there = sum(relation(goal.relation).holds(state, name, goal.target, goal.region) for name in names)
         done += there >= goal.count
     if condition.expected is Expected.STAY_STILL and done < len(condition.instruction.subgoals):
         problems.append("nothing should be left to do, but a subgoal is open")

@@ -16,7 +16,7 @@ class Task:
 
     Attributes:
         id: Identifier ("fast_food").
-        version: Version of its behaviour: a changed goal, tolerance or sentence moves it.
+        version: Version of its behavior: a changed goal, tolerance or sentence moves it.
         title: Name for people.
         template: The constraint template it fills in.
         slots: Named places on the table.

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition, Role
-from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.thresholds import THRESHOLDS, Thresholds
 
 SCHEMA_VERSION = 1

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass, fields
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Limits used by predicates and by the diagnosis. Metres, seconds, radians, newtons.
+    """Limits used by predicates and by the diagnosis. Meters, seconds, radians, newtons.
 
     Attributes:
         rest_speed: An object slower than this is at rest [m/s]; resting contacts jitter below 1 mm/s here.
         rest_turning: An object turning slower than this is at rest [rad/s].
         upright_tilt: Tilt up to which an object counts as standing [rad]; 5 degrees, a mug on a flat tray shows < 0.5.
-        ring_radius: Distance up to which a mug is centred on its ring [m]; suite, section 3, task 6.
+        ring_radius: Distance up to which a mug is centered on its ring [m]; suite, section 3, task 6.
         ring_height: Height above the ring plane up to which it stands on it [m].
         spout_margin: Free distance between handle and spout, seen from above [m].
         side_reach: Distance from an anchor beyond which nothing is beside it [m]; the farthest region ends at 0.25 m.
@@ -22,16 +22,16 @@ class Thresholds:
         long_ratio: Length over width from which an object has a direction; a mug with its handle has 1.4.
         hole_depth: Height of a foot above the floor of its hole up to which it stands on it [m].
         hole_tilt: Tilt up to which an object in a hole is upright [rad]; the clearance allows 4 degrees.
-        layer_offset: Distance from the middle of the base up to which a layer is centred [m]; half its
+        layer_offset: Distance from the middle of the base up to which a layer is centered [m]; half its
             radius, so that it cannot topple.
         layer_gap: Height between a layer and the one below up to which it lies on it [m]; leaves and buns are uneven.
         layer_tilt: Tilt up to which a layer lies flat [rad]; 10 degrees.
-        plate_offset: Distance from the middle of a plate up to which the next one is centred [m]; the play within the
+        plate_offset: Distance from the middle of a plate up to which the next one is centered [m]; the play within the
             rim.
         plate_gap: Height of a foot above the floor of a plate up to which it stands on it [m].
         closed_gap: Distance from its closed position up to which a drawer is shut [m].
-        inside_margin: Distance by which an object's centre must be inside the opening of a container [m].
-        grasp_reach: Distance from the tool centre point to an object's box up to which a closing gripper is an attempt
+        inside_margin: Distance by which an object's center must be inside the opening of a container [m].
+        grasp_reach: Distance from the tool center point to an object's box up to which a closing gripper is an attempt
             at it [m]; half a finger pad plus the width of a pad.
         slot_reach: Horizontal distance from an empty slot up to which a closing gripper is an attempt there [m]; the
             slot jitter plus the radius of the largest item.

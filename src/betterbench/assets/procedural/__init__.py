@@ -1,4 +1,4 @@
-"""The embedded library: parametric generators that turn a category, a look and a colour into an asset.
+"""The embedded library: parametric generators that turn a category, a look and a color into an asset.
 
 Importing this package registers every family; a new family is one file with a decorated function and one line here.
 """
@@ -34,6 +34,6 @@ from betterbench.assets.procedural import (  # noqa: F401  (imported for what th
     tape_roll,
     waste_bin,
 )
-from betterbench.assets.procedural.registry import build, categories, colours, generator, looks
+from betterbench.assets.procedural.registry import build, categories, colors, generator, looks
 
-__all__ = ["build", "categories", "colours", "generator", "looks"]
+__all__ = ["build", "categories", "colors", "generator", "looks"]

@@ -1,4 +1,4 @@
-"""Coloured wooden blocks."""
+"""Colored wooden blocks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from betterbench.geometry import Pose
 from betterbench.state import Region
 
 
-@generator("block", colours=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
-def block(rng: np.random.Generator, colour: str) -> Draft:
+@generator("block", colors=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
+def block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden cube or cuboid with bevelled edges.
 
     Beech has a density of 700 kg/m^3.
 
     Args:
         rng: Source of proportions and grain.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -32,7 +32,7 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
     if rng.random() < 0.4:
         x = z = y
     bevel = float(rng.uniform(0.0018, 0.0035))
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     canvas.shade(1.0 + 0.03 * np.sin(2.0 * math.pi * (9.0 * canvas.y + 0.35 * np.sin(5.0 * canvas.x))))
     canvas.grain(rng, cells=(3, 24), amount=0.05)
@@ -40,8 +40,8 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
     collision = (solid_box((-x / 2, -y / 2, 0.0), (x / 2, y / 2, z)),)
     return Draft(
         shape="box",
-        description=f"A {colour} wooden toy block.",
-        tags=("block", "cube", "cuboid", "wood", "toy", colour),
+        description=f"A {color} wooden toy block.",
+        tags=("block", "cube", "cuboid", "wood", "toy", color),
         body=mass_properties(collision, round(700.0 * x * y * z, 4)),
         visual=(part("block", mesh, shade, picture=canvas.pixels(), specular=0.25),),
         collision=collision,

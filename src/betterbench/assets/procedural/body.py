@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia of a body made of simple solids."""
+"""Mass, center of mass and inertia of a body made of simple solids."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import IDENTITY_QUATERNION, Vector, multiply, normalise, rotate
+from betterbench.geometry import IDENTITY_QUATERNION, Vector, multiply, normalize, rotate
 
 Inertia = tuple[float, float, float, float, float, float]
 
@@ -21,12 +21,12 @@ class MassProperties:
 
     Attributes:
         mass_kg: Mass [kg].
-        centre_of_mass: In the object frame [m].
-        inertia: About the centre of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        center_of_mass: In the object frame [m].
+        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
     """
 
     mass_kg: float
-    centre_of_mass: Vector
+    center_of_mass: Vector
     inertia: Inertia
 
 
@@ -51,7 +51,7 @@ def volume_of(part: CollisionPart) -> float:
 
 
 def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
-    """Return the principal moments of a primitive about its own centre and axes [kg m^2]."""
+    """Return the principal moments of a primitive about its own center and axes [kg m^2]."""
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
@@ -90,10 +90,10 @@ def mass_properties(
     if weights.sum() <= 0.0:
         raise InvalidInputError("densities", "no part has any mass", "Give at least one positive density")
     masses = mass_kg * weights / weights.sum()
-    centres = np.array([p.position for p in parts])
-    centre = masses @ centres / mass_kg
+    centers = np.array([p.position for p in parts])
+    center = masses @ centers / mass_kg
     total = np.zeros((3, 3))
-    for part, mass, offset in zip(parts, masses.tolist(), centres - centre, strict=True):
+    for part, mass, offset in zip(parts, masses.tolist(), centers - center, strict=True):
         axes = np.array([rotate(part.quaternion, axis) for axis in np.eye(3).tolist()]).T
         total += axes @ np.diag(_own_inertia(part, mass)) @ axes.T
         total += mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
@@ -101,13 +101,13 @@ def mass_properties(
     # A product of inertia far below rounding is zero by symmetry.
     scale = max(six[:3])
     ixx, iyy, izz, ixy, ixz, iyz = (0.0 if abs(v) < 1e-9 * scale else float(f"{v:.9g}") for v in six)
-    x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in centre)
+    x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in center)
     return MassProperties(mass_kg, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))
 
 
 # Tool frames of a jaw that comes from above: z down (approach), y the direction in which the fingers open.
-JAW_OPENS_ALONG_Y = normalise((0.0, 1.0, 0.0, 0.0))
-JAW_OPENS_ALONG_X = normalise(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
+JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
+JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
 UPRIGHT = IDENTITY_QUATERNION
 
 
@@ -132,5 +132,5 @@ def upright_cylinder(radius: float, low: float, high: float) -> CollisionPart:
 def solid_box(low: Vector, high: Vector) -> CollisionPart:
     """Return the axis-aligned box between two opposite corners [m]."""
     half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
-    centre = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
-    return CollisionPart("box", half, centre)
+    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
+    return CollisionPart("box", half, center)

@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -31,8 +31,8 @@ def _round_body(height: float, radius: float) -> tuple[Grasp, ...]:
     return (Grasp("body", pose, 2.0 * radius, clearance_m=min(0.012, 0.039 - radius), symmetric_yaw=True),)
 
 
-@generator("cereal_bowl", colours=("white", "blue", "green"))
-def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
+@generator("cereal_bowl", colors=("white", "blue", "green"))
+def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 
     A small bowl of 0.25 kg filled with 0.2 kg of cereal and milk. It is too wide for a jaw and filled to the rim, so
@@ -40,7 +40,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions, cereal and decoration.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -51,7 +51,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     level = height - float(rng.uniform(0.009, 0.012))
     cereal = str(rng.choice(["rings", "flakes", "balls"]))
     striped = bool(rng.random() < 0.5)
-    glaze = jittered(mixed(PALETTE[colour], (0.9, 0.9, 0.9), 0.10), rng)
+    glaze = jittered(mixed(PALETTE[color], (0.9, 0.9, 0.9), 0.10), rng)
     inside = radius - 0.0035 - 0.10 * (height - level)
     profile = [
         (0.0, 0.0),
@@ -67,7 +67,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     ]
     length = profile_length(profile)
     canvas = Canvas(1.0, float(length[-1]), (8, 128), glaze)
-    accent = (0.92, 0.91, 0.87) if colour != "white" else mixed(PALETTE["blue"], PALETTE["grey"], 0.2)
+    accent = (0.92, 0.91, 0.87) if color != "white" else mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
     if striped:
         wall = float(length[5] - length[3])
         for share in (0.50, 0.70):
@@ -84,8 +84,8 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="round",
-        description=f"A {colour} bowl of cereal with milk.",
-        tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware", colour),
+        description=f"A {color} bowl of cereal with milk.",
+        tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware", color),
         body=mass_properties(collision, 0.45),
         visual=(
             part("bowl", lathe(profile, 24), glaze, picture=canvas.pixels(), specular=0.5, shininess=0.6),
@@ -106,7 +106,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
 
 def _cereal(rng: np.random.Generator, *, kind: str) -> np.ndarray:
     """Draw milk with cereal floating in it, seen from above."""
-    milk: Colour = (0.95, 0.94, 0.90)
+    milk: Color = (0.95, 0.94, 0.90)
     canvas = Canvas(2.0, 2.0, (192, 192), milk)
     r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
     canvas.shade(1.0 - 0.10 * np.clip((r - 0.85) / 0.15, 0.0, 1.0))
@@ -137,15 +137,15 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> np.ndarray:
     return canvas.pixels()
 
 
-@generator("salt_shaker", colours=("white", "silver"))
-def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
+@generator("salt_shaker", colors=("white", "silver"))
+def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a salt shaker with a pierced chrome top.
 
     A porcelain or steel shaker of this size, half full, weighs about 0.12 kg.
 
     Args:
         rng: Source of proportions.
-        colour: Colour word: white porcelain or brushed steel.
+        color: Color word: white porcelain or brushed steel.
 
     Returns:
         The draft.
@@ -155,7 +155,7 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     shoulder = height - float(rng.uniform(0.018, 0.022))
     waist = float(rng.uniform(0.80, 1.0))
     facets = bool(rng.random() < 0.4)
-    shade = jittered(PALETTE[colour], rng, amount=0.05)
+    shade = jittered(PALETTE[color], rng, amount=0.05)
     profile = [
         (0.0, 0.0),
         (radius - 0.0015, 0.0),
@@ -179,7 +179,7 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     x, y = canvas.x, canvas.y
     canvas.shade(0.84 + 0.16 * np.clip(y / float(length[4]), 0.0, 1.0))
     # An S for salt on each half of the body: two arcs of a ring, open on opposite sides.
-    ink: Colour = (0.15, 0.22, 0.42)
+    ink: Color = (0.15, 0.22, 0.42)
     size = 0.0052
     cx, cy = 0.5 * math.pi * radius, float(length[2]) + 0.55 * shoulder
     for sign in (1.0, -1.0):
@@ -202,8 +202,8 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="cylinder",
-        description=f"A {colour} salt shaker with a pierced chrome top.",
-        tags=("salt", "salt shaker", "shaker", "condiment", "tableware", colour),
+        description=f"A {color} salt shaker with a pierced chrome top.",
+        tags=("salt", "salt shaker", "shaker", "condiment", "tableware", color),
         body=mass_properties(collision, 0.12),
         visual=(
             part("body", body, shade, picture=canvas.pixels(), specular=0.5, shininess=0.6),
@@ -223,15 +223,15 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("jam_jar", colours=("red", "orange"))
-def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a jar of jam with a screw lid and a label; the colour is that of the jam.
+@generator("jam_jar", colors=("red", "orange"))
+def jam_jar(rng: np.random.Generator, color: str) -> Draft:
+    """Make a jar of jam with a screw lid and a label; the color is that of the jam.
 
     A jar of 0.12 l, full, weighs about 0.25 kg.
 
     Args:
         rng: Source of proportions, lid and label.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -241,7 +241,7 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     lid_low = height - float(rng.uniform(0.013, 0.016))
     lid_radius = 0.93 * radius
     lid_kind = str(rng.choice(["gingham", "gold", "white"]))
-    fruit = {"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[colour]
+    fruit = {"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[color]
     jam = jittered(fruit, rng, amount=0.10)
     glass = mixed(jam, (0.90, 0.95, 0.95), 0.60)
     profile = [
@@ -290,7 +290,7 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     paint = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.20), "white": (0.92, 0.92, 0.91)}[lid_kind]
     cover = Canvas(2.0, 2.0, (128, 128), paint)
     if lid_kind == "gingham":
-        ink = jam if colour == "red" else (0.20, 0.42, 0.26)
+        ink = jam if color == "red" else (0.20, 0.42, 0.26)
         columns, rows = (cover.x % 0.36) < 0.18, (cover.y % 0.36) < 0.18
         cover.paint(columns, ink, strength=0.55)
         cover.paint(rows, ink, strength=0.55)
@@ -304,8 +304,8 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="cylinder",
-        description=f"A glass jar of {colour} jam with a lid and a label.",
-        tags=("jam", "jam jar", "marmalade", "jar", "breakfast", colour),
+        description=f"A glass jar of {color} jam with a lid and a label.",
+        tags=("jam", "jam jar", "marmalade", "jar", "breakfast", color),
         body=mass_properties(collision, 0.25),
         visual=(
             part(
@@ -325,15 +325,15 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("egg_cup", colours=("white", "yellow"))
-def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a footed egg cup with a boiled egg in it; the colour is that of the cup.
+@generator("egg_cup", colors=("white", "yellow"))
+def egg_cup(rng: np.random.Generator, color: str) -> Draft:
+    """Make a footed egg cup with a boiled egg in it; the color is that of the cup.
 
     A hen's egg weighs 60 g, a porcelain cup the same; the egg does not come out.
 
     Args:
         rng: Source of proportions and egg.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -344,9 +344,9 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     height = float(rng.uniform(0.0685, 0.0715))
     stem = float(rng.uniform(0.36, 0.46))
     banded = bool(rng.random() < 0.5)
-    glaze = jittered(PALETTE[colour], rng, amount=0.05)
+    glaze = jittered(PALETTE[color], rng, amount=0.05)
     brown = float(rng.random())
-    shell: Colour = mixed((0.95, 0.91, 0.84), (0.80, 0.54, 0.34), 0.25 + 0.75 * brown)
+    shell: Color = mixed((0.95, 0.91, 0.84), (0.80, 0.54, 0.34), 0.25 + 0.75 * brown)
     profile = [
         (0.0, 0.0),
         (stand, 0.0),
@@ -362,7 +362,7 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     ]
     length = profile_length(profile)
     canvas = Canvas(1.0, float(length[-1]), (8, 128), glaze)
-    accent = mixed(PALETTE["blue"], PALETTE["grey"], 0.2) if colour == "white" else (0.93, 0.92, 0.88)
+    accent = mixed(PALETTE["blue"], PALETTE["gray"], 0.2) if color == "white" else (0.93, 0.92, 0.88)
     if banded:
         canvas.band(float(length[7]) - 0.0075, float(length[7]) - 0.0035, accent)
         canvas.band(float(length[1]), float(length[2]) + 0.001, accent)
@@ -384,8 +384,8 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A boiled egg in a {colour} egg cup.",
-        tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware", colour),
+        description=f"A boiled egg in a {color} egg cup.",
+        tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware", color),
         body=mass_properties(collision, 0.12),
         visual=(
             part("cup", lathe(profile, 20, crease_degrees=50.0), glaze, picture=canvas.pixels(), specular=0.5),

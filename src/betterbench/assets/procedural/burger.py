@@ -9,26 +9,26 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
 # The brown of a baked bun; the look-alike block is painted with the same.
-BUN: Colour = (0.76, 0.45, 0.15)
-_CRUMB: Colour = (0.90, 0.74, 0.46)
+BUN: Color = (0.76, 0.45, 0.15)
+_CRUMB: Color = (0.90, 0.74, 0.46)
 
 
-@generator("burger", colours=("brown",))
-def burger(rng: np.random.Generator, colour: str) -> Draft:
+@generator("burger", colors=("brown",))
+def burger(rng: np.random.Generator, color: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
     A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
     jaw.
 
     Args:
-        rng: Source of proportions, order of the layers and colours.
-        colour: Colour word.
+        rng: Source of proportions, order of the layers and colors.
+        color: Color word.
 
     Returns:
         The draft.
@@ -74,7 +74,7 @@ def burger(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A cheeseburger in a golden brown bun.",
-        tags=("burger", "hamburger", "cheeseburger", "food", "bun", colour),
+        tags=("burger", "hamburger", "cheeseburger", "food", "bun", color),
         body=mass_properties(collision, 0.18),
         visual=tuple(parts),
         collision=collision,
@@ -165,7 +165,7 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, 0.5 + share * mesh.vertices[:, :2])
 
 
-def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> np.ndarray:
+def _crust(rng: np.random.Generator, bun: Color, *, seeds: int) -> np.ndarray:
     """Draw the crust of the bun from above: browned in the middle, pale at the edge, with sesame seeds."""
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
@@ -186,15 +186,15 @@ def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> np.ndarray:
     return canvas.pixels()
 
 
-@generator("round_block", colours=("brown", "red", "green", "yellow", "blue"))
-def round_block(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a wooden round block with the size of a burger; in brown it has the colour of the bun.
+@generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
+def round_block(rng: np.random.Generator, color: str) -> Draft:
+    """Make a wooden round block with the size of a burger; in brown it has the color of the bun.
 
     Beech of 700 kg/m^3 would weigh 0.13 kg at this size.
 
     Args:
         rng: Source of proportions and grain.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -202,7 +202,7 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     radius = float(rng.uniform(0.0325, 0.0340))
     height = float(rng.uniform(0.0480, 0.0540))
     bevel = float(rng.uniform(0.0018, 0.0032))
-    shade = jittered(BUN if colour == "brown" else PALETTE[colour], rng, amount=0.10)
+    shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
     profile = [
         (0.0, 0.0),
         (radius - bevel, 0.0),
@@ -214,7 +214,7 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     length = profile_length(profile)
     canvas = Canvas(math.pi * radius, float(length[-1]), (64, 256), shade)
     top = canvas.y - float(length[4])
-    # End grain: year rings on both flat faces, long fibres on the side.
+    # End grain: year rings on both flat faces, long fibers on the side.
     spacing = float(rng.uniform(0.0035, 0.0055))
     flat = (canvas.y > length[4]) | (canvas.y < length[1])
     canvas.shade(np.where(flat, 0.95 + 0.05 * np.sin(2.0 * math.pi * top / spacing), 1.0))
@@ -223,8 +223,8 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     collision = (foot(0.021), upright_cylinder(radius, 0.0005, height))
     return Draft(
         shape="round",
-        description=f"A {colour} round wooden block with flat faces and bevelled edges.",
-        tags=("block", "round block", "cylinder", "wood", "toy", colour),
+        description=f"A {color} round wooden block with flat faces and bevelled edges.",
+        tags=("block", "round block", "cylinder", "wood", "toy", color),
         body=mass_properties(collision, round(700.0 * math.pi * radius**2 * height, 4)),
         visual=(
             part(

@@ -1,8 +1,8 @@
 """The layers of a cheeseburger one by one, and the kitchen sponge that looks like its cheese.
 
-Every layer stands on four fixed corners a fraction of a millimetre below its round or square body and ends in a flat
+Every layer stands on four fixed corners a fraction of a millimeter below its round or square body and ends in a flat
 top, so that a stack has few contacts and keeps still. Layers are thicker than food would be: a jaw reaches 12 mm below
-its centre and cannot take anything lower than 10 mm from a table.
+its center and cannot take anything lower than 10 mm from a table.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from betterbench.assets.procedural.body import (
 )
 from betterbench.assets.procedural.burger import BUN
 from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
-_CRUMB: Colour = (0.95, 0.82, 0.56)
-# Height of the jaw's centre for slices [m].
+_CRUMB: Color = (0.95, 0.82, 0.56)
+# Height of the jaw's center for slices [m].
 _SLICE_GRIP = 0.010
 
 
@@ -72,15 +72,15 @@ def _disc(radius: float, height: float) -> tuple[CollisionPart, ...]:
     return (foot(0.66 * radius), upright_cylinder(radius, 0.0005, height))
 
 
-@generator("bun_bottom", colours=("brown",))
-def bun_bottom(rng: np.random.Generator, colour: str) -> Draft:
+@generator("bun_bottom", colors=("brown",))
+def bun_bottom(rng: np.random.Generator, color: str) -> Draft:
     """Make the lower half of a bun, its cut face up.
 
     Half a bun of 80 mm weighs 30 g; 60 g let it stand still while a burger is built on it.
 
     Args:
         rng: Source of proportions, crust and crumb.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -114,14 +114,14 @@ def bun_bottom(rng: np.random.Generator, colour: str) -> Draft:
     canvas.grain(rng, cells=(26, 26), amount=0.030)
     for u, v, size in rng.uniform(0.0, 1.0, (110, 3)).tolist():
         distance, angle = 0.85 * math.sqrt(u), 2.0 * math.pi * v
-        centre = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
+        center = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
         radii = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
-        canvas.ellipse(centre, radii, shaded(crumb, 0.80), 3.0 * v)
+        canvas.ellipse(center, radii, shaded(crumb, 0.80), 3.0 * v)
     collision = _disc(radius, height)
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",
-        tags=("bun", "bottom bun", "burger bun", "bread", "food", colour),
+        tags=("bun", "bottom bun", "burger bun", "bread", "food", color),
         body=mass_properties(collision, 0.06),
         visual=(part("bun", mesh, crust, picture=canvas.pixels(), specular=0.12),),
         collision=collision,
@@ -131,15 +131,15 @@ def bun_bottom(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("patty", colours=("brown",))
-def patty(rng: np.random.Generator, colour: str) -> Draft:
+@generator("patty", colors=("brown",))
+def patty(rng: np.random.Generator, color: str) -> Draft:
     """Make a grilled patty of minced beef.
 
     A patty of 70 mm by 20 mm holds 75 cm^3 and weighs about 0.1 kg raw or 0.08 kg grilled.
 
     Args:
         rng: Source of edge and grill marks.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -183,7 +183,7 @@ def patty(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A grilled burger patty.",
-        tags=("patty", "burger patty", "meat", "beef", "food", colour),
+        tags=("patty", "burger patty", "meat", "beef", "food", color),
         body=mass_properties(collision, 0.10),
         visual=(part("patty", mesh, meat, picture=canvas.pixels(), specular=0.35, shininess=0.3),),
         collision=collision,
@@ -200,15 +200,15 @@ def _slab(side: float, low: float, high: float, *, corner: float, bevel: float) 
     return [rectangle(half - e, half - e, z, corner=corner - e, steps=4) for z, e in steps]
 
 
-@generator("cheese_slice", colours=("yellow",))
-def cheese_slice(rng: np.random.Generator, colour: str) -> Draft:
+@generator("cheese_slice", colors=("yellow",))
+def cheese_slice(rng: np.random.Generator, color: str) -> Draft:
     """Make a thick square slice of cheese with rounded corners.
 
     Cheese of 62 by 62 by 12 mm weighs 45 g when solid; 30 g are used for one with holes.
 
     Args:
         rng: Source of proportions, shade and holes.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -239,7 +239,7 @@ def cheese_slice(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description="A thick square slice of yellow cheese.",
-        tags=("cheese", "cheese slice", "slice", "food", colour),
+        tags=("cheese", "cheese slice", "slice", "food", color),
         body=mass_properties(collision, 0.03),
         visual=(part("cheese", mesh, shade, picture=canvas.pixels(), specular=0.45, shininess=0.5),),
         collision=collision,
@@ -252,15 +252,15 @@ def cheese_slice(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("sponge", colours=("yellow",))
-def sponge(rng: np.random.Generator, colour: str) -> Draft:
+@generator("sponge", colors=("yellow",))
+def sponge(rng: np.random.Generator, color: str) -> Draft:
     """Make a kitchen sponge with a green scouring underside, as wide and as yellow as the cheese slice.
 
     A cut cellulose sponge of this size weighs 5 g dry; damp as it lies beside a sink it weighs 20 g.
 
     Args:
         rng: Source of proportions, shade and pores.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -288,7 +288,7 @@ def sponge(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description="A yellow kitchen sponge with a green scouring side.",
-        tags=("sponge", "kitchen sponge", "scourer", "cleaning", colour),
+        tags=("sponge", "kitchen sponge", "scourer", "cleaning", color),
         body=mass_properties(collision, 0.02),
         visual=(
             part("sponge", upper, shade, picture=canvas.pixels(), specular=0.02),
@@ -304,15 +304,15 @@ def sponge(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("lettuce_leaf", colours=("green",))
-def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
+@generator("lettuce_leaf", colors=("green",))
+def lettuce_leaf(rng: np.random.Generator, color: str) -> Draft:
     """Make a round frilly stack of lettuce leaves.
 
     A few leaves of 65 mm weigh 10 to 20 g. They touch as a flat disc of their own thickness.
 
     Args:
         rng: Source of frill, shade and veins.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -367,7 +367,7 @@ def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A frilly round leaf of green lettuce.",
-        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food", colour),
+        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food", color),
         body=mass_properties(collision, 0.02),
         visual=(part("leaf", mesh, shade, picture=canvas.pixels(), specular=0.3, shininess=0.4),),
         collision=collision,
@@ -377,15 +377,15 @@ def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("bun_top", colours=("brown",))
-def bun_top(rng: np.random.Generator, colour: str) -> Draft:
+@generator("bun_top", colors=("brown",))
+def bun_top(rng: np.random.Generator, color: str) -> Draft:
     """Make the domed upper half of a bun, with sesame on most looks.
 
     Half a bun of 72 mm weighs 25 to 30 g; 50 g keep it where it is put.
 
     Args:
         rng: Source of proportions, crust and seeds.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -422,7 +422,7 @@ def bun_top(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="The domed upper half of a burger bun.",
-        tags=("bun", "top bun", "burger bun", "bread", "food", colour),
+        tags=("bun", "top bun", "burger bun", "bread", "food", color),
         body=mass_properties(collision, 0.05),
         visual=(part("bun", mesh, crust, picture=_sesame(rng, crust, seeds=seeds), specular=0.25, shininess=0.35),),
         collision=collision,
@@ -432,8 +432,8 @@ def bun_top(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _sesame(rng: np.random.Generator, crust: Colour, *, seeds: int) -> np.ndarray:
-    """Draw the crust from above: brown on the crown, pale towards the cut, strewn with seeds."""
+def _sesame(rng: np.random.Generator, crust: Color, *, seeds: int) -> np.ndarray:
+    """Draw the crust from above: brown on the crown, pale toward the cut, strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.7))

@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import lathe, prism, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -20,16 +20,16 @@ CAN_RADIUS = 0.033
 DESIGNS = ("wave", "disc", "stripes", "diamond")
 
 
-@generator("can", colours=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
-def can(rng: np.random.Generator, colour: str) -> Draft:
+@generator("can", colors=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
+def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
-    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminium
+    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminum
     and 0.33 l of drink).
 
     Args:
         rng: Source of height and print.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -39,7 +39,7 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     design = str(rng.choice(DESIGNS))
     profile = can_profile(height, shoulder)
     top = profile[-1][1]
-    shade = jittered(PALETTE[colour], rng, amount=0.06)
+    shade = jittered(PALETTE[color], rng, amount=0.06)
     shell = lathe(profile, 24, wrap=True)
     picture = draw_label(rng, profile, shade, design=design).pixels()
     angle = np.arange(10) * (2.0 * math.pi / 10)
@@ -59,8 +59,8 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     body = mass_properties(collision, 0.35)
     return Draft(
         shape="cylinder",
-        description=f"A full {colour} soda can with a printed label and a pull tab.",
-        tags=("can", "soda", "drink", "beverage", "metal", colour),
+        description=f"A full {color} soda can with a printed label and a pull tab.",
+        tags=("can", "soda", "drink", "beverage", "metal", color),
         body=body,
         visual=(
             part("shell", shell, shade, picture=picture, specular=0.7, shininess=0.6),
@@ -106,13 +106,13 @@ def can_profile(height: float, shoulder: float) -> list[tuple[float, float]]:
     ]
 
 
-def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> Canvas:
+def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Color, *, design: str) -> Canvas:
     """Draw half of a can from the bottom over the print to the lid.
 
     Args:
         rng: Source of the sheen.
         profile: See :func:`can_profile`.
-        shade: Colour of the print.
+        shade: Color of the print.
         design: One of :data:`DESIGNS`.
 
     Returns:

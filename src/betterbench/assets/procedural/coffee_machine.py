@@ -8,28 +8,28 @@ import numpy as np
 
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, merge, prism, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.state import Region
 
 _TRAY = 0.0115  # height of the tray's surface
-_CHROME: Colour = (0.80, 0.81, 0.83)
+_CHROME: Color = (0.80, 0.81, 0.83)
 _RING_RADIUS = 0.0425
 _RIGHT, _UP = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)  # what a viewer in front of the machine sees
 
 
-@generator("coffee_machine", colours=("black", "silver", "cream", "red", "blue"))
-def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
+@generator("coffee_machine", colors=("black", "silver", "cream", "red", "blue"))
+def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
     """Make a C-shaped coffee machine; its front looks along +x. It is a fixture and cannot be grasped.
 
-    A mug comes down with its handle towards +x. So the ring's centre is 78 to 82 mm in front of the wall, the head
-    above it is narrow and ends 9 to 11 mm behind the ring's centre, and the nozzle stands 19 mm behind it, over the
+    A mug comes down with its handle toward +x. So the ring's center is 78 to 82 mm in front of the wall, the head
+    above it is narrow and ends 9 to 11 mm behind the ring's center, and the nozzle stands 19 mm behind it, over the
     back part of the mug's opening; its tip is 126 mm above the tray, so that a mug of 88 mm slides under it with 38
     mm to spare. A small filter machine weighs about 3.5 kg.
 
     Args:
         rng: Source of proportions and details.
-        colour: Colour word of the housing.
+        color: Color word of the housing.
 
     Returns:
         The draft.
@@ -37,7 +37,7 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     width = float(rng.uniform(0.186, 0.204))
     wall_depth = float(rng.uniform(0.088, 0.096))
     tank_depth = 0.030
-    reach = float(rng.uniform(0.078, 0.082))  # from the wall to the ring's centre
+    reach = float(rng.uniform(0.078, 0.082))  # from the wall to the ring's center
     height = float(rng.uniform(0.266, 0.284))
     tank_height = height + float(rng.uniform(0.010, 0.022))
     tray_depth = reach + 0.0490
@@ -53,8 +53,8 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     nozzle_x, nozzle_tip = ring_x - 0.019, _TRAY + 0.126
     face = str(rng.choice(["gauge", "display"]))
     corner = float(rng.choice([0.010, 0.022]))
-    ring_colour = PALETTE["yellow"] if rng.random() < 0.5 else (0.35, 0.88, 0.22)
-    shade = jittered(PALETTE[colour], rng)
+    ring_color = PALETTE["yellow"] if rng.random() < 0.5 else (0.35, 0.88, 0.22)
+    shade = jittered(PALETTE[color], rng)
     dark = (0.13, 0.13, 0.14) if sum(shade) > 0.6 else (0.20, 0.20, 0.22)
 
     housing_low = back + tank_depth
@@ -93,7 +93,7 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
             specular=0.4,
         ),
         part("grille", mapped(grille, _RIGHT, (-1.0, 0.0, 0.0)), (1, 1, 1), picture=_grille_picture(), specular=0.4),
-        part("ring", _flat_ring(_RING_RADIUS - 0.0065, _RING_RADIUS, _TRAY + 0.0014).moved(x=ring_x), ring_colour),
+        part("ring", _flat_ring(_RING_RADIUS - 0.0065, _RING_RADIUS, _TRAY + 0.0014).moved(x=ring_x), ring_color),
         part("nozzle", _nozzle(nozzle_x, nozzle_tip, underside), _CHROME, specular=0.9, shininess=0.8),
     ]
     knob_z = 0.5 * (head_top + height) + 0.004
@@ -123,8 +123,8 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A {colour} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
-        tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture", colour),
+        description=f"A {color} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
+        tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture", color),
         body=mass_properties(collision, 3.5),
         visual=tuple(visual),
         collision=collision,
@@ -149,7 +149,7 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
 
 
 def _head(low_x: float, high_x: float, half: float, low: float, high: float) -> Mesh:
-    """Return the overhanging head: a beak with a bevelled section that gets lower towards its end."""
+    """Return the overhanging head: a beak with a bevelled section that gets lower toward its end."""
 
     def section(x: float, half_y: float, z0: float, z1: float) -> np.ndarray:
         b = 0.006
@@ -211,13 +211,13 @@ def _dial_picture(rng: np.random.Generator) -> np.ndarray:
     return canvas.pixels()
 
 
-def _panel_picture(rng: np.random.Generator, shade: Colour, dark: Colour, *, face: str, split: float) -> np.ndarray:
+def _panel_picture(rng: np.random.Generator, shade: Color, dark: Color, *, face: str, split: float) -> np.ndarray:
     """Draw the front: controls above the head, a steel splash plate below it.
 
     Args:
         rng: Source of the brushed grain.
-        shade: Colour of the housing.
-        dark: Colour of the trim.
+        shade: Color of the housing.
+        dark: Color of the trim.
         face: "gauge" (the dial is a part of its own) or "display".
         split: Height of the head's top as a share of the machine's.
     """
@@ -231,7 +231,7 @@ def _panel_picture(rng: np.random.Generator, shade: Colour, dark: Colour, *, fac
         canvas.paint(upper & (np.abs(canvas.x - 0.80) < 0.30) & (np.abs(canvas.y - middle) < 0.13), (0.05, 0.10, 0.12))
         canvas.paint((np.abs(canvas.x - 0.68) < 0.10) & (np.abs(canvas.y - middle) < 0.06), (0.35, 0.85, 0.95))
         canvas.paint((np.abs(canvas.x - 0.95) < 0.07) & (np.abs(canvas.y - middle) < 0.03), (0.35, 0.85, 0.95))
-    lights: tuple[Colour, ...] = ((0.92, 0.92, 0.90), (0.95, 0.55, 0.10), (0.92, 0.92, 0.90), (0.25, 0.80, 0.35))
+    lights: tuple[Color, ...] = ((0.92, 0.92, 0.90), (0.95, 0.55, 0.10), (0.92, 0.92, 0.90), (0.25, 0.80, 0.35))
     for u, light in zip((0.22, 0.43, 1.17, 1.38), lights, strict=True):
         canvas.ellipse((u, middle), (0.088, 0.088), shaded(_CHROME, 0.55))
         canvas.ellipse((u, middle), (0.066, 0.066), light)

@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, mapped
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -19,15 +19,15 @@ _RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
 _SIDES = 28
 
 
-@generator("computer_mouse", colours=("black", "white", "grey", "blue"))
-def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
+@generator("computer_mouse", colors=("black", "white", "gray", "blue"))
+def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
 
     Args:
         rng: Source of proportions and trim.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -39,7 +39,7 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     waist = float(rng.uniform(0.00, 0.07))  # how much the sides are drawn in
     trim = str(rng.choice(["plain", "grips", "spine", "two-tone"]))
     extra_button = bool(rng.random() < 0.6)
-    shade = jittered(shaded(PALETTE[colour], 1.06) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.06) if color == "black" else PALETTE[color], rng)
     accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
 
     top = _dome(length, width, height, hump=hump, waist=waist)
@@ -62,8 +62,8 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A {colour} cordless computer mouse with two buttons and a scroll wheel.",
-        tags=("mouse", "computer mouse", "cordless mouse", "desk", colour),
+        description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
+        tags=("mouse", "computer mouse", "cordless mouse", "desk", color),
         body=mass_properties(collision, 0.10),
         visual=(
             part("shell", top, shade, picture=picture, specular=0.35, shininess=0.45),
@@ -112,8 +112,8 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
 
 
 def _shell(
-    shade: Colour,
-    accent: Colour,
+    shade: Color,
+    accent: Color,
     *,
     length: float,
     width: float,
@@ -151,8 +151,8 @@ def _shell(
     return canvas.pixels()
 
 
-@generator("soap_bar", colours=("grey", "white", "green"))
-def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
+@generator("soap_bar", colors=("gray", "white", "green"))
+def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     """Make a bar of soap with about the size and outline of a computer mouse.
 
     A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
@@ -160,7 +160,7 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions and stamp.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -171,7 +171,7 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     power = float(rng.choice([2.3, 2.8, 3.6]))
     stamp = str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
     dish = float(rng.uniform(0.0012, 0.0022))  # depth of the hollow in which the stamp stands
-    shade = jittered({"grey": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[colour], rng)
+    shade = jittered({"gray": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
     outline = _outline(0.5 * length, 0.5 * width, power, 0.0)
     levels = (
         (0.78, 0.0),
@@ -193,8 +193,8 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A {colour} bar of soap with a stamp on its top.",
-        tags=("soap", "bar of soap", "soap bar", "bathroom", colour),
+        description=f"A {color} bar of soap with a stamp on its top.",
+        tags=("soap", "bar of soap", "soap bar", "bathroom", color),
         body=mass_properties(collision, 0.11),
         visual=(
             part(
@@ -240,7 +240,7 @@ _LETTERS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
 }
 
 
-def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: float, width: float) -> np.ndarray:
+def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: float, width: float) -> np.ndarray:
     """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)

@@ -11,7 +11,7 @@ from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_pro
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_profile, draw_label
 from betterbench.assets.procedural.mesh import Mesh, creased, loft, profile_length
 from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered
-from betterbench.assets.procedural.registry import Draft, centred, generator, part
+from betterbench.assets.procedural.registry import Draft, centered, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
@@ -19,15 +19,15 @@ _SIDES = 18
 _HEIGHT, _SHOULDER = 0.115, 0.0115  # of the can before it was crushed [m]
 
 
-@generator("crushed_can", colours=("red", "silver", "blue", "green"))
-def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
+@generator("crushed_can", colors=("red", "silver", "blue", "green"))
+def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that was stamped down along its axis: folded, skewed, half as high, a little wider.
 
-    The empty can is 13 to 14 g of aluminium. It is given 20 g, for a rest of drink in it.
+    The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it.
 
     Args:
         rng: Source of the folds and the print.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -38,10 +38,10 @@ def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
     skew = float(rng.uniform(0.0025, 0.0045))  # how far the top is pushed aside
     tilt = math.radians(float(rng.uniform(6.0, 13.0)))  # of the top
     design = str(rng.choice(DESIGNS))
-    shade = jittered(PALETTE[colour], rng, amount=0.06)
+    shade = jittered(PALETTE[color], rng, amount=0.06)
 
     mesh = _folded(rng, height, folds=folds, lobes=lobes, skew=skew, tilt=tilt)
-    mesh = mesh.moved(*centred([mesh]))
+    mesh = mesh.moved(*centered([mesh]))
     canvas = draw_label(rng, can_profile(_HEIGHT, _SHOULDER), shade, design=design)
     _scratch(rng, canvas, folds=folds)
     across = float(min(np.ptp(mesh.vertices[:, 0]), np.ptp(mesh.vertices[:, 1])))
@@ -54,8 +54,8 @@ def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A crushed, empty {colour} soda can.",
-        tags=("crushed can", "can", "empty can", "metal", "trash", colour),
+        description=f"A crushed, empty {color} soda can.",
+        tags=("crushed can", "can", "empty can", "metal", "trash", color),
         body=mass_properties(collision, 0.020),
         visual=(part("shell", mesh, shade, picture=canvas.pixels(), specular=0.7, shininess=0.6),),
         collision=collision,

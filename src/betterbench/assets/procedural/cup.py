@@ -9,25 +9,25 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, solid_box, upright_cylinder
 from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length, sweep
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose, from_yaw
 from betterbench.state import Region
 
 _WALL = 0.0028
-_COLOURS = ("blue", "red", "white", "yellow")
+_COLORS = ("blue", "red", "white", "yellow")
 _CUP_GRIP_HEIGHT = 0.042
 
 
-@generator("cup", colours=_COLOURS)
-def cup(rng: np.random.Generator, colour: str) -> Draft:
+@generator("cup", colors=_COLORS)
+def cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a tea cup that narrows to its foot; its small handle points along +x.
 
     A porcelain cup of 0.15 l is 62 to 70 mm wide, 60 to 65 mm high and weighs 0.14 to 0.18 kg.
 
     Args:
         rng: Source of proportions and decoration.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -41,7 +41,7 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     decoration = str(rng.choice(["plain", "band", "rim", "dots"]))
     pale = bool(rng.random() < 0.6)
     axis = -0.5 * loop
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
     inner = radius - _WALL
     profile = [
         (0.0, 0.0),
@@ -89,8 +89,8 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     densities = (0.4, 0.4, *([1.0] * 8), 0.35)
     return Draft(
         shape="cylinder",
-        description=f"A {colour} breakfast cup with a small handle.",
-        tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware", colour),
+        description=f"A {color} breakfast cup with a small handle.",
+        tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware", color),
         body=mass_properties(collision, 0.16, densities=densities),
         visual=(
             part("shell", shell.moved(x=axis), shade, picture=picture, specular=0.5, shininess=0.6),
@@ -130,7 +130,7 @@ def _loop(radius: float, loop: float, height: float, *, thickness: float) -> Mes
     return sweep(path, section, crease_degrees=55.0)
 
 
-def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration: str, pale: bool) -> np.ndarray:
+def _cup_glaze(profile: list[tuple[float, float]], shade: Color, *, decoration: str, pale: bool) -> np.ndarray:
     """Draw the cup from its foot over the rim to the floor inside."""
     length = profile_length(profile)
     wall, rim, inside, floor = (float(length[k]) for k in (3, 5, 7, 9))
@@ -138,7 +138,7 @@ def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration:
     canvas = Canvas(width, float(length[-1]), (128, 256), shade)
     x, y = canvas.x, canvas.y
     span = rim - wall
-    accent = (0.93, 0.92, 0.88) if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["grey"], 0.2)
+    accent = (0.93, 0.92, 0.88) if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
     if decoration == "band":
         canvas.band(wall + 0.58 * span, wall + 0.80 * span, accent)
     elif decoration == "rim":
@@ -147,8 +147,8 @@ def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration:
     elif decoration == "dots":
         for k in range(9):
             for row in range(2):
-                centre = ((k + 0.5 * row) * width / 8.0, wall + (0.42 + 0.30 * row) * span)
-                canvas.ellipse(centre, (0.0030, 0.0030), accent)
+                center = ((k + 0.5 * row) * width / 8.0, wall + (0.42 + 0.30 * row) * span)
+                canvas.ellipse(center, (0.0030, 0.0030), accent)
     if pale:
         canvas.paint(y > inside, (0.90, 0.89, 0.85))
     down = np.clip((y - inside) / (floor - inside), 0.0, 1.0)
@@ -158,16 +158,16 @@ def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration:
     return canvas.pixels()
 
 
-@generator("tumbler", colours=_COLOURS)
-def tumbler(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a straight tumbler of coloured plastic, ribbed or faceted, without a handle.
+@generator("tumbler", colors=_COLORS)
+def tumbler(rng: np.random.Generator, color: str) -> Draft:
+    """Make a straight tumbler of colored plastic, ribbed or faceted, without a handle.
 
     A tumbler of 0.25 l in acrylic is about 65 mm wide and 85 mm high and weighs 0.1 to 0.2 kg. Its collision shape is
     filled: nothing is put into it, and a jaw can then take it at any yaw with the same width.
 
     Args:
         rng: Source of proportions and pattern.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -176,7 +176,7 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     base = radius * float(rng.uniform(0.91, 0.96))
     height = float(rng.uniform(0.082, 0.088))
     pattern = str(rng.choice(["facets", "ribs", "rings"]))
-    shade = jittered(mixed(PALETTE[colour], (0.85, 0.90, 0.95), 0.12), rng)
+    shade = jittered(mixed(PALETTE[color], (0.85, 0.90, 0.95), 0.12), rng)
     wall = 0.0026
     profile = [
         (0.0, 0.0),
@@ -197,7 +197,7 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     width = math.pi * radius
     canvas = Canvas(width, float(length[-1]), (256, 256), shade)
     x, y = canvas.x, canvas.y
-    # Coloured glass: dark at the thick foot, bright at the rim, pale streaks where it catches the light.
+    # Colored glass: dark at the thick foot, bright at the rim, pale streaks where it catches the light.
     canvas.shade(np.where(y < rim, 0.72 + 0.28 * np.clip(y / rim, 0.0, 1.0), 1.0))
     body = (y > length[2] + 0.004) & (y < rim - 0.010)
     pale = mixed(shade, (1.0, 1.0, 1.0), 0.45)
@@ -215,8 +215,8 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     collision = (foot(0.66 * base), upright_cylinder(radius, 0.0005, height))
     return Draft(
         shape="cylinder",
-        description=f"A {colour} tumbler with {pattern}.",
-        tags=("tumbler", "glass", "beaker", "drinkware", "tableware", colour),
+        description=f"A {color} tumbler with {pattern}.",
+        tags=("tumbler", "glass", "beaker", "drinkware", "tableware", color),
         body=mass_properties(collision, 0.15),
         visual=(part("shell", shell, shade, picture=canvas.pixels(), specular=0.7, shininess=0.7),),
         collision=collision,

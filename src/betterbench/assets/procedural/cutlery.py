@@ -10,7 +10,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, creased, loft, merge, prism
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, shaded
+from betterbench.assets.procedural.paint import Canvas, Color, jittered, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -22,23 +22,23 @@ _THICKNESS = 0.013
 _GRIP_HEIGHT = 0.0105
 _MASS_KG = 0.05
 
-_METAL: dict[str, Colour] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
-_HANDLES: tuple[Colour, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
+_METAL: dict[str, Color] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
+_HANDLES: tuple[Color, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
 
 # One station of a rod: x, half width, bottom, top [m].
 _Station = tuple[float, float, float, float]
 
 
-@generator("fork", colours=("silver", "yellow"))
-def fork(rng: np.random.Generator, colour: str) -> Draft:
+@generator("fork", colors=("silver", "yellow"))
+def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, its four tines at -x.
 
-    A dessert fork is 0.16 m long and weighs 40 to 60 g with a moulded handle. The handle is thicker than that of plain
-    steel cutlery: a jaw reaches 12 mm below its centre, so it cannot take anything lower than 10 mm from a table.
+    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
+    steel cutlery: a jaw reaches 12 mm below its center, so it cannot take anything lower than 10 mm from a table.
 
     Args:
         rng: Source of proportions and handle.
-        colour: Colour word; yellow is brass.
+        color: Color word; yellow is brass.
 
     Returns:
         The draft.
@@ -47,7 +47,7 @@ def fork(rng: np.random.Generator, colour: str) -> Draft:
     tines = float(rng.uniform(0.034, 0.040))
     root = -_HALF + tines
     tine = float(rng.uniform(0.0019, 0.0022))  # half the width of a tine
-    metal = jittered(_METAL[colour], rng, amount=0.04)
+    metal = jittered(_METAL[color], rng, amount=0.04)
 
     pitch = 2.0 * (half_width - tine) / 3.0
     shoulder = min(root + 0.014, -0.030)
@@ -79,7 +79,7 @@ def fork(rng: np.random.Generator, colour: str) -> Draft:
     return _draft(
         rng,
         "fork",
-        colour,
+        color,
         metal,
         head,
         reach=half_width,
@@ -88,15 +88,15 @@ def fork(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("spoon", colours=("silver", "yellow"))
-def spoon(rng: np.random.Generator, colour: str) -> Draft:
+@generator("spoon", colors=("silver", "yellow"))
+def spoon(rng: np.random.Generator, color: str) -> Draft:
     """Make a table spoon that lies along x, its bowl at -x.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a moulded handle; its handle is that of the fork.
+    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; its handle is that of the fork.
 
     Args:
         rng: Source of proportions and handle.
-        colour: Colour word; yellow is brass.
+        color: Color word; yellow is brass.
 
     Returns:
         The draft.
@@ -104,16 +104,16 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
     half_width = float(rng.uniform(0.0160, 0.0175))
     half_length = float(rng.uniform(0.0250, 0.0280))
     depth = float(rng.uniform(0.0085, 0.0105))
-    metal = jittered(_METAL[colour], rng, amount=0.04)
-    centre = -_HALF + half_length
+    metal = jittered(_METAL[color], rng, amount=0.04)
+    center = -_HALF + half_length
     angle = 2.0 * math.pi * np.arange(18) / 18
-    # Egg-shaped: blunt towards the tip, pointed towards the neck.
+    # Egg-shaped: blunt toward the tip, pointed toward the neck.
     x = np.cos(angle)
     y = np.sin(angle) * (1.0 - 0.16 * x)
 
     def ring(share: float, z: float, inset: float = 0.0) -> np.ndarray:
         scale_x, scale_y = share * half_length - inset, share * half_width - inset
-        return np.stack([centre + scale_x * x, scale_y * y, np.full(18, z)], axis=1)
+        return np.stack([center + scale_x * x, scale_y * y, np.full(18, z)], axis=1)
 
     rings = [
         ring(0.45, 0.0),
@@ -130,7 +130,7 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
     canvas = Canvas(1.0, 1.0, (8, 64), metal)
     canvas.shade(np.where(canvas.y > 0.56, 0.62 + 0.30 * np.clip((canvas.y - 0.56) / 0.40, 0.0, 1.0), 1.0))
     canvas.paint((canvas.y > 0.46) & (canvas.y < 0.56), shaded(metal, 1.4))
-    end = centre + half_length
+    end = center + half_length
     neck = _rod(
         [
             (end - 0.004, 0.0046, depth - 0.0036, depth - 0.0002),
@@ -143,15 +143,15 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
     return _draft(
         rng,
         "spoon",
-        colour,
+        color,
         metal,
         head,
         part("neck", neck, metal, specular=0.9, shininess=0.8),
         reach=0.55 * half_width,
-        head_end=centre + 0.45 * half_length,
+        head_end=center + 0.45 * half_length,
         parameters={"bowl_width_m": 2 * half_width, "bowl_length_m": 2 * half_length},
         rim=CollisionPart(
-            "ellipsoid", (half_length, half_width, 0.45 * depth), (centre, 0.0, 0.56 * depth), (1.0, 0.0, 0.0, 0.0)
+            "ellipsoid", (half_length, half_width, 0.45 * depth), (center, 0.0, 0.56 * depth), (1.0, 0.0, 0.0, 0.0)
         ),
     )
 
@@ -159,8 +159,8 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
 def _draft(
     rng: np.random.Generator,
     name: str,
-    colour: str,
-    metal: Colour,
+    color: str,
+    metal: Color,
     *head: VisualPart,
     reach: float,
     head_end: float,
@@ -172,8 +172,8 @@ def _draft(
     Args:
         rng: Source of the handle.
         name: Category.
-        colour: Colour word.
-        metal: Colour of the metal.
+        color: Color word.
+        metal: Color of the metal.
         *head: Visual parts of head and neck.
         reach: Half the width on which the head stands [m].
         head_end: The x at which the head leaves the table [m].
@@ -185,7 +185,7 @@ def _draft(
     """
     grip = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
     rivets = bool(rng.random() < 0.6)
-    swell = float(rng.uniform(0.0, 0.0012))  # how much the handle narrows towards the head
+    swell = float(rng.uniform(0.0, 0.0012))  # how much the handle narrows toward the head
     start = _HALF - _HANDLE
     w, t = 0.5 * _WIDTH, _THICKNESS
     handle = _rod(
@@ -229,8 +229,8 @@ def _draft(
         collision.append(rim)
     return Draft(
         shape="irregular",
-        description=f"A {colour} {name} with a moulded handle.",
-        tags=(name, "cutlery", "flatware", "tableware", colour),
+        description=f"A {color} {name} with a molded handle.",
+        tags=(name, "cutlery", "flatware", "tableware", color),
         # Steel through the whole length: the handle is mostly plastic around its tang.
         body=mass_properties(collision[:3], _MASS_KG, densities=(1.0, 3.0, 2.5)),
         visual=tuple(parts),

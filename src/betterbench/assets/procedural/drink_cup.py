@@ -9,23 +9,23 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import lathe, profile_length, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
 
-@generator("drink_cup", colours=("blue", "red", "green", "yellow", "white", "orange"))
-def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
+@generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"))
+def drink_cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a lidded paper cup with a short bent straw that leans along +x.
 
     A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
-    Franka hand that holds the cup below the lid (45 mm above the tool centre point), the straw too; the straw cannot be
+    Franka hand that holds the cup below the lid (45 mm above the tool center point), the straw too; the straw cannot be
     touched.
 
     Args:
         rng: Source of proportions and print.
-        colour: Colour word of the print.
+        color: Color word of the print.
 
     Returns:
         The draft.
@@ -36,7 +36,7 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     wall = float(rng.uniform(0.0940, 0.1000))
     lid_top = wall + 0.0100
     design = str(rng.choice(["wave", "band", "dots", "stripes"]))
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
 
     cup_profile = [
         (0.0, 0.0),
@@ -84,8 +84,8 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="cylinder",
-        description=f"A {colour} paper cup with a soft drink, a plastic lid and a straw.",
-        tags=("drink", "cup", "soda", "soft drink", "paper cup", colour),
+        description=f"A {color} paper cup with a soft drink, a plastic lid and a straw.",
+        tags=("drink", "cup", "soda", "soft drink", "paper cup", color),
         body=mass_properties(collision, 0.27, densities=(1.0, 1.0, 1.0, 0.1, 0.1)),
         visual=(
             part(
@@ -103,7 +103,7 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
                 specular=0.5,
                 shininess=0.5,
             ),
-            part("straw", straw, (0.90, 0.18, 0.16) if colour != "red" else (0.95, 0.95, 0.95), specular=0.4),
+            part("straw", straw, (0.90, 0.18, 0.16) if color != "red" else (0.95, 0.95, 0.95), specular=0.4),
         ),
         collision=collision,
         grasps=(Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), 2.0 * grip_radius, clearance_m=0.007),),
@@ -115,7 +115,7 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> np.ndarray:
+def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Color, *, design: str) -> np.ndarray:
     """Draw the paper wall."""
     length = profile_length(profile)
     low, high = float(length[2]), float(length[3])
@@ -137,9 +137,9 @@ def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: 
     elif design == "dots":
         for row in range(7):
             for column in range(6):
-                centre = ((column + 0.5 * (row % 2)) / 5.0 * width, low + (0.10 + 0.135 * row) * span)
+                center = ((column + 0.5 * (row % 2)) / 5.0 * width, low + (0.10 + 0.135 * row) * span)
                 radius = 0.0062 - 0.00065 * row
-                canvas.ellipse(centre, (radius, radius), accent)
+                canvas.ellipse(center, (radius, radius), accent)
     else:
         canvas.paint((np.abs((x / width * 7.0 + 0.5) % 1.0 - 0.5) < 0.22) & (y < low + 0.90 * span), accent)
     canvas.band(low + 0.955 * span, high, mixed(shade, paper, 0.6))

@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, creased, loft, merge, prism
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -18,16 +18,16 @@ from betterbench.state import Region
 _OUTSIDE = 0.8
 
 
-@generator("fries_box", colours=("red", "yellow", "blue", "green"))
-def fries_box(rng: np.random.Generator, colour: str) -> Draft:
+@generator("fries_box", colors=("red", "yellow", "blue", "green"))
+def fries_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a striped carton of fries; its wide face looks along +x, the jaw closes along x.
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
-    below the underside of a Franka hand, 45 mm above the tool centre point.
+    below the underside of a Franka hand, 45 mm above the tool center point.
 
     Args:
         rng: Source of proportions, print and the heap of fries.
-        colour: Colour word of the print.
+        color: Color word of the print.
 
     Returns:
         The draft.
@@ -36,7 +36,7 @@ def fries_box(rng: np.random.Generator, colour: str) -> Draft:
     width = float(rng.uniform(0.0600, 0.0640))
     height = float(rng.uniform(0.0780, 0.0840))
     dip = float(rng.uniform(0.012, 0.020))
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
     design = str(rng.choice(["stripes", "disc", "smile"]))
 
     carton = _carton(thick, width, height, dip=dip)
@@ -49,8 +49,8 @@ def fries_box(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="box",
-        description=f"A {colour} and white striped carton of French fries.",
-        tags=("fries", "french fries", "chips", "food", "carton", colour),
+        description=f"A {color} and white striped carton of French fries.",
+        tags=("fries", "french fries", "chips", "food", "carton", color),
         body=mass_properties(collision, 0.12),
         visual=(
             part("carton", carton, shade, picture=picture, specular=0.15),
@@ -91,7 +91,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 
 
-def _print(rng: np.random.Generator, shade: Colour, *, design: str) -> np.ndarray:
+def _print(rng: np.random.Generator, shade: Color, *, design: str) -> np.ndarray:
     """Draw the stripes and the sign on the front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y

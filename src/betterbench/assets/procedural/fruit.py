@@ -9,15 +9,15 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, creased, lathe, prism, profile_length, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
 _APPLE_RADIUS = 0.035
-_APPLE_SKIN: dict[str, Colour] = {"red": (0.70, 0.055, 0.06), "green": (0.42, 0.62, 0.11), "yellow": (0.92, 0.72, 0.16)}
-# Colour of the skin around the stalk, where the sun does not reach.
-_APPLE_CAVITY: dict[str, Colour] = {
+_APPLE_SKIN: dict[str, Color] = {"red": (0.70, 0.055, 0.06), "green": (0.42, 0.62, 0.11), "yellow": (0.92, 0.72, 0.16)}
+# Color of the skin around the stalk, where the sun does not reach.
+_APPLE_CAVITY: dict[str, Color] = {
     "red": (0.80, 0.52, 0.16),
     "green": (0.52, 0.60, 0.20),
     "yellow": (0.66, 0.62, 0.18),
@@ -25,8 +25,8 @@ _APPLE_CAVITY: dict[str, Colour] = {
 _SEGMENTS = 18
 
 
-@generator("apple", colours=("red", "green", "yellow"))
-def apple(rng: np.random.Generator, colour: str) -> Draft:
+@generator("apple", colors=("red", "green", "yellow"))
+def apple(rng: np.random.Generator, color: str) -> Draft:
     """Make an apple with shoulders, a stalk in its dimple and five faint lobes.
 
     A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; small ones are used because the jaw opens to
@@ -34,14 +34,14 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions and skin.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
     radius = _APPLE_RADIUS * float(rng.uniform(0.985, 1.0))
     height = float(rng.uniform(0.0620, 0.0665))
-    waist = float(rng.uniform(0.86, 0.97))  # slender apples narrow towards the calyx
+    waist = float(rng.uniform(0.86, 0.97))  # slender apples narrow toward the calyx
     lobes = float(rng.uniform(0.015, 0.045))
     stalk = float(rng.uniform(0.011, 0.015))
     lean = float(rng.uniform(-0.004, 0.004))
@@ -64,13 +64,13 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
             (0.0, 0.830),
         )
     ]
-    skin = jittered(_APPLE_SKIN[colour], rng)
+    skin = jittered(_APPLE_SKIN[color], rng)
     body = lathe(profile, _SEGMENTS, crease_degrees=80.0, wrap=True, phase=math.pi / 2)
     angle = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
     level = body.vertices[:, 2] / height
     factor = (1.0 - lobes * np.clip(1.0 - 3.0 * level, 0.0, 1.0) * (1.0 + np.cos(5.0 * angle)))[:, None]
     body = Mesh(body.vertices * np.hstack([factor, factor, np.ones_like(factor)]), body.faces, body.uv)
-    picture = _apple_skin(rng, profile, skin, _APPLE_CAVITY[colour], colour=colour, blush=blush)
+    picture = _apple_skin(rng, profile, skin, _APPLE_CAVITY[color], color=color, blush=blush)
 
     root = 0.83 * height - 0.001
     path = [(0.0, 0.0, root), (0.25 * lean, 0.0, root + 0.5 * stalk), (lean, 0.0, root + stalk)]
@@ -87,8 +87,8 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     collision = _round_collision(radius, height, foot_half=0.011)
     return Draft(
         shape="round",
-        description=f"A {colour} apple.",
-        tags=("apple", "fruit", "food", colour),
+        description=f"A {color} apple.",
+        tags=("apple", "fruit", "food", color),
         body=mass_properties(collision, 0.17),
         visual=tuple(parts),
         collision=collision,
@@ -131,10 +131,10 @@ def _leaf(length: float, width: float) -> Mesh:
 def _apple_skin(
     rng: np.random.Generator,
     profile: list[tuple[float, float]],
-    skin: Colour,
-    cavity: Colour,
+    skin: Color,
+    cavity: Color,
     *,
-    colour: str,
+    color: str,
     blush: float,
 ) -> np.ndarray:
     """Draw the skin from the calyx to the stalk: streaks, a sunny side, pale pores, russet around the stalk."""
@@ -143,10 +143,10 @@ def _apple_skin(
     canvas = Canvas(width, whole, (128, 256), skin)
     x, y = canvas.x, canvas.y
     shoulder = float(length[8])
-    if colour == "yellow":
+    if color == "yellow":
         sun = np.exp(-(((x - 0.68 * width) / (0.17 * width)) ** 2 + ((y - 0.60 * whole) / (0.20 * whole)) ** 2))
         canvas.paint(sun, (0.86, 0.30, 0.12), strength=0.55 * blush)
-    elif colour == "green":
+    elif color == "green":
         sun = np.exp(-(((x - 0.35 * width) / (0.22 * width)) ** 2 + ((y - 0.62 * whole) / (0.22 * whole)) ** 2))
         canvas.paint(sun, (0.70, 0.72, 0.22), strength=0.55 * blush)
     else:
@@ -159,10 +159,10 @@ def _apple_skin(
             canvas.paint(streak * np.clip(0.15 + shadow, 0.0, 0.6), (0.86, 0.50, 0.18))
     canvas.grain(rng, cells=(14, 8), amount=0.04)
     pores = rng.uniform(0.0, 1.0, (150, 3))
-    pore = mixed(skin, (0.96, 0.90, 0.66), 0.62) if colour != "yellow" else shaded(skin, 0.72)
+    pore = mixed(skin, (0.96, 0.90, 0.66), 0.62) if color != "yellow" else shaded(skin, 0.72)
     for u, v, size in pores.tolist():
-        centre = (u * width, (0.16 + 0.62 * v) * whole)
-        canvas.ellipse(centre, (0.00035 + 0.0004 * size, 0.00035 + 0.0004 * size), pore)
+        center = (u * width, (0.16 + 0.62 * v) * whole)
+        canvas.ellipse(center, (0.00035 + 0.0004 * size, 0.00035 + 0.0004 * size), pore)
     rays = 0.0045 * np.sin(2.0 * math.pi * x / width * 7.0) + 0.002 * np.sin(2.0 * math.pi * x / width * 17.0)
     canvas.paint(np.clip((y + rays - shoulder + 0.002) / 0.010, 0.0, 1.0), cavity, strength=0.85)
     canvas.paint(np.clip((y - length[9]) / 0.012, 0.0, 1.0), (0.30, 0.20, 0.08), strength=0.75)
@@ -171,15 +171,15 @@ def _apple_skin(
     return canvas.pixels()
 
 
-@generator("orange", colours=("orange",))
-def orange(rng: np.random.Generator, colour: str) -> Draft:
+@generator("orange", colors=("orange",))
+def orange(rng: np.random.Generator, color: str) -> Draft:
     """Make an orange with a dimpled peel and the green scar of its stalk.
 
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
 
     Args:
         rng: Source of proportions and peel.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -225,7 +225,7 @@ def orange(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="An orange.",
-        tags=("orange", "fruit", "citrus", "food", colour),
+        tags=("orange", "fruit", "citrus", "food", color),
         body=mass_properties(collision, 0.18),
         visual=tuple(parts),
         collision=collision,
@@ -235,15 +235,15 @@ def orange(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("lemon", colours=("yellow",))
-def lemon(rng: np.random.Generator, colour: str) -> Draft:
+@generator("lemon", colors=("yellow",))
+def lemon(rng: np.random.Generator, color: str) -> Draft:
     """Make a lemon that lies on its side along x, its nipple at +x.
 
     A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.
 
     Args:
         rng: Source of proportions and peel.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -295,7 +295,7 @@ def lemon(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A lemon lying on its side.",
-        tags=("lemon", "fruit", "citrus", "food", colour),
+        tags=("lemon", "fruit", "citrus", "food", color),
         body=mass_properties(collision[:2], 0.10),
         visual=(part("peel", mesh, peel, picture=canvas.pixels(), specular=0.45, shininess=0.45),),
         collision=collision,

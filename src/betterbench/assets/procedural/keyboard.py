@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle
 from betterbench.state import Region
@@ -25,15 +25,15 @@ ROWS: tuple[tuple[float, ...], ...] = (
 )
 
 
-@generator("keyboard", colours=("black", "white", "grey"))
-def keyboard(rng: np.random.Generator, colour: str) -> Draft:
+@generator("keyboard", colors=("black", "white", "gray"))
+def keyboard(rng: np.random.Generator, color: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
     A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
 
     Args:
         rng: Source of proportions, key shades and trim.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -47,12 +47,12 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     lip = float(rng.choice([0.0, 0.0, 0.009]))  # a wider edge at the far side
     keys_style = str(rng.choice(["same", "two-tone", "contrast"]))
     accent = (None, PALETTE["orange"], PALETTE["red"], PALETTE["green"])[int(rng.integers(4))]
-    case = jittered(shaded(PALETTE[colour], 1.05) if colour == "black" else PALETTE[colour], rng)
+    case = jittered(shaded(PALETTE[color], 1.05) if color == "black" else PALETTE[color], rng)
     keys = {
         "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
         "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
-        "grey": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
-    }[colour][keys_style]
+        "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
+    }[color][keys_style]
 
     slope = math.atan2(far - near, 2.0 * half_x)
 
@@ -77,7 +77,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     caps = mapped(merge(slabs), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
     picture = keys_picture(
         keys,
-        ground=shaded(case, 0.55) if colour != "white" else (0.62, 0.62, 0.63),
+        ground=shaded(case, 0.55) if color != "white" else (0.62, 0.62, 0.63),
         size_m=(width, depth),
         pixels=(256, 128),
         accent=accent,
@@ -96,20 +96,20 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
         ]
         visual.append(part("lamps", merge(dots), (0.30, 0.90, 0.40), specular=0.5))
     plate = 0.004
-    centre = 0.5 * (near + far) + key_height
+    center = 0.5 * (near + far) + key_height
     collision = (
         solid_box((-half_x, -half_y, 0.0), (half_x, half_y, near)),
         CollisionPart(
             "box",
             (half_x / math.cos(slope) - 0.001, half_y, plate),
-            (-plate * math.sin(slope), 0.0, centre - plate * math.cos(slope)),
+            (-plate * math.sin(slope), 0.0, center - plate * math.cos(slope)),
             from_axis_angle((0.0, slope, 0.0)),
         ),
     )
     return Draft(
         shape="box",
-        description=f"A compact {colour} computer keyboard with six rows of keys.",
-        tags=("keyboard", "computer keyboard", "desk", "typing", colour),
+        description=f"A compact {color} computer keyboard with six rows of keys.",
+        tags=("keyboard", "computer keyboard", "desk", "typing", color),
         body=mass_properties(collision, 0.50),
         visual=tuple(visual),
         collision=collision,
@@ -120,23 +120,23 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
 
 
 def keys_picture(
-    keys: Colour,
+    keys: Color,
     *,
-    ground: Colour,
+    ground: Color,
     size_m: tuple[float, float],
     pixels: tuple[int, int],
-    accent: Colour | None = None,
-    edges: Colour | None = None,
+    accent: Color | None = None,
+    edges: Color | None = None,
 ) -> np.ndarray:
     """Draw six rows of keys as the user sees them: far row on top, space bar in the lowest row.
 
     Args:
-        keys: Colour of the key caps.
-        ground: Colour between the keys.
+        keys: Color of the key caps.
+        ground: Color between the keys.
         size_m: Width and depth of the field of keys [m].
         pixels: Size of the picture (width, height).
-        accent: Colour of the escape and the enter key, if they stand out.
-        edges: Colour of the wide keys at the edge and of the far row, if they stand out.
+        accent: Color of the escape and the enter key, if they stand out.
+        edges: Color of the wide keys at the edge and of the far row, if they stand out.
 
     Returns:
         (height, width, 3) uint8.
@@ -150,10 +150,10 @@ def draw_keys(
     canvas: Canvas,
     corner: tuple[float, float],
     size_m: tuple[float, float],
-    keys: Colour,
+    keys: Color,
     *,
-    accent: Colour | None = None,
-    edges: Colour | None = None,
+    accent: Color | None = None,
+    edges: Color | None = None,
 ) -> None:
     """Draw six rows of keys into a field of a picture.
 
@@ -161,9 +161,9 @@ def draw_keys(
         canvas: The picture; its lower edge is the user's side.
         corner: Lower left corner of the field [m].
         size_m: Width and depth of the field [m].
-        keys: Colour of the key caps.
-        accent: Colour of the escape and the enter key, if they stand out.
-        edges: Colour of the wide keys at the edge and of the far row, if they stand out.
+        keys: Color of the key caps.
+        accent: Color of the escape and the enter key, if they stand out.
+        edges: Color of the wide keys at the edge and of the far row, if they stand out.
     """
     width, depth = size_m
     pitch = depth / len(ROWS)
@@ -185,6 +185,6 @@ def draw_keys(
             inner = (x > 2.0 * gap) & (x < share - 2.0 * gap) & (y > 2.6 * gap) & (y < pitch - 1.6 * gap)
             canvas.paint(inner, mixed(shade, (1.0, 1.0, 1.0), 0.06))
             if unit <= 1.3:
-                centre = (left + 0.42 * share, low + 0.60 * pitch)
-                canvas.ellipse(centre, (0.13 * pitch, 0.15 * pitch), mixed(shade, legend, 0.75))
+                center = (left + 0.42 * share, low + 0.60 * pitch)
+                canvas.ellipse(center, (0.13 * pitch, 0.15 * pitch), mixed(shade, legend, 0.75))
             left += share

@@ -10,7 +10,7 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.keyboard import draw_keys
 from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle, rotate
 from betterbench.state import Region
@@ -21,8 +21,8 @@ _GAP = 0.075  # between the side of the laptop and the middle of the zone beside
 _BEHIND = 0.065  # between the back edge of the screen and the middle of the zone behind it
 
 
-@generator("laptop", colours=("silver", "black"))
-def laptop(rng: np.random.Generator, colour: str) -> Draft:
+@generator("laptop", colors=("silver", "black"))
+def laptop(rng: np.random.Generator, color: str) -> Draft:
     """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
 
     A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
@@ -30,7 +30,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions, lean of the screen and picture.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -41,10 +41,10 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     height = float(rng.uniform(0.148, 0.152))
     corner = float(rng.uniform(0.006, 0.012))
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
-    dark_keys = bool(colour == "black" or rng.random() < 0.6)
-    metal = jittered(shaded(PALETTE[colour], 1.10) if colour == "black" else PALETTE[colour], rng, amount=0.06)
+    dark_keys = bool(color == "black" or rng.random() < 0.6)
+    metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
 
-    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centred at x = 0.
+    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centered at x = 0.
     hinge = (-0.5 * depth + 0.006, _BASE - 0.001)
     reach = (height - hinge[1] - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
     back = hinge[0] - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)
@@ -87,8 +87,8 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     zone = (0.035, 0.035, 0.02)
     return Draft(
         shape="box",
-        description=f"An open {colour} laptop with a lit screen.",
-        tags=("laptop", "notebook", "computer", "desk", colour),
+        description=f"An open {color} laptop with a lit screen.",
+        tags=("laptop", "notebook", "computer", "desk", color),
         body=mass_properties(collision, 1.3, densities=(1.0, 1.1)),
         visual=(
             part("base", base, metal, specular=0.4, shininess=0.4),
@@ -121,7 +121,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _deck(metal: Colour, *, size_m: tuple[float, float], dark_keys: bool) -> np.ndarray:
+def _deck(metal: Color, *, size_m: tuple[float, float], dark_keys: bool) -> np.ndarray:
     """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)

@@ -9,8 +9,8 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, centred, generator, part
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.procedural.registry import Draft, centered, generator, part
 from betterbench.geometry import Quaternion
 from betterbench.state import Region
 
@@ -19,8 +19,8 @@ _FLOOR = 0.006
 _LIP = 0.003
 
 
-@generator("lunchbox", colours=("blue", "green", "red"))
-def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
+@generator("lunchbox", colors=("blue", "green", "red"))
+def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     """Make an open lunchbox; its latch looks along +x and its lid leans back over the -x side.
 
     The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that nothing is above the
@@ -29,7 +29,7 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions and print.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -42,7 +42,7 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     depth = float(rng.uniform(0.014, 0.018))  # of the lid
     latches = int(rng.choice([1, 2]))
     motif = str(rng.choice(["fruit", "stripes", "dots", "star"]))
-    shade = jittered(mixed(PALETTE[colour], (1.0, 1.0, 1.0), 0.06), rng)
+    shade = jittered(mixed(PALETTE[color], (1.0, 1.0, 1.0), 0.06), rng)
     lining = mixed(shade, (0.93, 0.93, 0.91), float(rng.choice([0.25, 0.75])))
     trim = ((0.93, 0.92, 0.88), (0.95, 0.70, 0.12), (0.20, 0.21, 0.24))[int(rng.integers(3))]
 
@@ -56,7 +56,7 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
         [box((0.008, 0.034, 0.030), (ox + _LIP + 0.003, y, height - 0.017), bevel=0.002, corner=0.002) for y in at]
     )
     knuckles = merge([box((0.010, 0.040, 0.012), (-ox - 0.003, y, height - 0.002)) for y in (-0.5 * oy, 0.5 * oy)])
-    shift = centred([tray, lid, clips, knuckles])
+    shift = centered([tray, lid, clips, knuckles])
 
     c, s = math.cos(opened), math.sin(opened)
     middle = (hinge[0] + c * 0.5 * lid_length - s * 0.5 * depth, 0.0, hinge[2] + s * 0.5 * lid_length + c * 0.5 * depth)
@@ -73,8 +73,8 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     inside = 0.5 * (height - _FLOOR)
     return Draft(
         shape="box",
-        description=f"An open {colour} plastic lunchbox with a hinged lid.",
-        tags=("lunchbox", "lunch box", "box", "container", "plastic", colour),
+        description=f"An open {color} plastic lunchbox with a hinged lid.",
+        tags=("lunchbox", "lunch box", "box", "container", "plastic", color),
         body=mass_properties(collision, 0.5, densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15)),
         visual=(
             part("tray", tray.moved(x=dx), shade, picture=_shell(shade, lining), specular=0.4, shininess=0.5),
@@ -129,7 +129,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
     return creased(loft(rings, v=_ROWS), 40.0)
 
 
-def _shell(shade: Colour, lining: Colour) -> np.ndarray:
+def _shell(shade: Color, lining: Color) -> np.ndarray:
     """Draw the tray from its underside over the lip to the floor, with the inside in its own shadow."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
@@ -151,8 +151,8 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
     return mapped(prism(rings, crease_degrees=40.0).moved(x=0.5 * length), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _lining(rng: np.random.Generator, shade: Colour, lining: Colour, trim: Colour, *, motif: str) -> np.ndarray:
-    """Draw the inner side of the lid: a border, a moulded panel and a printed motif."""
+def _lining(rng: np.random.Generator, shade: Color, lining: Color, trim: Color, *, motif: str) -> np.ndarray:
+    """Draw the inner side of the lid: a border, a molded panel and a printed motif."""
     width, height = 0.266, 0.213
     canvas = Canvas(width, height, (192, 160), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * height

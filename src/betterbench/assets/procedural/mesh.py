@@ -2,7 +2,7 @@
 
 A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all
 lofts. Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages
-normals over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object
+normals over shared vertices shows both as they should look. All lengths are meters, all coordinates are in the object
 frame.
 """
 
@@ -128,7 +128,7 @@ def loft(
             with the direction from ring to ring points outwards.
         u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
         v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
-        caps: Whether to close the first and the last ring by a fan around its centre.
+        caps: Whether to close the first and the last ring by a fan around its center.
 
     Returns:
         The mesh; neither welded nor creased.
@@ -189,7 +189,7 @@ def lathe(
     """Turn a profile about the vertical axis.
 
     Args:
-        profile: Points (radius, z) [m] from the bottom on the outside upwards; a radius of zero closes the surface.
+        profile: Points (radius, z) [m] from the bottom on the outside upward; a radius of zero closes the surface.
         segments: Number of sides (even when ``wrap`` is set).
         crease_degrees: Angle above which an edge is drawn sharp.
         wrap: True to wrap a picture around each half, see :func:`mirrored_u`; else the picture is one column.
@@ -243,7 +243,7 @@ def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, st
 
 def box(
     size: tuple[float, float, float],
-    centre: tuple[float, float, float],
+    center: tuple[float, float, float],
     *,
     bevel: float = 0.0,
     corner: float = 0.0,
@@ -253,7 +253,7 @@ def box(
 
     Args:
         size: Extents [m].
-        centre: Centre [m].
+        center: Center [m].
         bevel: Width of the bevel of the top and bottom edges [m].
         corner: Radius of the vertical edges [m].
         steps: Segments per rounded vertical edge.
@@ -267,11 +267,11 @@ def box(
         rectangle(hx - inset, hy - inset, z, corner=max(corner - inset, 0.3 * corner), steps=steps)
         for z, inset in heights
     ]
-    return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*centre)
+    return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*center)
 
 
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
-    """Loft rings and close both ends by triangles between the points of a convex ring, without a centre point."""
+    """Loft rings and close both ends by triangles between the points of a convex ring, without a center point."""
     side = loft(rings, caps=(False, False))
     n = len(rings[0])
     last = (len(rings) - 1) * n
@@ -332,7 +332,7 @@ def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float
     Args:
         mesh: Any mesh.
         right: Direction in the object frame along which the picture's columns run.
-        up: Direction along which its rows run upwards.
+        up: Direction along which its rows run upward.
 
     Returns:
         The mesh whose texture coordinates fill [0, 1] in both directions.

@@ -13,7 +13,7 @@ from betterbench.assets.procedural.body import (
     solid_box,
 )
 from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length, sweep
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose, from_yaw
 from betterbench.state import Region
@@ -22,19 +22,19 @@ _WALL = 0.0035
 _FLOOR = 0.006
 
 
-@generator("mug", colours=("red", "blue", "white", "green", "yellow", "black", "grey"))
-def mug(rng: np.random.Generator, colour: str) -> Draft:
+@generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"))
+def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug; its handle points along +x.
 
     A stoneware mug of 0.3 l has an outer diameter of 70 to 75 mm and a height of 80 to 90 mm and weighs 0.25 to 0.35
     kg; the light end is used, because the whole weight hangs on one side of the jaw. The bar of the handle is 11 to
     12.5 mm thick across the fingers, with flat sides, and stands far enough from the wall for a 20 mm wide finger.
-    The tool centre point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the
+    The tool center point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the
     rim.
 
     Args:
         rng: Source of proportions and decoration.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -61,11 +61,11 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
         (radius - _WALL - (radius - foot_radius), _FLOOR + 0.004),
         (0.0, _FLOOR),
     ]
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
     shell = lathe(profile, 24, wrap=True, phase=0.0)
     picture = _glaze(rng, profile, shade, decoration=decoration, pale_inside=pale_inside)
     grip = _handle(radius, bar, thickness=thickness, depth=depth, top=top, low=low)
-    handle_colour = shaded(shade, 0.97)
+    handle_color = shaded(shade, 0.97)
 
     walls = _walls(radius, axis, height)
     handle = (
@@ -85,12 +85,12 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     grip_height = 0.061
     return Draft(
         shape="cylinder",
-        description=f"A {colour} ceramic coffee mug with a C-shaped handle.",
-        tags=("mug", "cup", "coffee", "drinkware", colour),
+        description=f"A {color} ceramic coffee mug with a C-shaped handle.",
+        tags=("mug", "cup", "coffee", "drinkware", color),
         body=body,
         visual=(
             part("shell", shell.moved(x=axis), shade, picture=picture, specular=0.5, shininess=0.6),
-            part("handle", grip.moved(x=axis), handle_colour, specular=0.5, shininess=0.6),
+            part("handle", grip.moved(x=axis), handle_color, specular=0.5, shininess=0.6),
         ),
         collision=collision,
         grasps=(
@@ -168,7 +168,7 @@ def _walls(radius: float, axis: float, height: float) -> list[CollisionPart]:
 def _glaze(
     rng: np.random.Generator,
     profile: list[tuple[float, float]],
-    shade: Colour,
+    shade: Color,
     *,
     decoration: str,
     pale_inside: bool,
@@ -178,7 +178,7 @@ def _glaze(
     foot, wall, rim, inner, floor = (float(length[k]) for k in (1, 2, 3, 5, 6))
     canvas = Canvas(math.pi * profile[3][0], float(length[-1]), (128, 256), shade)
     y = canvas.y
-    accent = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["grey"], 0.3)
+    accent = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.3)
     span = rim - wall
     if decoration == "band":
         canvas.band(wall + 0.55 * span, wall + 0.72 * span, accent)
@@ -190,8 +190,8 @@ def _glaze(
     elif decoration == "speckled":
         spots = rng.uniform(0.0, 1.0, (70, 3))
         for u, v, size in spots.tolist():
-            centre = (u * math.pi * profile[3][0], wall + v * span)
-            canvas.ellipse(centre, (0.0006 + 0.0006 * size, 0.0006 + 0.0006 * size), mixed(shade, accent, 0.7))
+            center = (u * math.pi * profile[3][0], wall + v * span)
+            canvas.ellipse(center, (0.0006 + 0.0006 * size, 0.0006 + 0.0006 * size), mixed(shade, accent, 0.7))
     if pale_inside:
         canvas.paint(y > inner, mixed(shade, PALETTE["cream"], 0.85))
     inside = y > inner

@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import Mesh, lathe
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.state import Region
@@ -20,8 +20,8 @@ _HEIGHT = 0.018
 _BESIDE = 0.045
 
 
-@generator("place_plate", colours=("white", "blue", "cream"))
-def place_plate(rng: np.random.Generator, colour: str) -> Draft:
+@generator("place_plate", colors=("white", "blue", "cream"))
+def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; whoever eats sits at +x.
 
     A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
@@ -29,7 +29,7 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions and decoration.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -37,11 +37,11 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
     stand = float(rng.uniform(0.050, 0.057))
     well = stand + float(rng.uniform(0.004, 0.012))
     decoration = str(rng.choice(["bands", "dots", "leaves", "petals"]))
-    base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if colour == "blue" else PALETTE[colour]
+    base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if color == "blue" else PALETTE[color]
     glaze = jittered(base, rng, amount=0.05)
-    inks = (mixed(PALETTE["blue"], PALETTE["grey"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
+    inks = (mixed(PALETTE["blue"], PALETTE["gray"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
     ink = inks[int(rng.integers(len(inks)))]
-    if colour == "blue":
+    if color == "blue":
         ink = (0.92, 0.93, 0.93)
     profile = [
         (0.0, 0.0),
@@ -62,8 +62,8 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
     side = _RADIUS + _BESIDE
     return Draft(
         shape="round",
-        description=f"A {colour} breakfast plate with a decorated rim.",
-        tags=("plate", "breakfast plate", "dish", "tableware", colour),
+        description=f"A {color} breakfast plate with a decorated rim.",
+        tags=("plate", "breakfast plate", "dish", "tableware", color),
         body=mass_properties(collision, 0.55),
         visual=(part("plate", plate, glaze, picture=picture, specular=0.5, shininess=0.6),),
         collision=collision,
@@ -96,7 +96,7 @@ def _rim(well: float) -> list[CollisionPart]:
     ]
 
 
-def _glaze(rng: np.random.Generator, glaze: Colour, ink: Colour, *, decoration: str, well: float) -> np.ndarray:
+def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: str, well: float) -> np.ndarray:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     x, y = canvas.x - 1.0, canvas.y - 1.0

@@ -10,7 +10,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose, from_yaw, multiply
 from betterbench.state import Region
@@ -27,7 +27,7 @@ RIM_M = 0.036
 _LIP = 0.004
 _SIDES = 28
 _GRIP_BELOW_RIM = 0.006  # the pads then reach 18 mm down the lip and end 2 mm above the floor
-_COLOURS = ("white", "red", "blue", "green", "yellow")
+_COLORS = ("white", "red", "blue", "green", "yellow")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,24 +46,24 @@ class _Size:
 _LARGE, _MEDIUM, _SMALL = _Size(0.088, 0.30), _Size(0.074, 0.15), _Size(0.060, 0.12)
 
 
-@generator("plate_large", colours=_COLOURS, family="plate")
-def plate_large(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_large", colors=_COLORS, family="plate")
+def plate_large(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate at the bottom of a stack: 176 mm across, 0.30 kg.
 
     Dessert plates of stoneware have diameters of 170 to 210 mm and weigh 0.3 to 0.4 kg. This one is only stood on.
 
     Args:
         rng: Source of the glaze.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
-    return _plate(rng, colour, _LARGE, size_word="large")
+    return _plate(rng, color, _LARGE, size_word="large")
 
 
-@generator("plate_medium", colours=("red", "white", "blue", "green", "yellow"), family="plate")
-def plate_medium(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_medium", colors=("red", "white", "blue", "green", "yellow"), family="plate")
+def plate_medium(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate in the middle of a stack: 148 mm across, 0.15 kg.
 
     Melamine side plates (1.5 g/cm^3, 3 to 4 mm thick) of 150 mm weigh 0.10 to 0.16 kg. Held at its rim, a plate of
@@ -71,31 +71,31 @@ def plate_medium(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of the glaze.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
-    return _plate(rng, colour, _MEDIUM, size_word="medium")
+    return _plate(rng, color, _MEDIUM, size_word="medium")
 
 
-@generator("plate_small", colours=("blue", "white", "red", "green", "yellow"), family="plate")
-def plate_small(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_small", colors=("blue", "white", "red", "green", "yellow"), family="plate")
+def plate_small(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip.
 
     Args:
         rng: Source of the glaze.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
-    return _plate(rng, colour, _SMALL, size_word="small")
+    return _plate(rng, color, _SMALL, size_word="small")
 
 
-def _plate(rng: np.random.Generator, colour: str, size: _Size, *, size_word: str) -> Draft:
+def _plate(rng: np.random.Generator, color: str, size: _Size, *, size_word: str) -> Draft:
     """Make a plate: a foot, a flat floor, an upright lip."""
-    glaze = _Glaze(rng, colour)
+    glaze = _Glaze(rng, color)
     r = size.radius
     profile = [
         (0.0, 0.0),
@@ -116,15 +116,15 @@ def _plate(rng: np.random.Generator, colour: str, size: _Size, *, size_word: str
     )
     return Draft(
         shape="round",
-        description=f"A {size_word} round {colour} plate with an upright lip.",
-        tags=("plate", f"{size_word} plate", "dinner plate", "tableware", "crockery", colour),
+        description=f"A {size_word} round {color} plate with an upright lip.",
+        tags=("plate", f"{size_word} plate", "dinner plate", "tableware", "crockery", color),
         # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
         body=mass_properties(collision, size.mass, densities=(0.33, *(1.0,) * 9)),
         visual=(
             part(
                 "plate",
                 lathe(profile, _SIDES, wrap=True),
-                glaze.colour,
+                glaze.color,
                 picture=glaze.plate(profile),
                 specular=0.5,
                 shininess=0.6,
@@ -141,8 +141,8 @@ def _plate(rng: np.random.Generator, colour: str, size: _Size, *, size_word: str
     )
 
 
-@generator("shallow_bowl", colours=("red", "white", "blue"), family="plate")
-def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
+@generator("shallow_bowl", colors=("red", "white", "blue"), family="plate")
+def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a shallow bowl of the medium plate's diameter: from above a plate, from the side clearly none.
 
     A melamine bowl of 150 mm weighs 0.12 to 0.2 kg. The collision shape is the upright upper wall, a disc under the
@@ -150,12 +150,12 @@ def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of the glaze; the same numbers as for the plates.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
-    glaze = _Glaze(rng, colour)
+    glaze = _Glaze(rng, color)
     r, rim, floor, foot = _MEDIUM.radius, 0.045, 0.0125, 0.034
     profile = [
         (0.0, 0.0),
@@ -179,14 +179,14 @@ def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="round",
-        description=f"A shallow {colour} bowl with a curved wall.",
-        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery", colour),
+        description=f"A shallow {color} bowl with a curved wall.",
+        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery", color),
         body=mass_properties(collision, 0.17, densities=(0.33, *(1.0,) * 9)),
         visual=(
             part(
                 "bowl",
                 lathe(profile, 24, wrap=True, crease_degrees=44.0),
-                glaze.colour,
+                glaze.color,
                 picture=glaze.bowl(profile),
                 specular=0.5,
                 shininess=0.6,
@@ -239,15 +239,15 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 class _Glaze:
     """The glaze of a set of tableware: one look gives one design to every piece of it."""
 
-    def __init__(self, rng: np.random.Generator, colour: str) -> None:
-        self.colour: Colour = jittered(PALETTE[colour], rng, amount=0.07)
+    def __init__(self, rng: np.random.Generator, color: str) -> None:
+        self.color: Color = jittered(PALETTE[color], rng, amount=0.07)
         self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
-        self._light = shaded(self.colour, float(rng.uniform(1.5, 1.9))) if colour != "white" else self._tint(rng)
+        self._light = shaded(self.color, float(rng.uniform(1.5, 1.9))) if color != "white" else self._tint(rng)
         self._rng = rng
 
     @staticmethod
-    def _tint(rng: np.random.Generator) -> Colour:
-        """Return the line on white ware: grey, sand or a pale blue."""
+    def _tint(rng: np.random.Generator) -> Color:
+        """Return the line on white ware: gray, sand or a pale blue."""
         return ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))[int(rng.integers(3))]
 
     def plate(self, profile: list[tuple[float, float]]) -> np.ndarray:
@@ -260,18 +260,18 @@ class _Glaze:
 
     def _draw(self, profile: list[tuple[float, float]], *, wall: int, rim: int, inner: int, floor: int) -> np.ndarray:
         length = profile_length(profile)
-        canvas = Canvas(1.0, float(length[-1]), (64, 256), self.colour)
+        canvas = Canvas(1.0, float(length[-1]), (64, 256), self.color)
         y = canvas.y
         end = float(length[-1])
         lip, well, bottom = float(length[inner]), float(length[floor]), end - float(length[floor])
         if self.design == "speckled":
             for u, v, size in self._rng.uniform(0.0, 1.0, (90, 3)).tolist():
                 radius = 0.0006 + 0.0007 * size
-                canvas.ellipse((u, v * end), (radius * 6.0, radius), mixed(self.colour, self._light, 0.75))
+                canvas.ellipse((u, v * end), (radius * 6.0, radius), mixed(self.color, self._light, 0.75))
         # The floor catches more light in its middle; a turned ring shows where the foot is.
         away = (end - y) / bottom
         on_floor = y > well
-        canvas.paint(on_floor, shaded(self.colour, 1.14), strength=0.8)
+        canvas.paint(on_floor, shaded(self.color, 1.14), strength=0.8)
         canvas.shade(np.where(on_floor, 1.0 - 0.10 * np.clip(away - 0.55, 0.0, 1.0) / 0.45, 1.0))
         canvas.shade(np.where(np.abs(away - 0.62) < 0.012, 0.86, 1.0))
         if self.design == "ring":

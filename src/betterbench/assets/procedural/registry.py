@@ -12,7 +12,7 @@ import numpy as np
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.assets.procedural.body import MassProperties
 from betterbench.assets.procedural.mesh import Mesh
-from betterbench.assets.procedural.paint import Colour
+from betterbench.assets.procedural.paint import Color
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
 from betterbench.state import Region
@@ -22,14 +22,14 @@ Generator = Callable[[np.random.Generator, str], "Draft"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Draft:
-    """What a generator makes; the register adds category, look and colour and measures the size.
+    """What a generator makes; the register adds category, look and color and measures the size.
 
     Attributes:
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text.
         tags: Search words.
         body: Mass properties.
-        visual: Coloured meshes.
+        visual: Colored meshes.
         collision: Convex geometries.
         grasps: Ways to take it.
         regions: Named places on it.
@@ -52,7 +52,7 @@ class _Entry:
     """A registered generator."""
 
     make: Generator
-    colours: tuple[str, ...]
+    colors: tuple[str, ...]
     looks: int
     family: str
 
@@ -61,13 +61,13 @@ _REGISTER: dict[str, _Entry] = {}
 
 
 def generator(
-    category: str, *, colours: Sequence[str], looks: int = 8, family: str | None = None
+    category: str, *, colors: Sequence[str], looks: int = 8, family: str | None = None
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category.
 
     Args:
         category: Name of the category ("mug").
-        colours: Colour words it can be made in; the first is the default.
+        colors: Color words it can be made in; the first is the default.
         looks: Number of looks; each is the same function with another random generator.
         family: Categories of one family draw the same random numbers for a look, so that what belongs together
             (a cabinet and its drawers, the plates of a set) matches; the category alone if not given.
@@ -77,7 +77,7 @@ def generator(
     """
 
     def register(make: Generator) -> Generator:
-        _REGISTER[category] = _Entry(make, tuple(colours), looks, family or category)
+        _REGISTER[category] = _Entry(make, tuple(colors), looks, family or category)
         return make
 
     return register
@@ -96,13 +96,13 @@ def _entry(category: str) -> _Entry:
         raise UnknownNameError("asset category", category, _REGISTER) from None
 
 
-def colours(category: str) -> tuple[str, ...]:
-    """Return the colours a category can be made in, the default first.
+def colors(category: str) -> tuple[str, ...]:
+    """Return the colors a category can be made in, the default first.
 
     Raises:
         UnknownNameError: If there is no such category.
     """
-    return _entry(category).colours
+    return _entry(category).colors
 
 
 def looks(category: str) -> range:
@@ -114,25 +114,25 @@ def looks(category: str) -> range:
     return range(_entry(category).looks)
 
 
-def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
-    """Make an asset. The same arguments give the same bits in every process; the colour never changes the shape.
+def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
+    """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
     Args:
         category: Name of the category.
         look: Number of the look, see :func:`looks`.
-        colour: Colour word, see :func:`colours`; the category's first colour if not given.
+        color: Color word, see :func:`colors`; the category's first color if not given.
 
     Returns:
         The asset.
 
     Raises:
-        UnknownNameError: If the category or the colour is not known.
+        UnknownNameError: If the category or the color is not known.
         InvalidInputError: If there is no such look.
     """
     entry = _entry(category)
-    chosen = entry.colours[0] if colour is None else colour
-    if chosen not in entry.colours:
-        raise UnknownNameError(f"colour of {category}", chosen, entry.colours)
+    chosen = entry.colors[0] if color is None else color
+    if chosen not in entry.colors:
+        raise UnknownNameError(f"color of {category}", chosen, entry.colors)
     if look not in range(entry.looks):
         raise InvalidInputError(
             f"look of {category}", f"{look!r} does not exist", f"Use a number from 0 to {entry.looks - 1}"
@@ -141,24 +141,24 @@ def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
 
 
 @functools.lru_cache(maxsize=512)
-def _build(category: str, look: int, colour: str) -> Asset:
+def _build(category: str, look: int, color: str) -> Asset:
     """Make an asset from arguments that are known to be good."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
-    draft = entry.make(np.random.default_rng(seed), colour)
+    draft = entry.make(np.random.default_rng(seed), color)
     points = np.concatenate([part.vertices for part in draft.visual]).astype(float)
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = (round(float(e), 6) for e in high - low)
     return Asset(
         category=category,
         look=look,
-        colour=colour,
+        color=color,
         shape=draft.shape,
         description=draft.description,
         tags=draft.tags,
         size_m=(x, y, z),
         mass_kg=draft.body.mass_kg,
-        centre_of_mass=draft.body.centre_of_mass,
+        center_of_mass=draft.body.center_of_mass,
         inertia=draft.body.inertia,
         visual=draft.visual,
         collision=draft.collision,
@@ -171,7 +171,7 @@ def _build(category: str, look: int, colour: str) -> Asset:
 def part(
     name: str,
     mesh: Mesh,
-    colour: Colour,
+    color: Color,
     *,
     picture: np.ndarray | None = None,
     specular: float = 0.2,
@@ -183,7 +183,7 @@ def part(
     Args:
         name: Name within the asset.
         mesh: The mesh.
-        colour: Colour, each in [0, 1]; ignored (white) when there is a picture.
+        color: Color, each in [0, 1]; ignored (white) when there is a picture.
         picture: (height, width, 3) uint8 picture for the texture coordinates of the mesh.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
@@ -192,7 +192,7 @@ def part(
     Returns:
         The part in the number formats that renderers take.
     """
-    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in (colour if picture is None else (1.0, 1.0, 1.0)))
+    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in (color if picture is None else (1.0, 1.0, 1.0)))
     texture = None if picture is None else Texture(_frozen(picture), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
     return VisualPart(
         name=name,
@@ -212,8 +212,8 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def centred(meshes: Sequence[Mesh]) -> Vector:
-    """Return the shift [m] that moves the centre of the bottom face of the bounding box to the origin."""
+def centered(meshes: Sequence[Mesh]) -> Vector:
+    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
     points = np.concatenate([m.vertices for m in meshes])
     low, high = points.min(axis=0), points.max(axis=0)
     return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

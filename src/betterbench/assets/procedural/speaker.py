@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, JAW_OPENS_ALONG_Y, mass_properties, solid_box
 from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -17,15 +17,15 @@ from betterbench.state import Region
 _PROUD = 0.0036  # how far a driver stands out of the front
 
 
-@generator("speaker", colours=("black", "grey", "white", "blue"))
-def speaker(rng: np.random.Generator, colour: str) -> Draft:
+@generator("speaker", colors=("black", "gray", "white", "blue"))
+def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers look along +x.
 
     Small powered USB loudspeakers are 65 to 70 mm wide and deep, about 100 mm high, and weigh 0.3 to 0.4 kg each.
 
     Args:
         rng: Source of proportions, drivers and trim.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -37,7 +37,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     two_way = bool(rng.random() < 0.65)
     cone = ((0.16, 0.16, 0.17), (0.72, 0.60, 0.34), (0.62, 0.63, 0.65), (0.70, 0.40, 0.18))[int(rng.integers(4))]
     led = ((0.25, 0.95, 0.35), (0.25, 0.60, 1.0), (1.0, 0.62, 0.15))[int(rng.integers(3))]
-    shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.08) if color == "black" else PALETTE[color], rng)
     rim = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.66, 0.67, 0.70), 0.55)
 
     body_depth = depth - _PROUD
@@ -73,8 +73,8 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     grip = 0.065
     return Draft(
         shape="box",
-        description=f"A small {colour} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
-        tags=("speaker", "loudspeaker", "desktop speaker", "audio", colour),
+        description=f"A small {color} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
+        tags=("speaker", "loudspeaker", "desktop speaker", "audio", color),
         body=mass_properties(collision, 0.35),
         visual=tuple(visual),
         collision=collision,
@@ -107,7 +107,7 @@ def _driver(radius: float, segments: int) -> Mesh:
     return mesh.rotated("y", math.pi / 2.0)
 
 
-def _cone(rim: Colour, cone: Colour) -> np.ndarray:
+def _cone(rim: Color, cone: Color) -> np.ndarray:
     """Draw a driver along its profile, from the back over the rim to the dust cap."""
     profile = [(0.0, -0.0006), *_driver_profile(0.025)]
     length = profile_length(profile) / profile_length(profile)[-1]

@@ -11,7 +11,7 @@ from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.lettering import write
 from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
@@ -25,13 +25,13 @@ JAR_HEIGHT_M = 0.085
 _MASS_KG = 0.12  # 70 g of glass and cap and 50 g of what is inside
 _GRIP_HEIGHT = 0.062  # the pads reach 12 mm below it, and so stay above a hole 35 mm deep
 _SIDES = 24
-_GLASS: Colour = (0.66, 0.73, 0.73)
-_PAPER: Colour = (0.93, 0.91, 0.85)
+_GLASS: Color = (0.66, 0.73, 0.73)
+_PAPER: Color = (0.93, 0.91, 0.85)
 _NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
-_CONTENT: dict[str, Colour] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
-_PRINT: dict[str, Colour] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
-# Caps in colours that no spice has, so that the word for what is inside never names a cap.
-_CAPS: tuple[Colour, ...] = (
+_CONTENT: dict[str, Color] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
+_PRINT: dict[str, Color] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
+# Caps in colors that no spice has, so that the word for what is inside never names a cap.
+_CAPS: tuple[Color, ...] = (
     PALETTE["green"],
     PALETTE["blue"],
     (0.58, 0.38, 0.20),
@@ -41,51 +41,51 @@ _CAPS: tuple[Colour, ...] = (
 )
 
 
-@generator("spice_jar", colours=("white", "black", "red"), family="spice jar")
-def spice_jar(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a glass spice jar; its colour is that of what is inside: white salt, black pepper, red paprika.
+@generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
+def spice_jar(rng: np.random.Generator, color: str) -> Draft:
+    """Make a glass spice jar; its color is that of what is inside: white salt, black pepper, red paprika.
 
     The glass is drawn rather than transparent, because one transparent part doubles the cost of every picture of
-    depth. Within a look the three spices have caps of three different colours.
+    depth. Within a look the three spices have caps of three different colors.
 
     Args:
         rng: Source of the shape of the neck, the fill, the cap and the print.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
     shape = _Shape(rng)
     order = rng.permutation(len(_CAPS))
-    cap = jittered(_CAPS[int(order[tuple(_NAMES).index(colour)])], rng, amount=0.06)
+    cap = jittered(_CAPS[int(order[tuple(_NAMES).index(color)])], rng, amount=0.06)
     fill = float(rng.uniform(0.050, 0.055))
-    content = _CONTENT[colour]
+    content = _CONTENT[color]
     canvas = shape.canvas(_GLASS)
     up = canvas.height_on_wall
     canvas.paint((up > 0.003) & (up < fill), content)
-    canvas.grain(rng, cells=(60, 80), amount=0.10 if colour == "black" else 0.03)
+    canvas.grain(rng, cells=(60, 80), amount=0.10 if color == "black" else 0.03)
     # The thick foot of the glass, and the gleam of its round sides.
     canvas.paint(up < 0.003, mixed(_GLASS, content, 0.25))
     canvas.paint(np.abs(canvas.x - 0.2 * canvas.width) < 0.0011, (1.0, 1.0, 1.0), strength=0.35)
     canvas.paint(np.abs(canvas.x - 0.85 * canvas.width) < 0.0007, (1.0, 1.0, 1.0), strength=0.25)
-    _label(canvas, rng, colour)
+    _label(canvas, rng, color)
     return _jar(
         shape,
         canvas,
         cap,
-        description=f"A small glass spice jar of {_NAMES[colour].lower()} with a {colour} label and a screw cap.",
-        tags=("spice jar", "jar", "spice", _NAMES[colour].lower(), "glass", colour),
+        description=f"A small glass spice jar of {_NAMES[color].lower()} with a {color} label and a screw cap.",
+        tags=("spice jar", "jar", "spice", _NAMES[color].lower(), "glass", color),
         specular=0.7,
     )
 
 
-@generator("plain_jar", colours=("white", "black", "red"), family="spice jar")
-def plain_jar(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plain_jar", colors=("white", "black", "red"), family="spice jar")
+def plain_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart.
 
     Args:
         rng: Source of the shape of the neck, the finish and the print; the same numbers as for the glass jar.
-        colour: Colour word of the label.
+        color: Color word of the label.
 
     Returns:
         The draft.
@@ -95,32 +95,32 @@ def plain_jar(rng: np.random.Generator, colour: str) -> Draft:
     canvas = shape.canvas(steel)
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + float(rng.uniform(0.0, 6.0))))
     canvas.grain(rng, cells=(3, 90), amount=0.025)
-    _label(canvas, rng, colour)
+    _label(canvas, rng, color)
     return _jar(
         shape,
         canvas,
         (0.33, 0.34, 0.36),
-        description=f"A plain steel spice jar with a grey cap and a {colour} label that says {_NAMES[colour].lower()}.",
-        tags=("spice jar", "jar", "spice", "plain", _NAMES[colour].lower(), "steel", colour),
+        description=f"A plain steel spice jar with a gray cap and a {color} label that says {_NAMES[color].lower()}.",
+        tags=("spice jar", "jar", "spice", "plain", _NAMES[color].lower(), "steel", color),
         specular=0.6,
     )
 
 
-@generator("pill_bottle", colours=("white",))
-def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
+@generator("pill_bottle", colors=("white",))
+def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a ribbed child-proof cap, of a spice jar's size.
 
     Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The heavy end is used, so that
     it feels like the jar it is taken for.
 
     Args:
-        rng: Source of the body's colour, the cap and the print.
-        colour: Colour word (of the cap and the label).
+        rng: Source of the body's color, the cap and the print.
+        color: Color word (of the cap and the label).
 
     Returns:
         The draft.
     """
-    white = PALETTE[colour]
+    white = PALETTE[color]
     amber = bool(rng.random() < 0.5)
     body = jittered((0.86, 0.42, 0.08) if amber else white, rng, amount=0.05)
     ink = ((0.05, 0.50, 0.24), (0.75, 0.08, 0.10), (0.06, 0.30, 0.62))[int(rng.integers(3))]
@@ -158,8 +158,8 @@ def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
     collision = _solid()
     return Draft(
         shape="cylinder",
-        description=f"A pharmacy pill bottle with a {colour} ribbed child-proof cap and a printed label.",
-        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle", colour),
+        description=f"A pharmacy pill bottle with a {color} ribbed child-proof cap and a printed label.",
+        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle", color),
         body=mass_properties(collision, _MASS_KG),
         visual=(
             part("body", canvas.mesh(), body, picture=canvas.pixels(), specular=0.4, shininess=0.5),
@@ -182,13 +182,13 @@ class _Wrap(Canvas):
     """
 
     def __init__(
-        self, profile: Sequence[tuple[float, float]], colour: Colour, *, pixels: tuple[int, int] = (160, 192)
+        self, profile: Sequence[tuple[float, float]], color: Color, *, pixels: tuple[int, int] = (160, 192)
     ) -> None:
         """Start a picture for the body turned from ``profile`` (radius, z) [m]."""
         self._profile = tuple(profile)
         self.width = math.pi * max(r for r, _ in profile)
         along = profile_length(profile)
-        super().__init__(self.width, float(along[-1]), pixels, colour)
+        super().__init__(self.width, float(along[-1]), pixels, color)
         self.length = self.y
         self.height_on_wall = np.interp(self.y, along, [z for _, z in profile])
 
@@ -221,9 +221,9 @@ class _Shape:
             (0.0180, neck + 0.0005),
         )
 
-    def canvas(self, colour: Colour) -> _Wrap:
+    def canvas(self, color: Color) -> _Wrap:
         """Return the picture of the jar below its cap."""
-        return _Wrap(self.profile, colour)
+        return _Wrap(self.profile, color)
 
     def cap(self) -> Mesh:
         """Return the mesh of the cap."""
@@ -239,7 +239,7 @@ class _Shape:
 
 
 def _jar(
-    shape: _Shape, canvas: _Wrap, cap: Colour, *, description: str, tags: tuple[str, ...], specular: float
+    shape: _Shape, canvas: _Wrap, cap: Color, *, description: str, tags: tuple[str, ...], specular: float
 ) -> Draft:
     """Put a jar together."""
     collision = _solid()
@@ -259,28 +259,28 @@ def _jar(
     )
 
 
-def _cap(shape: _Shape, colour: Colour) -> VisualPart:
+def _cap(shape: _Shape, color: Color) -> VisualPart:
     """Return the cap with its knurled edge."""
     reach = shape.cap_radius - 0.0160 + shape.cap_height + shape.cap_radius
-    canvas = Canvas(math.pi * shape.cap_radius, reach, (128, 128), colour)
+    canvas = Canvas(math.pi * shape.cap_radius, reach, (128, 128), color)
     skirt = (canvas.y > shape.cap_radius - 0.0160 + 0.002) & (
         canvas.y < shape.cap_radius - 0.0160 + shape.cap_height - 0.003
     )
     canvas.shade(np.where(skirt, 0.90 + 0.10 * np.cos(2.0 * math.pi * 22.0 * canvas.x / (math.pi * 0.02)), 1.0))
     canvas.shade(np.where(canvas.y > reach - 0.62 * shape.cap_radius, 0.93, 1.0))
-    return part("cap", shape.cap(), colour, picture=canvas.pixels(), specular=0.35, shininess=0.5)
+    return part("cap", shape.cap(), color, picture=canvas.pixels(), specular=0.35, shininess=0.5)
 
 
-def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
-    """Glue the label on: paper, a big band in the spice's colour, its name on the band."""
+def _label(canvas: _Wrap, rng: np.random.Generator, color: str) -> None:
+    """Glue the label on: paper, a big band in the spice's color, its name on the band."""
     up, x, width = canvas.height_on_wall, canvas.x, canvas.width
     design = str(rng.choice(["band", "frame", "round", "full"]))
     low, high = 0.0095, 0.0500
     reach = np.abs(x - 0.5 * width)
-    print_colour = _PRINT[colour]
-    ink: Colour = (0.10, 0.11, 0.13) if colour == "white" else (0.96, 0.95, 0.92)
+    print_color = _PRINT[color]
+    ink: Color = (0.10, 0.11, 0.13) if color == "white" else (0.96, 0.95, 0.92)
     # White print needs a darker paper around it, the others a light one.
-    paper = (0.62, 0.53, 0.38) if colour == "white" else _PAPER
+    paper = (0.62, 0.53, 0.38) if color == "white" else _PAPER
     wide = 0.45 * width
     on_label = (reach < wide) & (up > low) & (up < high)
     canvas.paint(on_label, paper)
@@ -293,8 +293,8 @@ def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
         field = on_label & ((reach / (wide - 0.001)) ** 4 + ((up - middle) / 0.0150) ** 4 < 1.0)
     else:
         field = on_label & (up > low + 0.0075)
-    canvas.paint(field, print_colour)
-    name = _NAMES[colour]
+    canvas.paint(field, print_color)
+    name = _NAMES[color]
     size = min(0.0098, 0.80 * wide / (0.45 * len(name)))
     base = float(np.interp(middle, canvas.height_on_wall[::-1, 0], canvas.length[::-1, 0]))
     write(canvas, name, (0.5 * width, base), height=size, ink=ink, weight=0.20)
@@ -302,8 +302,8 @@ def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
         canvas.paint(field & (np.abs(up - middle - offset) < 0.0006) & (reach < 0.6 * wide), ink)
 
 
-def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Colour) -> None:
-    """Glue on the label of a pharmacy: a cross in a coloured head and lines of small print."""
+def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Color) -> None:
+    """Glue on the label of a pharmacy: a cross in a colored head and lines of small print."""
     up, x, width = canvas.height_on_wall, canvas.x, canvas.width
     reach = np.abs(x - 0.5 * width)
     wide = 0.43 * width
@@ -312,19 +312,19 @@ def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Colour) -> Non
     head = 0.0350
     left = x - 0.5 * width
     canvas.paint((reach < wide) & (up > head + 0.0135) & (up < high), ink)
-    centre = head + 0.0025
-    cross = (np.maximum(np.abs(left + 0.0125), np.abs(up - centre)) < 0.0078) & (
-        np.minimum(np.abs(left + 0.0125), np.abs(up - centre)) < 0.0027
+    center = head + 0.0025
+    cross = (np.maximum(np.abs(left + 0.0125), np.abs(up - center)) < 0.0078) & (
+        np.minimum(np.abs(left + 0.0125), np.abs(up - center)) < 0.0027
     )
     canvas.paint(cross, ink)
-    grey = (0.25, 0.26, 0.30)
+    gray = (0.25, 0.26, 0.30)
     for row in range(3):
         end = float(rng.uniform(0.55, 0.9)) * wide
-        canvas.paint((left > -0.0015) & (left < end) & (np.abs(up - centre - 0.005 + 0.005 * row) < 0.0010), grey)
+        canvas.paint((left > -0.0015) & (left < end) & (np.abs(up - center - 0.005 + 0.005 * row) < 0.0010), gray)
     for row in range(4):
         end = float(rng.uniform(0.5, 0.92)) * wide
         start = -0.88 * wide
-        canvas.paint((left > start) & (left < end) & (np.abs(up - 0.0255 + 0.0045 * row) < 0.0008), grey)
+        canvas.paint((left > start) & (left < end) & (np.abs(up - 0.0255 + 0.0045 * row) < 0.0008), gray)
 
 
 def _solid() -> tuple[CollisionPart, ...]:

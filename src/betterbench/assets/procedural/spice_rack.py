@@ -10,7 +10,7 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.lettering import write
 from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
@@ -29,11 +29,11 @@ _APOTHEM = JAR_RADIUS_M + CLEARANCE_M
 _HALF_X, _HALF_Y = 0.0365, 0.135
 _EDGE = 0.0015  # chamfer of the outer edges, for the eye only
 _RIM = 0.0012  # chamfer of the holes, for the eye only
-_WOOD: dict[str, Colour] = {"brown": (0.60, 0.38, 0.19), "grey": (0.52, 0.51, 0.49)}
+_WOOD: dict[str, Color] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)}
 
 
-@generator("spice_rack", colours=("brown", "grey"))
-def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
+@generator("spice_rack", colors=("brown", "gray"))
+def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
@@ -41,12 +41,12 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of the grain, the finish and the marks.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
     """
-    wood = jittered(_WOOD[colour], rng, amount=0.16)
+    wood = jittered(_WOOD[color], rng, amount=0.16)
     style = str(rng.choice(["plate", "burnt", "painted"]))
     stripe = bool(rng.random() < 0.5)
     plates = {
@@ -55,7 +55,7 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
         "painted": (0.10, 0.11, 0.13),
     }
     plate = plates[style]
-    ink: Colour = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
+    ink: Color = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
 
     holes = [merge([_cell(index) for index in range(3)])]
     top = mapped(holes[0], (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
@@ -76,8 +76,8 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     corners = tuple(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4))
     return Draft(
         shape="box",
-        description=f"A {colour} wooden spice rack with three numbered holes in a row.",
-        tags=("spice rack", "rack", "jar holder", "wood", "holes", colour),
+        description=f"A {color} wooden spice rack with three numbered holes in a row.",
+        tags=("spice rack", "rack", "jar holder", "wood", "holes", color),
         body=mass_properties(walls, 0.38),
         visual=(
             part("block", _outside(), wood, picture=_grain(rng, wood, stripe=stripe), specular=0.15),
@@ -100,11 +100,11 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _corner(centre: float, angle: float) -> CollisionPart:
+def _corner(center: float, angle: float) -> CollisionPart:
     """Return the box that cuts the corner of a square hole into an octagon's side.
 
     Args:
-        centre: Position of the hole along y [m].
+        center: Position of the hole along y [m].
         angle: Direction of the corner [rad].
     """
     half_length = _APOTHEM * math.tan(math.pi / 8.0)
@@ -113,7 +113,7 @@ def _corner(centre: float, angle: float) -> CollisionPart:
     return CollisionPart(
         "box",
         (half, half_length, 0.5 * _DEPTH),
-        (away * math.cos(angle), centre + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
+        (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
         from_yaw(angle),
     )
 
@@ -133,7 +133,7 @@ def _outside() -> Mesh:
 
 def _cell(index: int) -> Mesh:
     """Return a third of the top face with its hole."""
-    centre = (index - 1) * PITCH_M
+    center = (index - 1) * PITCH_M
     half_x = _HALF_X - _EDGE
     low = -0.5 * PITCH_M if index > 0 else -(_HALF_Y - _EDGE - PITCH_M)
     high = 0.5 * PITCH_M if index < 2 else _HALF_Y - _EDGE - PITCH_M
@@ -143,7 +143,7 @@ def _cell(index: int) -> Mesh:
         for k in range(16):
             angle = k * math.pi / 8.0
             radius = apothem / math.cos(math.pi / 8.0) if k % 2 else apothem
-            points.append((radius * math.cos(angle), centre + radius * math.sin(angle), z))
+            points.append((radius * math.cos(angle), center + radius * math.sin(angle), z))
         return np.array(points)
 
     side = _APOTHEM * math.tan(math.pi / 8.0)
@@ -153,7 +153,7 @@ def _cell(index: int) -> Mesh:
         (-half_x, 0.0), (-half_x, -side), (-half_x, low), (-side, low),
         (0.0, low), (side, low), (half_x, low), (half_x, -side),
     ]  # fmt: skip
-    border = np.array([(x, centre + y, _HEIGHT) for x, y in outer])
+    border = np.array([(x, center + y, _HEIGHT) for x, y in outer])
     rings = [border, octagon(_APOTHEM + _RIM, _HEIGHT), octagon(_APOTHEM, _HEIGHT - _RIM), octagon(_APOTHEM, _FLOOR)]
     return creased(loft(rings, caps=(False, True)), 30.0)
 
@@ -175,7 +175,7 @@ def _marks() -> Mesh:
     return merge(plates)
 
 
-def _digits(plate: Colour, ink: Colour) -> np.ndarray:
+def _digits(plate: Color, ink: Color) -> np.ndarray:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
@@ -184,7 +184,7 @@ def _digits(plate: Colour, ink: Colour) -> np.ndarray:
     return canvas.pixels()
 
 
-def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> np.ndarray:
+def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> np.ndarray:
     """Draw the long side of the block."""
     canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
@@ -195,7 +195,7 @@ def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> np.ndarra
     return canvas.pixels()
 
 
-def _top(rng: np.random.Generator, wood: Colour) -> np.ndarray:
+def _top(rng: np.random.Generator, wood: Color) -> np.ndarray:
     """Draw the top face; the holes lie in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)

@@ -18,15 +18,15 @@ from betterbench.state import Region
 _STEEL = (0.74, 0.75, 0.77)
 
 
-@generator("stapler", colours=("black", "red", "blue"))
-def stapler(rng: np.random.Generator, colour: str) -> Draft:
+@generator("stapler", colors=("black", "red", "blue"))
+def stapler(rng: np.random.Generator, color: str) -> Draft:
     """Make a desk stapler; its mouth is at +x.
 
     A half-strip desk stapler is 125 x 36 x 55 mm and weighs 0.2 to 0.25 kg.
 
     Args:
         rng: Source of proportions and trim.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -38,8 +38,8 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     nose = str(rng.choice(["round", "square"]))
     badge = bool(rng.random() < 0.6)
     two_tone = bool(rng.random() < 0.5)
-    shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
-    dark = (0.13, 0.13, 0.14) if colour != "black" else (0.20, 0.20, 0.21)
+    shade = jittered(shaded(PALETTE[color], 1.08) if color == "black" else PALETTE[color], rng)
+    dark = (0.13, 0.13, 0.14) if color != "black" else (0.20, 0.20, 0.21)
     half = 0.5 * length
 
     base = _slab(
@@ -106,7 +106,7 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     tilt = from_axis_angle((0.0, -slope, 0.0))
     half_arm = 0.5 * (arm_length + 0.010)
     local_x, local_z = 0.5 * (arm_length - 0.010), 0.5 * (0.97 * thick - 0.0015)
-    arm_centre = (
+    arm_center = (
         hinge_x + math.cos(slope) * local_x - math.sin(slope) * local_z,
         0.0,
         hinge_z + math.sin(slope) * local_x + math.cos(slope) * local_z,
@@ -115,12 +115,12 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     collision = (
         solid_box((-half, -0.5 * width, 0.0), (half, 0.5 * width, 0.0095)),
         solid_box((-half + 0.002, -0.5 * grip_width, 0.0095), (-half + 0.024, 0.5 * grip_width, 0.025)),
-        CollisionPart("box", (half_arm, 0.5 * grip_width, 0.5 * (0.97 * thick + 0.0075)), arm_centre, tilt),
+        CollisionPart("box", (half_arm, 0.5 * grip_width, 0.5 * (0.97 * thick + 0.0075)), arm_center, tilt),
     )
     return Draft(
         shape="irregular",
-        description=f"A {colour} desk stapler with a steel magazine.",
-        tags=("stapler", "office", "desk", "stationery", colour),
+        description=f"A {color} desk stapler with a steel magazine.",
+        tags=("stapler", "office", "desk", "stationery", color),
         body=mass_properties(collision, 0.22),
         visual=tuple(visual),
         collision=collision,
@@ -133,18 +133,18 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
 def _slab(outline: Sequence[tuple[float, float]], half_y: float, *, bevel: float) -> Mesh:
     """Return a convex side view (x, z), counter-clockwise with x to the right, made ``2 half_y`` wide along y [m]."""
     points = np.asarray(outline, dtype=float)
-    centre = points.mean(axis=0)
-    away = points - centre
+    center = points.mean(axis=0)
+    away = points - center
     reach = np.linalg.norm(away, axis=1, keepdims=True)
-    inner = centre + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
+    inner = center + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
     rings = []
     for y, flat in ((half_y, inner), (half_y - bevel, points), (-half_y + bevel, points), (-half_y, inner)):
         rings.append(np.column_stack([flat[:, 0], np.full(len(flat), y), flat[:, 1]]))
     return prism(rings, crease_degrees=35.0)
 
 
-@generator("stapler_block", colours=("black", "red", "blue"))
-def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
+@generator("stapler_block", colors=("black", "red", "blue"))
+def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden wedge with the size and outline of a stapler: no gap, no metal, bevelled edges.
 
     Beech of 700 kg/m^3 would weigh 0.15 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so
@@ -152,7 +152,7 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
 
     Args:
         rng: Source of proportions and grain.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -163,7 +163,7 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     rear = height * float(rng.uniform(0.48, 0.60))
     front = height * float(rng.uniform(0.86, 1.0))
     bevel = float(rng.uniform(0.0020, 0.0032))
-    shade = jittered(shaded(PALETTE[colour], 1.25) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.25) if color == "black" else PALETTE[color], rng)
     half = 0.5 * length
     ridge = half - 0.030
     outline = [(-half, 0.0), (half, 0.0), (half, front), (ridge, height), (-half, rear)]
@@ -188,8 +188,8 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="irregular",
-        description=f"A {colour} wooden block with the outline of a stapler.",
-        tags=("block", "wedge", "wooden block", "toy", colour),
+        description=f"A {color} wooden block with the outline of a stapler.",
+        tags=("block", "wedge", "wooden block", "toy", color),
         body=mass_properties(collision, 0.22),
         visual=(part("block", mesh, shade, picture=canvas.pixels(), specular=0.2),),
         collision=collision,

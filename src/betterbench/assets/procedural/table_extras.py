@@ -15,15 +15,15 @@ from betterbench.geometry import Pose
 from betterbench.state import Region
 
 
-@generator("napkin_stack", colours=("white", "red", "blue", "green", "yellow"))
-def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
+@generator("napkin_stack", colors=("white", "red", "blue", "green", "yellow"))
+def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
     """Make a small stack of folded paper napkins.
 
     A folded cocktail napkin weighs 2 to 3 g; twenty of them are about 50 g and 20 mm high.
 
     Args:
         rng: Source of proportions, print and the untidiness of the stack.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -31,8 +31,8 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     side = float(rng.uniform(0.060, 0.066))
     count = int(rng.integers(5, 8))
     thickness = float(rng.uniform(0.0030, 0.0038))
-    shade = jittered(PALETTE[colour], rng, amount=0.05)
-    accent = shaded(shade, 0.72) if colour == "white" else mixed(shade, (1.0, 1.0, 1.0), 0.6)
+    shade = jittered(PALETTE[color], rng, amount=0.05)
+    accent = shaded(shade, 0.72) if color == "white" else mixed(shade, (1.0, 1.0, 1.0), 0.6)
     top = count * thickness
     layers = []
     for k in range(count):
@@ -49,8 +49,8 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     collision = (solid_box((-side / 2, -side / 2, 0.0), (side / 2, side / 2, top - 0.0002)),)
     return Draft(
         shape="box",
-        description=f"A stack of folded {colour} paper napkins.",
-        tags=("napkins", "napkin", "serviette", "paper", colour),
+        description=f"A stack of folded {color} paper napkins.",
+        tags=("napkins", "napkin", "serviette", "paper", color),
         body=mass_properties(collision, 0.05),
         visual=(
             part(
@@ -65,15 +65,15 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("sauce_cup", colours=("red", "yellow", "white", "brown"))
-def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a small paper cup of sauce; the colour is that of the sauce.
+@generator("sauce_cup", colors=("red", "yellow", "white", "brown"))
+def sauce_cup(rng: np.random.Generator, color: str) -> Draft:
+    """Make a small paper cup of sauce; the color is that of the sauce.
 
     A 60 ml portion cup is about 60 mm wide and 35 mm high.
 
     Args:
         rng: Source of proportions.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -94,7 +94,7 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
         (0.0, level + 0.0004),
     ]
     length = profile_length(profile)
-    sauce = jittered(mixed(PALETTE[colour], (0.25, 0.10, 0.02), 0.12), rng)
+    sauce = jittered(mixed(PALETTE[color], (0.25, 0.10, 0.02), 0.12), rng)
     paper = (0.93, 0.92, 0.89)
     pleats = int(rng.choice([0, 9, 12]))
     canvas = Canvas(math.pi * radius, float(length[-1]), (128, 128), paper)
@@ -112,8 +112,8 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="cylinder",
-        description=f"A small paper cup of {colour} sauce.",
-        tags=("sauce", "dip", "ketchup", "cup", "condiment", colour),
+        description=f"A small paper cup of {color} sauce.",
+        tags=("sauce", "dip", "ketchup", "cup", "condiment", color),
         body=mass_properties(collision, 0.06),
         visual=(part("cup", lathe(profile, 24, wrap=True), paper, picture=canvas.pixels(), specular=0.3),),
         collision=collision,

@@ -9,23 +9,23 @@ import numpy as np
 from betterbench.assets.asset import Grasp
 from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
 from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
-_BOARD: Colour = (0.74, 0.58, 0.38)
+_BOARD: Color = (0.74, 0.58, 0.38)
 
 
-@generator("tape_roll", colours=("blue", "brown", "yellow", "green"))
-def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
+@generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
+def tape_roll(rng: np.random.Generator, color: str) -> Draft:
     """Make a roll of adhesive tape that lies flat; one sees through the hole of its cardboard core.
 
     A roll of 24 mm tape on a core of 25 to 38 mm with 33 m of tape is 65 mm wide and weighs 50 to 70 g.
 
     Args:
         rng: Source of proportions and print of the core.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -36,7 +36,7 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     core = hole + float(rng.uniform(0.0020, 0.0030))
     proud = float(rng.uniform(0.0, 0.0008))  # how far the core stands out of the tape
     white_core = bool(rng.random() < 0.35)
-    shade = jittered(PALETTE[colour], rng, amount=0.10)
+    shade = jittered(PALETTE[color], rng, amount=0.10)
     board = jittered((0.86, 0.84, 0.79) if white_core else _BOARD, rng)
 
     tape_profile = [
@@ -53,8 +53,8 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     collision = (foot(0.0215), upright_cylinder(radius, 0.0005, width))
     return Draft(
         shape="round",
-        description=f"A roll of {colour} adhesive tape on a cardboard core.",
-        tags=("tape", "roll of tape", "adhesive tape", "office", colour),
+        description=f"A roll of {color} adhesive tape on a cardboard core.",
+        tags=("tape", "roll of tape", "adhesive tape", "office", color),
         body=mass_properties(collision, 0.06),
         visual=(
             part("tape", tape, shade, picture=_windings(rng, tape_profile, shade), specular=0.5, shininess=0.5),
@@ -75,7 +75,7 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour) -> np.ndarray:
+def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Color) -> np.ndarray:
     """Draw the tape: rings of the windings on both flat sides, a glossy outside with the free end at the front."""
     length = profile_length([*profile, profile[0]])
     half = math.pi * profile[2][0]
@@ -93,7 +93,7 @@ def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shad
     return canvas.pixels()
 
 
-def _core(rng: np.random.Generator, profile: list[tuple[float, float]], board: Colour, shade: Colour) -> np.ndarray:
+def _core(rng: np.random.Generator, profile: list[tuple[float, float]], board: Color, shade: Color) -> np.ndarray:
     """Draw the core: plies of board on its end, a printed line inside."""
     length = profile_length(profile)
     canvas = Canvas(1.0, float(length[-1]), (64, 128), board)

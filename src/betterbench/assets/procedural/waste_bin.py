@@ -9,7 +9,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.procedural.body import mass_properties, solid_box
 from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.state import Region
@@ -18,16 +18,16 @@ _WALL = 0.004
 _FLOOR = 0.006
 
 
-@generator("waste_bin", colours=("black", "grey", "blue"))
-def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a round open waste bin that widens towards its rim.
+@generator("waste_bin", colors=("black", "gray", "blue"))
+def waste_bin(rng: np.random.Generator, color: str) -> Draft:
+    """Make a round open waste bin that widens toward its rim.
 
     A steel mesh bin of this size weighs 0.4 to 0.7 kg. Most of the 0.6 kg is given to the floor, as in bins that stand
     firm. It is a low table bin: what is let go above its rim falls 8 cm.
 
     Args:
         rng: Source of proportions and pattern.
-        colour: Colour word.
+        color: Color word.
 
     Returns:
         The draft.
@@ -38,7 +38,7 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     roll = float(rng.uniform(0.0022, 0.0034))  # radius of the rolled rim
     pattern = str(rng.choice(["mesh", "holes", "plain", "slots"]))
     metal_rim = bool(rng.random() < 0.4)
-    shade = jittered(shaded(PALETTE[colour], 1.12) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.12) if color == "black" else PALETTE[color], rng)
     wall_top = rim - roll
     profile = [
         (0.0, 0.0),
@@ -80,8 +80,8 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     square = 0.78 * inner_low
     return Draft(
         shape="cylinder",
-        description=f"A round open {colour} waste bin.",
-        tags=("bin", "waste bin", "trash can", "wastebasket", "container", colour),
+        description=f"A round open {color} waste bin.",
+        tags=("bin", "waste bin", "trash can", "wastebasket", "container", color),
         body=mass_properties(collision, 0.60, densities=(3.0, 3.0, *(0.25,) * 8)),
         visual=(part("bin", shell, shade, picture=picture, specular=0.25, shininess=0.3),),
         collision=collision,
@@ -98,7 +98,7 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
 def _pattern(
     rng: np.random.Generator,
     profile: list[tuple[float, float]],
-    shade: Colour,
+    shade: Color,
     *,
     pattern: str,
     metal_rim: bool,

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 
 
-def find(course: Course) -> Evidence | None:
+def find(episode: EpisodeAnalysis) -> Evidence | None:
     """Return the evidence of an early halt, or None."""
-    if course.condition.expected is not Expected.SUCCEED:
+    if episode.condition.expected is not Expected.SUCCEED:
         return None
-    halt = find_halt(course)
+    halt = find_halt(episode)
     if halt is None:
         return None
-    words = ", ".join(repr(course.goals[g].word) for g in course.open_goals(halt[0]))
+    words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(halt[0]))
     text = f"The arm stands still for good with {words} still to do."
-    return course.evidence("still_with_open_subgoals", text, rows=halt)
+    return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -1,36 +1,36 @@
-"""Timeout: the right course, and the step limit is reached; and the case of all steps done and yet no goal."""
+"""Timeout: the right episode, and the step limit is reached; and the case of all steps done and yet no goal."""
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 
 
-def find(course: Course, *, limit_reached: bool) -> Evidence | None:
+def find(episode: EpisodeAnalysis, *, limit_reached: bool) -> Evidence | None:
     """Return the evidence of a timeout, or None if the episode ended for another reason.
 
     Args:
-        course: The course of the episode.
+        episode: The course of the episode.
         limit_reached: Whether the episode ended at its step limit.
     """
-    if not limit_reached or _all_done_once(course):
+    if not limit_reached or _all_done_once(episode):
         return None
-    last = course.trace.rows - 1
-    words = ", ".join(repr(course.goals[g].word) for g in course.open_goals(last))
+    last = episode.trace.rows - 1
+    words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(last))
     tail = f" with {words} still to do" if words else ""
-    return course.evidence("step_limit", f"The step limit is reached on the right course{tail}.", rows=(last, last))
+    return episode.evidence("step_limit", f"The step limit is reached on the right course{tail}.", rows=(last, last))
 
 
-def unexplained(course: Course) -> Evidence:
+def unexplained(episode: EpisodeAnalysis) -> Evidence:
     """Return the evidence of an execution that did every step and still missed the goal."""
-    last = course.trace.rows - 1
+    last = episode.trace.rows - 1
     text = "Every attempt was right, and yet the goal does not hold at the end."
-    if course.condition.expected is not Expected.SUCCEED:
+    if episode.condition.expected is not Expected.SUCCEED:
         text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
-    return course.evidence("goal_not_held", text, rows=(last, last))
+    return episode.evidence("goal_not_held", text, rows=(last, last))
 
 
-def _all_done_once(course: Course) -> bool:
-    done = course.trace.done
+def _all_done_once(episode: EpisodeAnalysis) -> bool:
+    done = episode.trace.done
     return bool(done.shape[1]) and bool(done.any(axis=0).all())

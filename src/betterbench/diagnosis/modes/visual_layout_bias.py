@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course, Standing
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.verdict import Evidence
 
 
-def find(course: Course, slot: str | None) -> Evidence | None:
-    """Return the evidence of a first attempt at the policy's favourite place.
+def find(episode: EpisodeAnalysis, slot: str | None) -> Evidence | None:
+    """Return the evidence of a first attempt at the policy's favorite place.
 
     Args:
-        course: The course of the episode.
+        episode: The course of the episode.
         slot: The place that the second pass over the run found, or None.
 
     Returns:
         The evidence, or None if the first attempt is right, elsewhere, or at an object that no instruction means.
     """
-    step = course.first_choice
+    step = episode.first_choice
     if slot is None or step is None or step.grasp.slot != slot:
         return None
-    if step.standing is Standing.FOREIGN:
+    if step.target is AttemptTarget.FOREIGN:
         return None
-    if step.standing is Standing.ASKED and taken_for_another(course, step) is None:
+    if step.target is AttemptTarget.ASKED and taken_for_another(episode, step) is None:
         return None
     text = (
         f"The first attempt goes to slot {slot!r}, as it does whatever the instruction: it is at "
-        f"{course.describe(step)} although {course.asked_for(step)}."
+        f"{episode.describe(step)} although {episode.asked_for(step)}."
     )
-    return course.at_step("same_place_whatever_the_instruction", text, step)
+    return episode.at_step("same_place_whatever_the_instruction", text, step)

@@ -57,7 +57,7 @@ def lay(*steps: tuple[ObjectSpec, str]) -> Instruction:
     return Instruction(
         text,
         tuple(
-            Subgoal(f"{t.name}_{side}", "beside", Reference(kind=t.kind), PLATE.name, t.kind, place=side)
+            Subgoal(f"{t.name}_{side}", "beside", Reference(kind=t.kind), PLATE.name, t.kind, region=side)
             for t, side in steps
         ),
     )
@@ -159,8 +159,8 @@ def breakfast_table() -> Task:
                     do("move", object=CUP.name, slot="right_edge"),
                     do("add", object=TUMBLER, slot="front"),
                 ),
-                "tumbler of the cup's colour where the cup stood",
-                "A cup is told from a tumbler of its colour that stands in its place.",
+                "tumbler of the cup's color where the cup stood",
+                "A cup is told from a tumbler of its color that stands in its place.",
                 ("semantic_feature_collapse", "early_halt"),
             ),
             Variation(

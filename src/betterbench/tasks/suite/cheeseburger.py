@@ -42,7 +42,7 @@ def stack(*things: ObjectSpec) -> Instruction:
                 Reference(kind=t.kind),
                 BASE.name,
                 t.kind,
-                place=str(i),
+                region=str(i),
             )
             for i, t in enumerate(things, start=1)
         ),
@@ -59,7 +59,7 @@ def cheeseburger() -> Task:
     """Stack the named layers on the bottom bun, in the order in which they are named.
 
     Randomizations: each layer within 15 mm and 9 degrees of its slot; the look of everything.
-    Success: the layers lie on each other in the named order, each centred within 20 mm of the bun and flat, nothing
+    Success: the layers lie on each other in the named order, each centered within 20 mm of the bun and flat, nothing
     else lies there, at rest and released for 0.5 s.
     Premise: the named layers lie in their slots and the bottom bun is bare; in T1 the patty lies on it.
     """
@@ -116,7 +116,7 @@ def cheeseburger() -> Task:
                     do("add", object=SPONGE, slot="second"),
                 ),
                 "yellow sponge where the cheese lay",
-                "Cheese is told from a sponge of its colour and shape that lies in its place.",
+                "Cheese is told from a sponge of its color and shape that lies in its place.",
                 ("semantic_feature_collapse",),
             ),
             Variation(

@@ -16,7 +16,7 @@ MOUSE = ObjectSpec("mouse", "mouse", "computer_mouse")
 MUG = ObjectSpec("mug", "mug", "mug", "blue")
 SPEAKER = ObjectSpec("speaker", "speaker", "speaker")
 LAPTOP = ObjectSpec("laptop", "laptop", "laptop", role="fixture")
-SOAP = ObjectSpec("soap_bar", "soap bar", "soap_bar", "grey", role="distractor")
+SOAP = ObjectSpec("soap_bar", "soap bar", "soap_bar", "gray", role="distractor")
 
 THINGS = (MOUSE, MUG, SPEAKER)
 LAYOUTS = (
@@ -34,7 +34,7 @@ def put(*steps: tuple[ObjectSpec, str]) -> Instruction:
     return Instruction(
         text,
         tuple(
-            Subgoal(f"{t.name}_{side}", "beside", Reference(kind=t.kind), LAPTOP.name, t.kind, place=side)
+            Subgoal(f"{t.name}_{side}", "beside", Reference(kind=t.kind), LAPTOP.name, t.kind, region=side)
             for t, side in steps
         ),
     )
@@ -127,7 +127,7 @@ def desk_meeting() -> Task:
                     do("move", object=MOUSE.name, slot="front_3"),
                     do("add", object=SOAP, slot="front_1"),
                 ),
-                "grey soap bar where the mouse lay",
+                "gray soap bar where the mouse lay",
                 "The mouse is told from a soap bar of its shape that lies in its place.",
                 ("semantic_feature_collapse", "early_halt"),
             ),

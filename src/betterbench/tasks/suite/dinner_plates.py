@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from betterbench.tasks.axes import Axis
-from betterbench.tasks.condition import Condition, ObjectSpec, Place, Slot
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
 from betterbench.tasks.registry import task
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.task import Task
@@ -42,7 +42,7 @@ WHOLE_STACK = onto((RED, WHITE), (BLUE, RED))
 
 def _train(name: str, layout: Mapping[str, str], instruction: Instruction, *, stacked: bool = False) -> Condition:
     places = {n: slot for n, slot in layout.items() if not (stacked and n == RED.name)}
-    preplaced = {RED.name: Place(WHITE.name)} if stacked else {}
+    preplaced = {RED.name: TargetRegion(WHITE.name)} if stacked else {}
     return Condition("dinner_plates", name, (RED, BLUE, WHITE), places, instruction, preplaced=preplaced)
 
 
@@ -103,7 +103,7 @@ def dinner_plates() -> Task:
                 "train2",
                 (do("swap", a=WHITE.name, b=RED.name), do("instruct", instruction=BLUE_ON_RED)),
                 "blue on red, which stands where the white plate stood",
-                "What a plate is put on is chosen by its colour and not by its place.",
+                "What a plate is put on is chosen by its color and not by its place.",
                 ("lexical_kinematic_shortcut", "behavioral_inertia", "visual_layout_bias"),
             ),
             Variation(
@@ -116,7 +116,7 @@ def dinner_plates() -> Task:
                     do("add", object=BOWL, slot="left_back"),
                 ),
                 "red bowl where the red plate stood",
-                "A plate is told from a bowl of its colour that stands in its place.",
+                "A plate is told from a bowl of its color that stands in its place.",
                 ("semantic_feature_collapse",),
             ),
             Variation(

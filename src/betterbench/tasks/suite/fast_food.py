@@ -110,7 +110,7 @@ def fast_food() -> Task:
                 "train1",
                 (do("replace", object=BURGER_1.name, by=BLOCK),),
                 "round block where the first burger stood",
-                "A burger is told from a block of its colour and shape that stands in its place.",
+                "A burger is told from a block of its color and shape that stands in its place.",
                 ("semantic_feature_collapse",),
             ),
             Variation(

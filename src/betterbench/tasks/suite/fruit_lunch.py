@@ -92,7 +92,7 @@ def fruit_lunch() -> Task:
                 "train1",
                 (do("replace", object=APPLE.name, by=BLOCK),),
                 "red block where the apple lay, and no apple",
-                "What is asked for but is not there is not replaced by something of its colour.",
+                "What is asked for but is not there is not replaced by something of its color.",
                 ("semantic_feature_collapse", "causal_confusion"),
                 expected=Expected.REFUSE,
                 premise_broken=True,
@@ -107,7 +107,7 @@ def fruit_lunch() -> Task:
                     do("add", object=BLOCK, slot="first"),
                 ),
                 "red block where the apple lay, apple in the lemon's slot",
-                "An apple is told from a block of its colour that lies in its place.",
+                "An apple is told from a block of its color that lies in its place.",
                 ("semantic_feature_collapse", "early_halt"),
             ),
             Variation(

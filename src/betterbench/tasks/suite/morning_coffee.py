@@ -42,10 +42,10 @@ def _train(name: str, layout: dict[str, str], instruction: Instruction) -> Condi
 def morning_coffee() -> Task:
     """Put the instructed mug on the marked ring under the spout.
 
-    "Near" and "far" are seen from the front camera: the far slot is at the top of the picture, close to the robot.
+    "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
-    Success: the mug stands within 10 mm of the ring's centre, upright, handle clear of the spout, released, for 0.5 s.
+    Success: the mug stands within 10 mm of the ring's center, upright, handle clear of the spout, released, for 0.5 s.
     Premise: the instructed mug stands in its slot and the ring is free; for T1 the red mug already stands on the ring.
     """
     shift, perturb, extrapolate = (
@@ -96,7 +96,7 @@ def morning_coffee() -> Task:
                 "train3",
                 (do("instruct", instruction=RED),),
                 "layout 2, red",
-                "A colour word means the object and not the place where that object stood in training.",
+                "A color word means the object and not the place where that object stood in training.",
                 fooled,
             ),
             Variation(
@@ -105,7 +105,7 @@ def morning_coffee() -> Task:
                 "train4",
                 (do("instruct", instruction=BLUE),),
                 "layout 2, blue",
-                "A colour word means the object and not the place where that object stood in training.",
+                "A color word means the object and not the place where that object stood in training.",
                 fooled,
             ),
             Variation(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from betterbench.tasks.axes import Axis
-from betterbench.tasks.condition import Condition, ObjectSpec, Place, Slot
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
 from betterbench.tasks.registry import task
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 from betterbench.tasks.task import Task
@@ -16,8 +16,8 @@ STAPLER = ObjectSpec("stapler", "stapler", "stapler", "red")
 TAPE = ObjectSpec("tape", "tape", "tape_roll", "blue")
 BLOCK = ObjectSpec("stapler_block", "stapler-shaped block", "stapler_block", "red", role="distractor")
 CABINET = ObjectSpec("cabinet", "cabinet", "drawer_cabinet", role="fixture", fixed=True)
-UPPER = ObjectSpec("upper", "upper drawer", "upper_drawer", role="drawer", mount=Place(CABINET.name, "upper"))
-LOWER = ObjectSpec("lower", "lower drawer", "lower_drawer", role="drawer", mount=Place(CABINET.name, "lower"))
+UPPER = ObjectSpec("upper", "upper drawer", "upper_drawer", role="drawer", mount=TargetRegion(CABINET.name, "upper"))
+LOWER = ObjectSpec("lower", "lower drawer", "lower_drawer", role="drawer", mount=TargetRegion(CABINET.name, "lower"))
 
 OPEN_M = 0.15
 LAYOUTS = (
@@ -41,7 +41,7 @@ def load(*steps: tuple[ObjectSpec, ObjectSpec]) -> Instruction:
                 Reference(kind=drawer.kind),
                 CABINET.name,
                 drawer.kind,
-                place=drawer.name,
+                region=drawer.name,
             )
         )
     return Instruction(f"Put {' and '.join(parts)}, then {close}.", tuple(goals))

@@ -31,7 +31,7 @@ def insert(*steps: tuple[ObjectSpec, str]) -> Instruction:
     return Instruction(
         f"Put {text} of the rack.",
         tuple(
-            Subgoal(f"{jar.kind.split()[1]}_{hole}", "in_hole", Reference(kind=jar.kind), RACK.name, word, place=hole)
+            Subgoal(f"{jar.kind.split()[1]}_{hole}", "in_hole", Reference(kind=jar.kind), RACK.name, word, region=hole)
             for jar, hole in steps
             for word in [jar.kind.split()[1]]
         ),

@@ -24,7 +24,7 @@ TAPE = ObjectSpec("tape", "tape roll", "tape_roll", role="distractor")
 STAPLER = ObjectSpec("stapler", "stapler", "stapler", role="distractor")
 
 VALUABLES = {MOUSE.name: "place_1", MUG.name: "place_2", KEYBOARD.name: "place_3", BIN.name: "floor"}
-# Over all three layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this regime.
+# Over all three layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this trained.
 LAYOUTS = (
     {NAPKIN.name: "trash_1", CAN.name: "trash_2"},
     {NAPKIN.name: "trash_3", CAN.name: "trash_4"},
@@ -135,7 +135,7 @@ def tidy_desk() -> Task:
                 "train5",
                 (do("add", object=FULL_CAN, slot="trash_2"),),
                 "full can beside the crushed can",
-                "A crushed can is told from a full one of its colour.",
+                "A crushed can is told from a full one of its color.",
                 ("semantic_feature_collapse",),
             ),
             Variation(

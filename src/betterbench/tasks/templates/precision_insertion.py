@@ -1,4 +1,4 @@
-"""Precision Insertion: things go into holes that fit them with a few millimetres of clearance."""
+"""Precision Insertion: things go into holes that fit them with a few millimeters of clearance."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ RECURSIVE_STACKING = Template(
     groups=(
         ObjectGroup(
             "plates",
-            "What is stacked and stacked upon; told apart by colour.",
+            "What is stacked and stacked upon; told apart by color.",
             ("plate", "bowl", "tray"),
             (2, 4),
             role="item",
