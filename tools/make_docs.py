@@ -15,7 +15,7 @@ import task_pages
 from betterbench.assets import categories, colors, looks
 from betterbench.evaluation import show_comparison
 from betterbench.interventions import vary
-from betterbench.tasks import Task, all_tasks, suite
+from betterbench.tasks import Task, all_tasks, suite_tasks
 
 HERO = (("morning_coffee", "O1"), ("fast_food", "T1"))
 SHEET_BYTES = 900_000
@@ -41,7 +41,7 @@ def main() -> None:
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
     """Return tasks in the order of the suite's table, and after them whatever else is registered."""
-    order = [name for name in vars(suite) if not name.startswith("_")]
+    order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 
 

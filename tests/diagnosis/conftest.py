@@ -141,9 +141,9 @@ class Stage:
         self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for o in self.condition.objects:
             if o.mount is not None:
-                self._mount(o.name, o.mount.target, o.mount.at)
+                self._mount(o.name, o.mount.target, o.mount.region)
         for preplaced, where in self.condition.preplaced.items():
-            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.at)
+            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.region)
         self.grip_offset = np.zeros(3)
         self.fall: dict[str, float] = {}
         self.tracker = GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=RATE)

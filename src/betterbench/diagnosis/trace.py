@@ -243,7 +243,7 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     found = []
     for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
         for t, target in enumerate(objects):
-            for place in kind.places(target):
+            for place in kind.regions(target):
                 for i in items:
                     c = column.get(kind.label(objects[i].name, target.name, place))
                     if c is not None:
@@ -260,7 +260,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     for o in condition.objects:
         if o.mount is not None:
             cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
-            place = info.objects[cabinet].region(o.mount.at).position
+            place = info.objects[cabinet].region(o.mount.region).position
             found.append((_index_of_kind(info, o.kind), cabinet, place))
     return tuple(found)
 
