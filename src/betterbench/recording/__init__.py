@@ -3,7 +3,7 @@
 from betterbench.recording.builder import RecordBuilder
 from betterbench.recording.columns import Contacts
 from betterbench.recording.durable import write_durably
-from betterbench.recording.journal import Journal, JournalEntry, Status, TrialKey, read_journal
+from betterbench.recording.journal import Journal, JournalEntry, Status, read_journal
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.recording.parquet import read_outcome, read_record, record_bytes, write_record
@@ -23,7 +23,6 @@ __all__ = [
     "RunLock",
     "Status",
     "Termination",
-    "TrialKey",
     "first_difference",
     "read_journal",
     "read_outcome",
