@@ -49,6 +49,11 @@ class LineJournal:
             self.close()
             raise
 
+    @property
+    def is_empty(self) -> bool:
+        """True if the file holds no complete line."""
+        return self._length == 0
+
     def _take_in(self, lines: list[bytes]) -> None:
         """Read the lines that the file holds when it is opened."""
         raise NotImplementedError
