@@ -28,12 +28,7 @@ class CountBehind(NamedTuple):
 
 
 def count_behind(printed: Decimal, n: int) -> CountBehind | None:
-    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none.
-
-    Args:
-        printed: The percentage with its printed decimals.
-        n: Number of trials.
-    """
+    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none."""
     digits = decimals(printed)
     units = int(printed.scaleb(digits))
     whole = 100 * 10**digits
@@ -56,12 +51,7 @@ def shown(count: CountBehind, digits: int) -> str:
 
 
 def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
-    """Return the count with the fewest missing trials that explains a percentage, or None.
-
-    Args:
-        printed: The percentage.
-        n: Number of trials that there should be.
-    """
+    """Return the count with the fewest missing trials that explains a percentage, or None."""
     for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
         count = count_behind(printed, n - dropped)
         if count is not None:

@@ -126,10 +126,6 @@ def load_tables(path: Path) -> PaperSource:
 def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
-    Args:
-        text: The text.
-        where: What messages call it.
-
     Raises:
         InvalidInputError: If it is no JSON or a field is wrong.
         UnknownNameError: If a rule is unknown.

@@ -175,10 +175,6 @@ class Certificate:
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
         """Read the JSON form.
 
-        Args:
-            form: The parsed JSON.
-            where: What to call it in errors.
-
         Raises:
             InvalidInputError: If it is no certificate of this schema version.
         """

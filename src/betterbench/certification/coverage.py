@@ -106,14 +106,7 @@ class Coverage:
         return form
 
     def gap(self, trials: Iterable[TrialId], *, suite: str, engine: str, tasks: Mapping[str, int]) -> Gap | None:
-        """Return the first trial that is not covered, or None.
-
-        Args:
-            trials: Every planned trial.
-            suite: Version of the suite in use.
-            engine: Version of MuJoCo in use.
-            tasks: Versions of the tasks in use.
-        """
+        """Return the first trial that is not covered, or None."""
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
         if self.versions.suite != suite:

@@ -87,15 +87,7 @@ def examine(trial: TrialId) -> TrialCertificate:
 def examine_condition(
     task: Task, condition: Condition, seed: int, *, support: Support = Support.SEEN, training: bool = False
 ) -> TrialCertificate:
-    """Examine one seed of a condition that need not be registered.
-
-    Args:
-        task: The task, whose training regime is the support.
-        condition: The condition.
-        seed: Seed.
-        support: What the variation declares about its support.
-        training: True if the condition belongs to the training regime.
-    """
+    """Examine one seed of a condition that need not be registered."""
     began = time.perf_counter()
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"])
     start = _at_rest(scene)

@@ -67,13 +67,7 @@ class CertificationJournal(LineJournal):
         return round(sum(self._sessions.values()), 3)
 
     def append(self, trial: TrialCertificate, *, session: str, elapsed_s: float) -> None:
-        """Append an examined trial and force it to disk.
-
-        Args:
-            trial: The findings.
-            session: What tells this process from earlier ones.
-            elapsed_s: Wall time since the session began [s].
-        """
+        """Append an examined trial and force it to disk."""
         if self.is_empty:
             self._append_line(asdict(self._header()))
         self._append_line(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))

@@ -64,12 +64,6 @@ def certify(
 ) -> Certificate:
     """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
 
-    Args:
-        trials: The trials.
-        out: Folder of the certificate.
-        workers: Worker processes; with 1 the trials are examined in this process.
-        on_progress: Told after every trial.
-
     Returns:
         The certificate of exactly these trials, in their order.
 
@@ -105,12 +99,7 @@ def certify(
 
 
 def write_coverage(certificate: Certificate, path: Path) -> Path:
-    """Write the compact form of a certificate, one condition per line.
-
-    Args:
-        certificate: The certificate.
-        path: The file.
-    """
+    """Write the compact form of a certificate, one condition per line."""
     form = Coverage.of(certificate).to_json()
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
     head = json.dumps(form, indent=1, sort_keys=True)[:-2]

@@ -211,11 +211,7 @@ class RecordBuilder:
         return np.array(held, dtype=np.int16)
 
     def _check_scene(self, state: WorldState) -> None:
-        """Refuse a state of another scene than that of the metadata.
-
-        Raises:
-            InvalidInputError: If it is one.
-        """
+        """Refuse a state of another scene than that of the metadata; raise InvalidInputError if it is one."""
         if state.info != self._info:
             raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
         self._info = state.info  # the next comparison is by identity

@@ -116,9 +116,6 @@ class Journal(LineJournal):
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
     """Read a journal without changing it, also while a run appends to it.
 
-    Args:
-        path: The file ``journal.jsonl``; a missing one is empty.
-
     Returns:
         The last entry of every trial, in order of first appearance; an unfinished last line is left out.
 

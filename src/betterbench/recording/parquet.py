@@ -138,11 +138,7 @@ def seal(data: bytes) -> bytes:
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return where the digest stands.
-
-    Raises:
-        RecordError: If there is not exactly one.
-    """
+    """Return where the digest stands; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(
@@ -170,9 +166,6 @@ def read_record(path: Path) -> Record:
 
 def read_outcome(path: Path) -> Outcome:
     """Read how the episode of a record ended, and nothing else, which is fast.
-
-    Args:
-        path: A file that :func:`write_record` wrote.
 
     Raises:
         RecordError: As :func:`read_record`, of which it checks less.

@@ -165,11 +165,6 @@ class RunFolder:
     def record_path(self, task: str, condition: str, seed: int) -> Path:
         """Return the place of a trial's record.
 
-        Args:
-            task: Task id.
-            condition: Name of the condition within the task: a variation's name, or "train1".
-            seed: Seed of the trial.
-
         Raises:
             InvalidInputError: If a name could leave the folder or the seed is negative.
         """
@@ -229,10 +224,6 @@ class RunFolder:
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
         """Store a scene once; the same files give the same bytes.
 
-        Args:
-            scene_hash: Name of the scene, which stands for its content.
-            files: Content by relative name with forward slashes.
-
         Returns:
             The archive; one that exists is left as it is.
 
@@ -268,11 +259,7 @@ def _run_json(form: Mapping[str, Any]) -> bytes:
 
 
 def _safe_name(what: str, name: str) -> str:
-    """Return a name that can stand in a path.
-
-    Raises:
-        InvalidInputError: If it cannot.
-    """
+    """Return a name that can stand in a path; raise InvalidInputError if it cannot."""
     if not _NAME.fullmatch(name):
         problem = f"{name!r} cannot be the name of a file"
         raise InvalidInputError(
@@ -282,11 +269,7 @@ def _safe_name(what: str, name: str) -> str:
 
 
 def _seed(seed: int) -> int:
-    """Return a seed that can stand in a file name.
-
-    Raises:
-        InvalidInputError: If it is negative.
-    """
+    """Return a seed that can stand in a file name; raise InvalidInputError if it is negative."""
     if seed < 0:
         raise InvalidInputError("seed", f"{seed} is negative", "Give an integer of at least 0")
     return seed
@@ -304,13 +287,7 @@ def _remove_parts(folder: Path) -> None:
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None.
-
-    Args:
-        there: One value.
-        asked: The other.
-        where: Name of the whole, which the place begins with.
-    """
+    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:

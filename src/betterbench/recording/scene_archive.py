@@ -25,10 +25,6 @@ _READ_BLOCK = 1 << 20
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     """Store the files of a scene; the same files give the same bytes.
 
-    Args:
-        path: The archive.
-        files: Content by relative name with forward slashes.
-
     Raises:
         InvalidInputError: If a name could leave the archive's folder or the scene is too large.
     """
