@@ -151,7 +151,7 @@ class Stage:
         self.metadata = RecordMetadata(
             task=task, task_version=self.task.version, suite_version="1.0", package_version="0.1.0",
             condition=self.condition.name, variation=variation, axis=self.setting.axis,
-            base_condition=self.setting.base if variation else None, seed=seed, policy=policy,
+            base_condition=self.setting.base if variation else None, interventions=(), seed=seed, policy=policy,
             instruction=self.condition.instruction.text, expected=self.condition.expected.value,
             action_space="ee_delta", action_components=("x", "y", "z", "rx", "ry", "rz", "gripper"),
             control_rate_hz=RATE, camera_preset=None, render_quality=None,
