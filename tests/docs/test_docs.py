@@ -11,11 +11,9 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import VERBS
-from betterbench.diagnosis import Label
 from betterbench.diagnosis.exposure import exposed_labels
 from betterbench.experts import expert_names
-from betterbench.tasks import TEMPLATES, get_task, suite_tasks
-from betterbench.tasks.thresholds import threshold_table
+from betterbench.tasks import TEMPLATES, all_labels, get_task, suite_tasks, threshold_table
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -55,7 +53,7 @@ def test_commands_exist(page):
 
 def test_every_label_and_zoo_policy_is_explained():
     text = (ROOT / "docs" / "diagnosis.md").read_text()
-    for name in [*(label.value for label in Label), *(n for n in expert_names() if n.startswith("zoo:"))]:
+    for name in [*(label.value for label in all_labels()), *(n for n in expert_names() if n.startswith("zoo:"))]:
         assert f"`{name}`" in text, name
 
 
@@ -120,3 +118,5 @@ def test_the_task_of_the_contributors_page_works(tmp_path):
 def test_every_threshold_states_its_reason():
     for entry in threshold_table():
         assert len(entry.reason) > 20, entry.name
+        assert entry.reason.endswith("."), entry.name
+        assert entry.unit in ("m", "s", "rad", "m/s", "rad/s", "N", "1"), entry.name

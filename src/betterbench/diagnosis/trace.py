@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
 from betterbench.state import SceneInfo
-from betterbench.tasks import Condition
+from betterbench.tasks import THRESHOLDS, Condition
 from betterbench.tasks.relations import RELATIONS, relation
 
 Floats = npt.NDArray[np.float64]
@@ -97,7 +96,7 @@ class Trace:
 
     def on_table(self, row: int, i: int) -> bool:
         """Tell whether an object has not fallen off the table."""
-        return bool(self.positions[row, i, 2] > -LIMITS.fallen_below)
+        return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def placed(self, row: int, i: int) -> Whereabout | None:
         """Return where an object is with respect to a target at a row, or None if at no place of any."""

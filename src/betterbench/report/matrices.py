@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.trial import setup_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import Scalar, Table
 from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
-from betterbench.tasks.labels import Label
+from betterbench.tasks.labels import Label, all_labels
 
 PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
     Horizon.SHORT: (
@@ -138,7 +138,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
-        setting = setup_of(*name.split("/"))
+        setting = resolve_condition(*name.split("/"))
         place = position_of(setting.condition, training=setting.axis is None)
         if place is not None:
             groups.setdefault(place, []).append(_source(name, setting.condition, members))
@@ -191,7 +191,7 @@ def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
     """Return labels by frequency, equal ones in the order of the labels."""
-    order = list(Label)
+    order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 
 

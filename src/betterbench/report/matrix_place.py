@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
-from betterbench.diagnosis.trial import setup_of
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import Condition, Subgoal, all_tasks
 
 
@@ -68,7 +68,7 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
     found: dict[CellPosition, list[str]] = {}
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
-            setting = setup_of(task.id, name)
+            setting = resolve_condition(task.id, name)
             place = position_of(setting.condition, training=setting.axis is None)
             if place is not None:
                 found.setdefault(place, []).append(f"{task.id}/{name}")

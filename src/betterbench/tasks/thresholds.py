@@ -1,4 +1,4 @@
-"""Every threshold that a verdict depends on, in one table, with unit and reason. Reports print the table."""
+"""Every threshold that a verdict depends on, in one table with units and reasons. Reports print the table."""
 
 from __future__ import annotations
 

@@ -5,12 +5,26 @@ from __future__ import annotations
 import itertools
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import TrainingDistribution
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of inertia, or None."""
+@failure_mode(
+    Label.BEHAVIORAL_INERTIA,
+    name="Behavioral inertia",
+    short="inertia",
+    definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
+    "unasked or at an empty slot, or the right object is put where training put its kind.",
+    conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    finding="Plays a step of training that was not asked for",
+    rule=HABIT,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of inertia."""
+    episode = trial.episode
     before: Step | None = None
     for step in episode.steps:
         evidence = (

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of causal confusion, or None."""
+@failure_mode(
+    Label.CAUSAL_CONFUSION,
+    name="Causal confusion",
+    short="causal",
+    definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
+    conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
+    finding="Skips a required step or repeats a finished one",
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of causal confusion."""
+    episode = trial.episode
     for step in episode.steps:
         if step.target is AttemptTarget.REPEATED:
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."

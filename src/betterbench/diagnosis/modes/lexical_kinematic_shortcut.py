@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the evidence of the first attempt, or None if it does not follow the word to a wrong object."""
+@failure_mode(
+    Label.LEXICAL_KINEMATIC_SHORTCUT,
+    name="Lexical-kinematic shortcut",
+    short="lexical",
+    definition="The first attempt goes where the word of the instruction led in training, to another object that the "
+    "instruction could have meant in another layout.",
+    conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
+    finding="Goes where the word led in training, to another object",
+    rule=WORD,
+    needs_rule=True,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a first attempt that follows the word to a wrong object."""
+    episode = trial.episode
     step = episode.first_choice
     if step is None:
         return None

@@ -5,11 +5,22 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of a violated order, or None."""
+@failure_mode(
+    Label.ORDER_VIOLATION,
+    name="Order violation",
+    short="order",
+    definition="The right objects are handled in the wrong order where the order is part of the goal.",
+    conclusion="It handles the right objects in the wrong order.",
+    finding="Does the right things in the wrong order",
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a violated order."""
+    episode = trial.episode
     if not episode.instruction.ordered:
         return None
     for step in episode.steps:

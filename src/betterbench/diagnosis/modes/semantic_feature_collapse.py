@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of a collapse, with what the object shares with the target, or None."""
+def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
+    counts = Counter(t.evidence.shared for t in trials)
+    shared = min(counts, key=lambda s: (-counts[s], s))
+    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
+
+
+@failure_mode(
+    Label.SEMANTIC_FEATURE_COLLAPSE,
+    name="Semantic feature collapse",
+    short="look-alike",
+    definition="The attempt is at an object that no instruction of the task means.",
+    conclusion="It takes look-alikes for the real thing.",
+    finding="Goes for an object that no instruction means",
+    detail=_shared_by,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a collapse, with what the object shares with the target."""
+    episode = trial.episode
     for step in episode.steps:
         if step.target is AttemptTarget.FOREIGN:
             shared = shares(episode, step)

@@ -20,14 +20,17 @@ SIDES = {
 """Regions that anchors offer, as somebody sees them who sits in front of the anchor, with the words of instructions."""
 
 REACH = threshold(
-    "side_reach", 0.30, "m", "Distance from an anchor beyond which nothing is beside it; the farthest region ends there"
+    "side_reach",
+    0.30,
+    "m",
+    "Distance from an anchor beyond which nothing is beside it; the farthest region ends there.",
 )
-HEIGHT = threshold("side_height", 0.012, "m", "Height above the anchor's foot up to which something is on the table")
+HEIGHT = threshold("side_height", 0.012, "m", "Height above the anchor's foot up to which something is on the table.")
 TURN = threshold(
-    "side_turn", 0.35, "rad", "Angle up to which a long object lies along its anchor; 20 degrees look parallel"
+    "side_turn", 0.35, "rad", "Angle up to which a long object lies along its anchor; 20 degrees look parallel."
 )
 LONG_RATIO = threshold(
-    "long_ratio", 1.5, "", "Length over width from which an object has a direction; a mug with its handle has 1.4"
+    "long_ratio", 1.5, "1", "Length over width from which an object has a direction; a mug with its handle has 1.4."
 )
 
 

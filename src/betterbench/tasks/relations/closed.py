@@ -11,7 +11,7 @@ from betterbench.tasks.thresholds import threshold
 MOUNTS = ("upper", "lower")
 """Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
 
-GAP = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut")
+GAP = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut.")
 
 SHUT_ENOUGH_M = 0.02
 """Opening of a drawer below which it is in nobody's way [m]."""

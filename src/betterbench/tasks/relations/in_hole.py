@@ -12,9 +12,9 @@ PREFIX = "hole_"
 """Racks have the regions "hole_1", "hole_2", ... at the floors of their holes."""
 
 DEPTH = threshold(
-    "hole_depth", 0.004, "m", "Height of a foot above the floor of its hole up to which it stands on the floor"
+    "hole_depth", 0.004, "m", "Height of a foot above the floor of its hole up to which it stands on the floor."
 )
-TILT = threshold("hole_tilt", 0.12, "rad", "Tilt up to which an object in a hole is upright; the clearance allows 4°")
+TILT = threshold("hole_tilt", 0.12, "rad", "Tilt up to which an object in a hole is upright; the clearance allows 4°.")
 PLAY_M = 0.001
 """Largest distance from the middle of its hole at which a pre-placed object stands [m]."""
 

@@ -18,7 +18,7 @@ from betterbench.tasks.relations.relation import (
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(
-    "inside_margin", 0.0, "m", "Distance by which an object's center must be inside the opening of a container"
+    "inside_margin", 0.0, "m", "Distance by which an object's center must be inside the opening of a container."
 )
 
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))

@@ -15,10 +15,12 @@ OFFSET = threshold(
     "layer_offset",
     0.020,
     "m",
-    "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple",
+    "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple.",
 )
-GAP = threshold("layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven")
-TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees")
+GAP = threshold(
+    "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
+)
+TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
 SPREAD_M = 0.003
 """Largest distance from the middle at which a pre-placed layer lies [m]."""
 

@@ -19,9 +19,9 @@ OFFSET = threshold(
     "plate_offset",
     0.014,
     "m",
-    "Distance from the middle of a plate up to which the next one is centered; the play within the rim",
+    "Distance from the middle of a plate up to which the next one is centered; the play within the rim.",
 )
-GAP = threshold("plate_gap", 0.004, "m", "Height of a foot above the floor of a plate up to which it stands on it")
+GAP = threshold("plate_gap", 0.004, "m", "Height of a foot above the floor of a plate up to which it stands on it.")
 SPREAD_M = 0.003
 """Largest distance from the middle at which a pre-placed plate stands [m]."""
 RIM_RELEASE_M = 0.03
