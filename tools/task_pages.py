@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from betterbench.diagnosis.exposure import exposed_labels
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.interventions import vary
 from betterbench.tasks import (
     TEMPLATES,

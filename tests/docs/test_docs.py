@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import VERBS
-from betterbench.diagnosis.exposure import exposed_labels
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.experts import expert_names
 from betterbench.tasks import TEMPLATES, all_labels, get_task, suite_tasks, threshold_table
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record
@@ -54,6 +55,7 @@ class FailureMode:
         detail: Returns what the trials of one such sentence have in common, to go on with it.
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
+        exposed_by: Tells whether a variation puts policies with this fault to the test; None where it shows anywhere.
     """
 
     label: Label
@@ -66,6 +68,7 @@ class FailureMode:
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     rule: str | None = None
     needs_rule: bool = False
+    exposed_by: Callable[[Exposure], bool] | None = None
 
     @property
     def family(self) -> str:
@@ -90,6 +93,7 @@ def failure_mode(
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None,
     rule: str | None = None,
     needs_rule: bool = False,
+    exposed_by: Callable[[Exposure], bool] | None = None,
 ) -> Callable[[Finder], Finder]:
     """Register the decorated function as the finder of a label; the arguments are those of :class:`FailureMode`.
 
@@ -101,7 +105,7 @@ def failure_mode(
         if label in _MODES:
             raise InvalidInputError("failure mode", f"{label} is registered already", "Make a new label")
         _MODES[label] = FailureMode(
-            label, find, name, short, definition, conclusion, finding, detail, rule, needs_rule=needs_rule
+            label, find, name, short, definition, conclusion, finding, detail, rule, needs_rule, exposed_by
         )
         ordered = [_MODES[known] for known in all_labels() if known in _MODES]
         _MODES.clear()
@@ -119,3 +123,13 @@ def remove_mode(label: Label) -> None:
 def labels_of_second_pass() -> tuple[Label, ...]:
     """Return the labels that no trial gets by itself."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
+
+
+def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
+    """Return the labels of the failure modes that a variation can bring out, in the order of the labels.
+
+    Raises:
+        UnknownNameError: If there is no such task or variation.
+    """
+    exposure = Exposure.of(task_id, variation)
+    return tuple(m.label for m in MODES.values() if m.exposed_by is not None and m.exposed_by(exposure))

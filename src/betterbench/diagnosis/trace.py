@@ -240,7 +240,7 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
     found = []
-    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
+    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried):
         for t, target in enumerate(objects):
             for place in kind.regions(target):
                 for i in items:
