@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.assets import Asset, CollisionPart
 from betterbench.geometry import Pose, normalize
-from betterbench.scenes.stage import set_physics
+from betterbench.robots.physics import PHYSICS
 
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
@@ -132,7 +132,7 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
         pos=part.position,
         quat=part.quaternion,
         friction=part.friction,
-        condim=4,
+        condim=PHYSICS.condim,
         mass=0.0,
         group=COLLISION_GROUP,
     )
@@ -158,8 +158,8 @@ def rest_pose(asset: Asset) -> Pose:
         ``T_surface_object``: a fraction of a millimeter of contact depth, and a tilt below a tenth of a degree.
     """
     spec = mujoco.MjSpec()
-    set_physics(spec)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02], condim=4)
+    PHYSICS.set_scene(spec)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02])
     add_asset(spec, "asset", asset)
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -11,14 +11,14 @@ from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
+from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
 
-TIMESTEP_S = 0.002
-CONTROL_RATE_HZ = 20.0
+TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
 
 
 class Scene:

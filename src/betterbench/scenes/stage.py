@@ -32,9 +32,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
-
-PHYSICS_TIMESTEP_S = 0.002
-"""Duration of one physics step [s] (500 Hz)."""
+from betterbench.robots.physics import PHYSICS
 
 FLOOR_HEIGHT_M = -0.75
 """Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
@@ -57,9 +55,6 @@ WRIST_CAMERA = "wrist"
 # Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
-
-CONTACT_TIME_CONSTANT_S = 0.005
-"""Time constant of contacts, critically damped [s]."""
 
 _TEXTURE_SIZE = 512
 _MAX_SAMPLES = 16
@@ -201,7 +196,7 @@ def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
     tint = LOOKS[look]
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
-    set_physics(spec)
+    PHYSICS.set_scene(spec)
     _set_visuals(spec, quality)
     _add_materials(spec, tint)
     _add_furniture(spec)
@@ -228,23 +223,6 @@ def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
     return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
 
 
-def set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the solver and compiler options of the whole benchmark."""
-    spec.compiler.degree = False
-    spec.compiler.autolimits = True
-    option = spec.option
-    option.timestep = PHYSICS_TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.noslip_iterations = 3
-    # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
-    spec.default.geom.condim = 4
-    # An object dropped 5 cm arrives at 1 m/s. MuJoCo's default time constant of 20 ms lets it sink 7 mm, through the
-    # floor of a box; 5 ms keeps it below 2 mm and is still 2.5 time steps.
-    spec.default.geom.solref = [CONTACT_TIME_CONSTANT_S, 1.0]
-
-
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     """Fix everything that MuJoCo would otherwise derive from the content of the scene, and write the quality down."""
     # With a fixed extent, clipping planes and shadow bounds stay the same whatever stands on the table.
@@ -258,8 +236,8 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of a
-    # image).
+    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # an image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
