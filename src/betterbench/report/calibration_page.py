@@ -24,15 +24,7 @@ KINDS = {
 
 
 def write_calibration_page(calibration: Calibration, out: Path) -> Path:
-    """Write the page, the matrix as SVG and PNG, and the tables as Markdown for the documentation.
-
-    Args:
-        calibration: The calibration.
-        out: Folder; it is made if need be.
-
-    Returns:
-        The path of ``calibration.html``.
-    """
+    """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path."""
     out.mkdir(parents=True, exist_ok=True)
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")

@@ -28,15 +28,7 @@ class TaskRows:
 
 
 def write_certificate_page(certificate: Certificate, path: Path) -> Path:
-    """Write the page beside its place and rename it.
-
-    Args:
-        certificate: The certificate.
-        path: The file.
-
-    Returns:
-        The path.
-    """
+    """Write the page and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.part")
     beside.write_text(render_certificate(certificate), encoding="utf-8", newline="")

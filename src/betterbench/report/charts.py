@@ -24,11 +24,7 @@ Keep = Callable[[TrialDiagnosis], bool]
 
 
 def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
-    """Return every chart that the runs can fill.
-
-    Args:
-        diagnoses: The runs.
-    """
+    """Return every chart that the runs can fill."""
     made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
     return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
 
@@ -166,12 +162,7 @@ def rate_figure(k: int, n: int) -> Figure:
 
 
 def twin_figure(diagnosis: RunDiagnosis, keep: Keep) -> Figure:
-    """Return the success rate of the distinct training trials from which variation trials are derived.
-
-    Args:
-        diagnosis: The run.
-        keep: Which variation trials count.
-    """
+    """Return the success rate of the distinct training trials from which the chosen variation trials are derived."""
     found = {twin.key: twin.success for twin, trial in twins(diagnosis.trials) if keep(trial)}
     return rate_figure(sum(found.values()), len(found))
 

@@ -129,15 +129,12 @@ class Chart:
 
 
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
-    """Return a chart as one SVG element.
+    """Return a chart as one SVG element, in which every text is escaped.
 
     Args:
         chart: The chart.
         narrow: Whether labels stand above the bars, for a phone.
-        style: Style sheet to carry along and a white ground, for a file; the page brings its own.
-
-    Returns:
-        The markup; every text in it is escaped.
+        style: Style sheet to carry along with a white ground, for a file; the page has its own style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"
@@ -159,12 +156,7 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
 
 
 def file_style(figure_css: str, page_css: str) -> str:
-    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables.
-
-    Args:
-        figure_css: Style sheet of the charts.
-        page_css: Style sheet of the page, which defines the colors.
-    """
+    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables."""
     light = dict(re.findall(r"--([\w-]+): light-dark\(([^,]+),", page_css))
     plain = re.sub(r"var\(--([\w-]+)\)", lambda found: light.get(found[1], "#000"), figure_css)
     return plain + "text{font-family:Helvetica,Arial,sans-serif}.ground{fill:#fff}"

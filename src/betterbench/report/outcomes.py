@@ -93,11 +93,7 @@ def task_title(name: str) -> str:
 
 
 def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per variation of a run, in the order of the suite.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per variation of a run, in the order of the suite."""
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
@@ -110,11 +106,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per task with the outcomes of all its training conditions.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per task with the outcomes of all its training conditions."""
     groups: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is None:

@@ -90,10 +90,10 @@ def write_report(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write the report of one policy, or of several side by side.
+    """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
-    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. Each file is written beside its place and renamed.
+    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``.
 
     Args:
         diagnoses: One diagnosis per policy; the order is the order on the page.
@@ -101,11 +101,7 @@ def write_report(
         films: Films to show, by :func:`~betterbench.report.film.film_key`; those of unknown trials are refused.
         latex: Whether to write the tables as LaTeX too.
         machine: What to say about the machine, by name ("processor", "renderer").
-        trust: What is known about the instrument itself, by name ("Certified trials", "Calibration"): how far the
-            scenes and the labels can be trusted.
-
-    Returns:
-        The path of ``index.html``.
+        trust: How far the scenes and the labels can be trusted, by name ("Certificate", "Calibration").
 
     Raises:
         InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
@@ -144,17 +140,7 @@ def render_page(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the page as HTML.
-
-    Args:
-        diagnoses: One diagnosis per policy.
-        exports: Tables to offer for download.
-        charts: Charts to show.
-        films: Films to show.
-        latex: Whether to offer the LaTeX form of the tables.
-        machine: What to say about the machine.
-        trust: What to say about the instrument.
-    """
+    """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
     environment = Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,

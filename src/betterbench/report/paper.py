@@ -78,11 +78,7 @@ def paper_facts() -> dict[str, Any]:
 
 
 def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the intention accuracy per instruction on the coffee task.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the intention accuracy per instruction on the coffee task, one row per run."""
     names = ("L1", "L2", "L3", "L4")
     rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS, None, None, None, None) for _ in names))]
     rows += [
@@ -106,11 +102,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:
@@ -140,11 +132,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own.
-
-    Args:
-        table: The table.
-    """
+    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own."""
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]

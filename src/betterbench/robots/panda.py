@@ -347,15 +347,9 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of the Panda.
+    """Return a fresh MuJoCo description of the Panda, without visual meshes if asked; physics is the same.
 
-    Args:
-        visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Told about the one-time preparation of the meshes.
-
-    Returns:
-        Description with the base at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those
-        of group 3 collide.
+    The base is at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those of group 3 collide.
 
     Raises:
         MissingDependencyError: If the package that holds the meshes is not installed.

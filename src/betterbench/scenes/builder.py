@@ -161,9 +161,9 @@ def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_t
         task: The task.
         seed: Seed of the trial.
         asset: The object.
-        target: What it rests in or on: a container, a ring, a hole, a plate, or the thing below it in a stack.
-        T_world_target: Where that is.
-        at: TargetRegion of the target, where it offers several.
+        target: What it rests in or on: a container, a ring, a hole, a plate, or the object below it in a stack.
+        T_world_target: Pose of that.
+        at: Region of the target, where it offers several.
     """
     dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
     names = {r.name for r in target.regions}
@@ -197,14 +197,8 @@ def compile_scene(
 ) -> CompiledScene:
     """Return the compiled model of a set of objects, from a cache where possible.
 
-    Only what a model holds decides: assets, fixed poses, robot and render quality. Names, slots and start poses of free
-    objects do not, so trials that differ in layout or language share one model.
-
-    Args:
-        placements: The objects.
-        quality: Render quality.
-        robot_name: Name of the robot.
-        stage_look: Look of the table and the room.
+    Only what a model holds decides: assets, fixed poses, robot, render quality and the look of table and room. Names,
+    slots and start poses of free objects do not, so trials that differ in layout or language share one model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
     for p in placements:

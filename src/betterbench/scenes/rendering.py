@@ -131,7 +131,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Draw one view.
+        """Draw one view; :meth:`render_views` says more.
 
         Args:
             data: State to show; positions must be up to date (``mj_forward`` or a step).
@@ -141,14 +141,6 @@ class Renderer:
             masks: True to get body numbers.
             width: Image width [pixel]; the renderer's own unless given.
             height: Image height [pixel]; the renderer's own unless given.
-
-        Returns:
-            The images that were asked for.
-
-        Raises:
-            UnknownNameError: If the model has no such camera.
-            InvalidInputError: If the size is out of range, the renderer is closed, or another thread or a forked
-                process uses it.
         """
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
@@ -170,9 +162,6 @@ class Renderer:
             rgb: True to get colors.
             depth: True to get distances.
             masks: True to get body numbers.
-
-        Returns:
-            The images that were asked for, in the order of ``views``.
 
         Raises:
             UnknownNameError: If the model has no such camera.
@@ -291,13 +280,10 @@ class Renderer:
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Return the body number of each pixel of a geometry pass, turned upright.
+        """Return the (height, width) int32 body number of each pixel of a geometry pass, turned upright.
 
         Args:
             colors: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
-
-        Returns:
-            (height, width) int32 body numbers.
         """
         upright = as_upright(colors)
         segments = upright[:, :, 0].astype(np.int32)
@@ -326,14 +312,11 @@ class Renderer:
         return table
 
     def _meters(self, raw: np.ndarray) -> np.ndarray:
-        """Return upright distances along the optical axis [m] from raw depths.
+        """Return upright (height, width) distances along the optical axis [m], infinite where nothing was drawn.
 
         Args:
-            raw: (height, width) float32 values of the reversed depth buffer, 1 at the near and 0 at the far plane,
-                as they were read.
-
-        Returns:
-            (height, width) float32 distances, infinite where nothing was drawn.
+            raw: (height, width) float32 values of the reversed depth buffer as they were read: 1 at the near and 0 at
+                the far plane.
         """
         near, far = self._near_m, self._far_m
         upright = as_upright(raw)
