@@ -44,20 +44,11 @@ class Scale:
         """Return how far along the scale a value lies, between 0 and 1; what lies outside is clipped."""
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
-    def at(self, value: float) -> str:
-        """Return the position of a value in percent of the width, for an SVG attribute."""
-        return f"{100 * self.share(value):.2f}%"
-
     @property
     def values(self) -> tuple[float, ...]:
         """The values of the grid lines."""
         count = round((self.high - self.low) / GRID)
         return tuple(self.low + GRID * i for i in range(count + 1))
-
-    @property
-    def ticks(self) -> tuple[tuple[str, str], ...]:
-        """Position and text of every grid line."""
-        return tuple((self.at(v), _tick(v)) for v in self.values)
 
 
 UNIT = Scale(0.0, 1.0)
