@@ -31,11 +31,7 @@ HEADINGS = ("Randomizations", "Success", "Premise")
 
 
 def index_page(tasks: Sequence[Task]) -> str:
-    """Return the index of all tasks.
-
-    Args:
-        tasks: The tasks, in the order of the table.
-    """
+    """Return the index of all tasks."""
     rows = []
     for task in tasks:
         counts = Counter(v.axis.letter for v in task.variations)

@@ -34,12 +34,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file forms.
-
-    Args:
-        diagnoses: The runs.
-        paper_tables: The paper's tables, filled in.
-    """
+    """Return every table of a report in its file forms."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)

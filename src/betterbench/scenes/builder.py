@@ -195,14 +195,8 @@ def compile_scene(
 ) -> CompiledScene:
     """Return the compiled model of a set of objects, from a cache where possible.
 
-    Only what a model holds decides: assets, fixed poses, robot and render quality. Names, slots and start poses of free
-    objects do not, so trials that differ in layout or language share one model.
-
-    Args:
-        placements: The objects.
-        quality: Render quality.
-        robot_name: Name of the robot.
-        stage_look: Look of the table and the room.
+    Only what a model holds decides: assets, fixed poses, robot, render quality and the look of table and room. Names,
+    slots and start poses of free objects do not, so trials that differ in layout or language share one model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
     for p in placements:
