@@ -89,10 +89,10 @@ class _Loader(importlib.abc.ExecutionLoader):
     def __init__(self, file: TaskFile) -> None:
         self._file = file
 
-    def get_filename(self, fullname: str) -> str:
+    def get_filename(self, fullname: str) -> str:  # noqa: ARG002
         return self._file.path
 
-    def get_source(self, fullname: str) -> str:
+    def get_source(self, fullname: str) -> str:  # noqa: ARG002
         return self._file.source
 
 
