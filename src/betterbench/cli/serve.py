@@ -46,7 +46,7 @@ def serve_command(
         host: Interface to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert; 8 if not given.
-        batch: Largest number of observations that a policy with act_batch is given at once; 16 if not given.
+        batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
         task: Task of clients that name none.
         condition: Condition of that task; its first training condition if not given.
         seed: Seed of that trial; 0 if not given.

@@ -271,10 +271,8 @@ def _registering(origin: _Origin) -> Iterator[None]:
         with _errors_explained(origin.path):
             yield
         for (kind, name), make in tuple(_makers.items()):
-            if kind == "task" and _origins[kind, name] is origin and make().id != name:
-                raise InvalidInputError(
-                    f"{origin.path}, task {name!r}", f"its id is {make().id!r}", "Name function and id alike"
-                )
+            if kind == "task" and _origins[kind, name] is origin:
+                make()
     finally:
         _loading.pop()
 
