@@ -16,6 +16,7 @@ from betterbench.certification.certificate import Certificate, CertificateVersio
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_form, strict_form
 from betterbench.tasks import TrialId
+from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
 """Share of a condition's trials that the expert has to solve, so that the few which it does not solve count as its own
@@ -209,7 +210,7 @@ def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"
     named = " ".join(("", *tasks))
-    chosen = f" --tasks{named}" if named else ""
+    chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
     seed = f" --seed {first}" if first else ""
     return (
         f"Run better certify{chosen} --trials {trials}{seed} --out runs/certificate and name it with "

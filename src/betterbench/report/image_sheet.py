@@ -54,5 +54,5 @@ def image_sheet(rows: Sequence[Sequence[SheetCell]]) -> np.ndarray:
             write(cell.subtitle, x, y + _LINE_PX, 12, SOFT)
             for k, image in enumerate(cell.images):
                 figure.figimage(image, x + k * (wide + _GAP_PX), height - y - head - tall, origin="upper")
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]

@@ -7,8 +7,9 @@ import functools
 import inspect
 from collections.abc import Callable
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import UnknownNameError
 from betterbench.tasks.task import Task
+from betterbench.tasks.user_files import load_declared, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
 
@@ -19,14 +20,12 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     Raises:
         InvalidInputError: If another file has registered a task of that name.
     """
-    name, known = build.__name__, _BUILDERS.get(build.__name__)
-    if known is not None and _file_of(known) != _file_of(build):
-        what = f"{_file_of(build)} defines it, and so does {_file_of(known)}"
-        raise InvalidInputError(f"task {name!r}", what, "Give one of them another name")
+    name = build.__name__
+    explained = registered("task", name, build, _BUILDERS)
 
     @functools.cache
     def complete() -> Task:
-        made = build()
+        made = explained()
         training = tuple(
             dataclasses.replace(c, task=name, name=f"train{i}") for i, c in enumerate(made.training, start=1)
         )
@@ -37,20 +36,16 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     return _BUILDERS[name]
 
 
-def _file_of(build: Callable[[], Task]) -> str:
-    return inspect.getsourcefile(inspect.unwrap(build)) or "another file"
-
-
 def get_task(name: str) -> Task:
     """Return a task by id.
 
     Raises:
         UnknownNameError: If there is no such task.
     """
-    try:
-        return _BUILDERS[name]()
-    except KeyError:
-        raise UnknownNameError("task", name, _BUILDERS) from None
+    load_declared()
+    if name not in _BUILDERS:
+        raise UnknownNameError("task", name, _BUILDERS)
+    return _BUILDERS[name]()
 
 
 def notes_of(name: str) -> str:
@@ -65,6 +60,7 @@ def notes_of(name: str) -> str:
 
 def task_names() -> tuple[str, ...]:
     """Return the ids of all tasks, sorted."""
+    load_declared()
     return tuple(sorted(_BUILDERS))
 
 
