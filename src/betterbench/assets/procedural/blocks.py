@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import box, mapped
-from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.mesh import box, mapped
+from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered
+from betterbench.assets.authoring.registry import generator
 
 
 @generator("block", colours=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
@@ -20,18 +18,11 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
     """Make a painted wooden cube or cuboid with bevelled edges.
 
     Beech has a density of 700 kg/m^3.
-
-    Args:
-        rng: Source of proportions and grain.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     x, y, z = sorted((float(e) for e in rng.uniform(0.034, 0.058, 3)), reverse=True)
     if rng.random() < 0.4:
         x = z = y
-    bevel = float(rng.uniform(0.0018, 0.0035))
+    bevel = rng.uniform(0.0018, 0.0035)
     shade = jittered(PALETTE[colour], rng)
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     canvas.shade(1.0 + 0.03 * np.sin(2.0 * math.pi * (9.0 * canvas.y + 0.35 * np.sin(5.0 * canvas.x))))
@@ -41,17 +32,16 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"A {colour} wooden toy block.",
-        tags=("block", "cube", "cuboid", "wood", "toy", colour),
-        body=mass_properties(collision, round(700.0 * x * y * z, 4)),
-        visual=(part("block", mesh, shade, picture=canvas.pixels(), specular=0.25),),
-        collision=collision,
+        tags=("block", "cube", "cuboid", "wood", "toy"),
+        mass_kg=round(700.0 * x * y * z, 4),
+        parts=(part("block", mesh, canvas, specular=0.25), *collision),
         grasps=(
-            Grasp("body", Pose((0.0, 0.0, z / 2), JAW_OPENS_ALONG_Y), y),
-            Grasp("long", Pose((0.0, 0.0, z / 2), JAW_OPENS_ALONG_X), x, preference=1),
+            grip("body", z / 2, y),
+            grip("long", z / 2, x, across="x", preference=1),
         ),
         regions=(
-            Region("top", (0.0, 0.0, z), (x / 2, y / 2, 0.001)),
-            Region("base", (0.0, 0.0, 0.0), (x / 2, y / 2, 0.001)),
+            field_of("top", x / 2, y / 2, z),
+            field_of("base", x / 2, y / 2),
         ),
         parameters={"x_m": x, "y_m": y, "z_m": z, "bevel_m": bevel},
     )

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
+from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
@@ -22,7 +23,7 @@ def _from_above(mesh: Mesh, radius: float) -> Mesh:
 
 def _base(radius: float) -> Region:
     """Return the disc on which a thing stands."""
-    return Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001))
+    return disc("base", radius)
 
 
 def _round_body(height: float, radius: float) -> tuple[Grasp, ...]:
@@ -37,20 +38,13 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
 
     A small bowl of 0.25 kg filled with 0.2 kg of cereal and milk. It is too wide for a jaw and filled to the rim, so
     its collision shape is solid.
-
-    Args:
-        rng: Source of proportions, cereal and decoration.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.060 * float(rng.uniform(0.98, 1.0))
-    stand = float(rng.uniform(0.030, 0.034))
-    height = float(rng.uniform(0.0485, 0.0520))
-    level = height - float(rng.uniform(0.009, 0.012))
+    radius = 0.060 * rng.uniform(0.98, 1.0)
+    stand = rng.uniform(0.030, 0.034)
+    height = rng.uniform(0.0485, 0.0520)
+    level = height - rng.uniform(0.009, 0.012)
     cereal = str(rng.choice(["rings", "flakes", "balls"]))
-    striped = bool(rng.random() < 0.5)
+    striped = rng.random() < 0.5
     glaze = jittered(mixed(PALETTE[colour], (0.9, 0.9, 0.9), 0.10), rng)
     inside = radius - 0.0035 - 0.10 * (height - level)
     profile = [
@@ -85,26 +79,19 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A {colour} bowl of cereal with milk.",
-        tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware", colour),
-        body=mass_properties(collision, 0.45),
-        visual=(
-            part("bowl", lathe(profile, 24), glaze, picture=canvas.pixels(), specular=0.5, shininess=0.6),
-            part(
-                "cereal",
-                _from_above(surface, inside),
-                (0.95, 0.94, 0.90),
-                picture=_cereal(rng, kind=cereal),
-                specular=0.25,
-            ),
+        tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware"),
+        mass_kg=0.45,
+        parts=(
+            part("bowl", lathe(profile, 24), canvas, specular=0.5, shininess=0.6),
+            part("cereal", _from_above(surface, inside), _cereal(rng, kind=cereal), specular=0.25),
+            *collision,
         ),
-        collision=collision,
-        grasps=(),
-        regions=(_base(stand), Region("top", (0.0, 0.0, height), (radius, radius, 0.001))),
+        regions=(_base(stand), disc("top", radius, height)),
         parameters={"radius_m": radius, "height_m": height, "cereal": cereal},
     )
 
 
-def _cereal(rng: np.random.Generator, *, kind: str) -> np.ndarray:
+def _cereal(rng: np.random.Generator, *, kind: str) -> Canvas:
     """Draw milk with cereal floating in it, seen from above."""
     milk: Colour = (0.95, 0.94, 0.90)
     canvas = Canvas(2.0, 2.0, (192, 192), milk)
@@ -113,15 +100,15 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> np.ndarray:
     placed: list[tuple[float, float]] = []
     gap = 0.17 if kind == "flakes" else 0.20
     for _ in range(700):
-        angle, distance = float(rng.uniform(0.0, 2.0 * math.pi)), 0.84 * math.sqrt(float(rng.random()))
+        angle, distance = rng.uniform(0.0, 2.0 * math.pi), 0.84 * math.sqrt(rng.random())
         x, y = 1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle)
         if any(math.hypot(x - px, y - py) < gap for px, py in placed):
             continue
         placed.append((x, y))
         crust = jittered((0.80, 0.52, 0.17), rng, amount=0.16)
-        turn = float(rng.uniform(0.0, math.pi))
+        turn = rng.uniform(0.0, math.pi)
         if kind == "flakes":
-            size = float(rng.uniform(0.09, 0.13))
+            size = rng.uniform(0.09, 0.13)
             canvas.ellipse((x + 0.015, y - 0.02), (size, 0.7 * size), (0.68, 0.60, 0.48), turn)
             canvas.ellipse((x, y), (size, 0.7 * size), crust, turn)
             canvas.ellipse((x, y), (0.55 * size, 0.3 * size), shaded(crust, 1.18), turn)
@@ -134,7 +121,7 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> np.ndarray:
                 canvas.ellipse((x, y), (0.042, 0.042), (0.86, 0.80, 0.68))
             else:
                 canvas.ellipse((x - 0.02, y + 0.025), (0.045, 0.04), shaded(crust, 1.3))
-    return canvas.pixels()
+    return canvas
 
 
 @generator("salt_shaker", colours=("white", "silver"))
@@ -142,19 +129,12 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     """Make a salt shaker with a pierced chrome top.
 
     A porcelain or steel shaker of this size, half full, weighs about 0.12 kg.
-
-    Args:
-        rng: Source of proportions.
-        colour: Colour word: white porcelain or brushed steel.
-
-    Returns:
-        The draft.
     """
-    radius = 0.020 * float(rng.uniform(0.97, 1.0))
-    height = float(rng.uniform(0.073, 0.077))
-    shoulder = height - float(rng.uniform(0.018, 0.022))
-    waist = float(rng.uniform(0.80, 1.0))
-    facets = bool(rng.random() < 0.4)
+    radius = 0.020 * rng.uniform(0.97, 1.0)
+    height = rng.uniform(0.073, 0.077)
+    shoulder = height - rng.uniform(0.018, 0.022)
+    waist = rng.uniform(0.80, 1.0)
+    facets = rng.random() < 0.4
     shade = jittered(PALETTE[colour], rng, amount=0.05)
     profile = [
         (0.0, 0.0),
@@ -203,22 +183,15 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A {colour} salt shaker with a pierced chrome top.",
-        tags=("salt", "salt shaker", "shaker", "condiment", "tableware", colour),
-        body=mass_properties(collision, 0.12),
-        visual=(
-            part("body", body, shade, picture=canvas.pixels(), specular=0.5, shininess=0.6),
-            part(
-                "top",
-                _from_above(top, cap_radius),
-                (0.78, 0.79, 0.82),
-                picture=picture.pixels(),
-                specular=0.9,
-                shininess=0.8,
-            ),
+        tags=("salt", "salt shaker", "shaker", "condiment", "tableware"),
+        mass_kg=0.12,
+        parts=(
+            part("body", body, canvas, specular=0.5, shininess=0.6),
+            part("top", _from_above(top, cap_radius), picture, specular=0.9, shininess=0.8),
+            *collision,
         ),
-        collision=collision,
         grasps=_round_body(0.40 * height, radius),
-        regions=(_base(radius), Region("top", (0.0, 0.0, height), (0.7 * cap_radius, 0.7 * cap_radius, 0.001))),
+        regions=(_base(radius), disc("top", 0.7 * cap_radius, height)),
         parameters={"radius_m": radius, "height_m": height, "facets": str(facets)},
     )
 
@@ -228,17 +201,10 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     """Make a jar of jam with a screw lid and a label; the colour is that of the jam.
 
     A jar of 0.12 l, full, weighs about 0.25 kg.
-
-    Args:
-        rng: Source of proportions, lid and label.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.030 * float(rng.uniform(0.975, 1.0))
-    height = float(rng.uniform(0.072, 0.078))
-    lid_low = height - float(rng.uniform(0.013, 0.016))
+    radius = 0.030 * rng.uniform(0.975, 1.0)
+    height = rng.uniform(0.072, 0.078)
+    lid_low = height - rng.uniform(0.013, 0.016)
     lid_radius = 0.93 * radius
     lid_kind = str(rng.choice(["gingham", "gold", "white"]))
     fruit = {"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[colour]
@@ -305,22 +271,15 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A glass jar of {colour} jam with a lid and a label.",
-        tags=("jam", "jam jar", "marmalade", "jar", "breakfast", colour),
-        body=mass_properties(collision, 0.25),
-        visual=(
-            part(
-                "jar",
-                lathe(profile, 22, wrap=True, phase=math.pi / 2),
-                jam,
-                picture=canvas.pixels(),
-                specular=0.8,
-                shininess=0.8,
-            ),
-            part("lid", _from_above(lid, lid_radius), paint, picture=cover.pixels(), specular=0.4, shininess=0.5),
+        tags=("jam", "jam jar", "marmalade", "jar", "breakfast"),
+        mass_kg=0.25,
+        parts=(
+            part("jar", lathe(profile, 22, wrap=True, phase=math.pi / 2), canvas, specular=0.8, shininess=0.8),
+            part("lid", _from_above(lid, lid_radius), cover, specular=0.4, shininess=0.5),
+            *collision,
         ),
-        collision=collision,
         grasps=_round_body(0.45 * height, radius),
-        regions=(_base(radius), Region("top", (0.0, 0.0, height), (0.7 * lid_radius, 0.7 * lid_radius, 0.001))),
+        regions=(_base(radius), disc("top", 0.7 * lid_radius, height)),
         parameters={"radius_m": radius, "height_m": height, "lid": lid_kind},
     )
 
@@ -330,22 +289,15 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     """Make a footed egg cup with a boiled egg in it; the colour is that of the cup.
 
     A hen's egg weighs 60 g, a porcelain cup the same; the egg does not come out.
-
-    Args:
-        rng: Source of proportions and egg.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.026 * float(rng.uniform(0.97, 1.0))
-    stand = radius * float(rng.uniform(0.82, 0.92))
-    lip = float(rng.uniform(0.040, 0.043))
-    height = float(rng.uniform(0.0685, 0.0715))
-    stem = float(rng.uniform(0.36, 0.46))
-    banded = bool(rng.random() < 0.5)
+    radius = 0.026 * rng.uniform(0.97, 1.0)
+    stand = radius * rng.uniform(0.82, 0.92)
+    lip = rng.uniform(0.040, 0.043)
+    height = rng.uniform(0.0685, 0.0715)
+    stem = rng.uniform(0.36, 0.46)
+    banded = rng.random() < 0.5
     glaze = jittered(PALETTE[colour], rng, amount=0.05)
-    brown = float(rng.random())
+    brown = rng.random()
     shell: Colour = mixed((0.95, 0.91, 0.84), (0.80, 0.54, 0.34), 0.25 + 0.75 * brown)
     profile = [
         (0.0, 0.0),
@@ -385,19 +337,13 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A boiled egg in a {colour} egg cup.",
-        tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware", colour),
-        body=mass_properties(collision, 0.12),
-        visual=(
-            part("cup", lathe(profile, 20, crease_degrees=50.0), glaze, picture=canvas.pixels(), specular=0.5),
-            part(
-                "egg",
-                _from_above(lathe(egg, 16, crease_degrees=80.0), egg_radius),
-                shell,
-                picture=spots.pixels(),
-                specular=0.2,
-            ),
+        tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware"),
+        mass_kg=0.12,
+        parts=(
+            part("cup", lathe(profile, 20, crease_degrees=50.0), canvas, specular=0.5),
+            part("egg", _from_above(lathe(egg, 16, crease_degrees=80.0), egg_radius), spots, specular=0.2),
+            *collision,
         ),
-        collision=collision,
         grasps=_round_body(0.031, radius),
         regions=(_base(stand),),
         parameters={"radius_m": radius, "height_m": height, "banded": str(banded)},

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
@@ -20,28 +21,21 @@ _CRUMB: Colour = (0.90, 0.74, 0.46)
 
 
 @generator("burger", colours=("brown",))
-def burger(rng: np.random.Generator, colour: str) -> Draft:
+def burger(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
     A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
     jaw.
-
-    Args:
-        rng: Source of proportions, order of the layers and colours.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = float(rng.uniform(0.0325, 0.0340))
-    height = float(rng.uniform(0.0490, 0.0545))
+    radius = rng.uniform(0.0325, 0.0340)
+    height = rng.uniform(0.0490, 0.0545)
     bun = jittered(BUN, rng, amount=0.14)
     seeds = int(rng.choice([0, 18, 26, 34]))
-    lettuce_below = bool(rng.random() < 0.4)
-    with_tomato = bool(rng.random() < 0.75)
+    lettuce_below = rng.random() < 0.4
+    with_tomato = rng.random() < 0.75
 
-    base = float(rng.uniform(0.0125, 0.0150))
-    patty_top = base + float(rng.uniform(0.0095, 0.0120))
+    base = rng.uniform(0.0125, 0.0150)
+    patty_top = base + rng.uniform(0.0095, 0.0120)
     bun_low = patty_top + (0.0085 if with_tomato else 0.0055)
     lettuce_z = base + 0.0006 if lettuce_below else bun_low - 0.0012
     tomato_z = patty_top + 0.0022
@@ -52,12 +46,7 @@ def burger(rng: np.random.Generator, colour: str) -> Draft:
         part("cheese", _cheese(rng, radius, patty_top), jittered((0.98, 0.68, 0.08), rng, amount=0.05), specular=0.3),
         part("lettuce", _lettuce(rng, radius, lettuce_z), jittered((0.33, 0.62, 0.12), rng, amount=0.15), specular=0.2),
         part(
-            "top_bun",
-            _top_bun(radius, bun_low, height),
-            bun,
-            picture=_crust(rng, bun, seeds=seeds),
-            specular=0.22,
-            shininess=0.35,
+            "top_bun", _top_bun(radius, bun_low, height), _crust(rng, bun, seeds=seeds), specular=0.22, shininess=0.35
         ),
     ]
     if with_tomato:
@@ -74,10 +63,9 @@ def burger(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A cheeseburger in a golden brown bun.",
-        tags=("burger", "hamburger", "cheeseburger", "food", "bun", colour),
-        body=mass_properties(collision, 0.18),
-        visual=tuple(parts),
-        collision=collision,
+        tags=("burger", "hamburger", "cheeseburger", "food", "bun"),
+        mass_kg=0.18,
+        parts=(*parts, *collision),
         grasps=_round_grasps(radius, 0.47 * height),
         regions=_round_regions(radius, height),
         parameters={"radius_m": radius, "height_m": height, "seeds": seeds, "lettuce_below": str(lettuce_below)},
@@ -93,8 +81,8 @@ def _round_grasps(radius: float, height: float) -> tuple[Grasp, ...]:
 def _round_regions(radius: float, height: float) -> tuple[Region, ...]:
     """Return the discs on which it stands and on which something could be put."""
     return (
-        Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),
-        Region("top", (0.0, 0.0, height), (0.5 * radius, 0.5 * radius, 0.001)),
+        disc("base", radius),
+        disc("top", 0.5 * radius, height),
     )
 
 
@@ -119,8 +107,8 @@ def _patty(rng: np.random.Generator, radius: float, low: float, high: float) -> 
 
 def _cheese(rng: np.random.Generator, radius: float, z: float) -> Mesh:
     """Return a square slice whose molten corners hang over the patty."""
-    turn = float(rng.uniform(0.0, math.pi / 2.0))
-    droop = float(rng.uniform(0.005, 0.008))
+    turn = rng.uniform(0.0, math.pi / 2.0)
+    droop = rng.uniform(0.005, 0.008)
     angle = turn + 2.0 * math.pi * np.arange(16) / 16
     cornerness = np.tile([0.0, 0.42, 1.0, 0.42], 4)
     outer = radius * (0.93 + 0.12 * cornerness)
@@ -165,7 +153,7 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, 0.5 + share * mesh.vertices[:, :2])
 
 
-def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> np.ndarray:
+def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> Canvas:
     """Draw the crust of the bun from above: browned in the middle, pale at the edge, with sesame seeds."""
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
@@ -176,14 +164,14 @@ def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> np.ndarray:
     for _ in range(20 * seeds):
         if len(placed) == seeds:
             break
-        angle, distance = float(rng.uniform(0.0, 2.0 * math.pi)), 0.72 * math.sqrt(float(rng.random()))
+        angle, distance = rng.uniform(0.0, 2.0 * math.pi), 0.72 * math.sqrt(rng.random())
         x, y = 1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle)
         if all(math.hypot(x - px, y - py) > 0.16 for px, py in placed):
             placed.append((x, y))
-            turn = float(rng.uniform(0.0, math.pi))
+            turn = rng.uniform(0.0, math.pi)
             canvas.ellipse((x + 0.012, y - 0.016), (0.066, 0.042), shaded(bun, 0.62), turn)
             canvas.ellipse((x, y), (0.062, 0.038), (0.97, 0.90, 0.70), turn)
-    return canvas.pixels()
+    return canvas
 
 
 @generator("round_block", colours=("brown", "red", "green", "yellow", "blue"))
@@ -191,17 +179,10 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     """Make a wooden round block with the size of a burger; in brown it has the colour of the bun.
 
     Beech of 700 kg/m^3 would weigh 0.13 kg at this size.
-
-    Args:
-        rng: Source of proportions and grain.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = float(rng.uniform(0.0325, 0.0340))
-    height = float(rng.uniform(0.0480, 0.0540))
-    bevel = float(rng.uniform(0.0018, 0.0032))
+    radius = rng.uniform(0.0325, 0.0340)
+    height = rng.uniform(0.0480, 0.0540)
+    bevel = rng.uniform(0.0018, 0.0032)
     shade = jittered(BUN if colour == "brown" else PALETTE[colour], rng, amount=0.10)
     profile = [
         (0.0, 0.0),
@@ -215,7 +196,7 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     canvas = Canvas(math.pi * radius, float(length[-1]), (64, 256), shade)
     top = canvas.y - float(length[4])
     # End grain: year rings on both flat faces, long fibres on the side.
-    spacing = float(rng.uniform(0.0035, 0.0055))
+    spacing = rng.uniform(0.0035, 0.0055)
     flat = (canvas.y > length[4]) | (canvas.y < length[1])
     canvas.shade(np.where(flat, 0.95 + 0.05 * np.sin(2.0 * math.pi * top / spacing), 1.0))
     canvas.grain(rng, cells=(26, 3), amount=0.045)
@@ -224,18 +205,9 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A {colour} round wooden block with flat faces and bevelled edges.",
-        tags=("block", "round block", "cylinder", "wood", "toy", colour),
-        body=mass_properties(collision, round(700.0 * math.pi * radius**2 * height, 4)),
-        visual=(
-            part(
-                "block",
-                lathe(profile, 28, crease_degrees=35.0, wrap=True),
-                shade,
-                picture=canvas.pixels(),
-                specular=0.25,
-            ),
-        ),
-        collision=collision,
+        tags=("block", "round block", "cylinder", "wood", "toy"),
+        mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
+        parts=(part("block", lathe(profile, 28, crease_degrees=35.0, wrap=True), canvas, specular=0.25), *collision),
         grasps=_round_grasps(radius, 0.5 * height),
         regions=_round_regions(radius, height),
         parameters={"radius_m": radius, "height_m": height, "bevel_m": bevel},

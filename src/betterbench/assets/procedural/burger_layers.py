@@ -12,19 +12,16 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import (
-    JAW_OPENS_ALONG_X,
-    JAW_OPENS_ALONG_Y,
+from betterbench.assets.authoring.body import (
     foot,
-    mass_properties,
     solid_box,
     upright_cylinder,
 )
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.assets.procedural.burger import BUN
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
 from betterbench.state import Region
 
 _CRUMB: Colour = (0.95, 0.82, 0.56)
@@ -40,30 +37,22 @@ def _from_above(mesh: Mesh, radius: float) -> Mesh:
 def _disc_regions(radius: float, height: float, *, top: float) -> tuple[Region, ...]:
     """Return the discs on which a layer stands and on which the next one is put."""
     return (
-        Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),
-        Region("top", (0.0, 0.0, height), (top, top, 0.001)),
+        disc("base", radius),
+        disc("top", top, height),
     )
 
 
 def _disc_grasps(radius: float, height: float) -> tuple[Grasp, ...]:
     """Return the grasp across the diameter."""
     clearance = min(0.012, 0.0395 - radius)
-    return (
-        Grasp(
-            "body",
-            Pose((0.0, 0.0, height), JAW_OPENS_ALONG_Y),
-            2.0 * radius,
-            clearance_m=clearance,
-            symmetric_yaw=True,
-        ),
-    )
+    return (grip("body", height, 2.0 * radius, clearance=clearance, symmetric_yaw=True),)
 
 
 def _square_grasps(side: float) -> tuple[Grasp, ...]:
     """Return the grasps across both pairs of sides."""
     return (
-        Grasp("body", Pose((0.0, 0.0, _SLICE_GRIP), JAW_OPENS_ALONG_Y), side, clearance_m=0.007),
-        Grasp("long", Pose((0.0, 0.0, _SLICE_GRIP), JAW_OPENS_ALONG_X), side, clearance_m=0.007, preference=1),
+        grip("body", _SLICE_GRIP, side, clearance=0.007),
+        grip("long", _SLICE_GRIP, side, across="x", clearance=0.007, preference=1),
     )
 
 
@@ -73,22 +62,15 @@ def _disc(radius: float, height: float) -> tuple[CollisionPart, ...]:
 
 
 @generator("bun_bottom", colours=("brown",))
-def bun_bottom(rng: np.random.Generator, colour: str) -> Draft:
+def bun_bottom(rng: np.random.Generator, _colour: str) -> Draft:
     """Make the lower half of a bun, its cut face up.
 
     Half a bun of 80 mm weighs 30 g; 60 g let it stand still while a burger is built on it.
-
-    Args:
-        rng: Source of proportions, crust and crumb.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.040 * float(rng.uniform(0.985, 1.0))
+    radius = 0.040 * rng.uniform(0.985, 1.0)
     height = 0.020
-    belly = float(rng.uniform(0.35, 0.55))
-    toast = float(rng.uniform(0.0, 0.8))
+    belly = rng.uniform(0.35, 0.55)
+    toast = rng.uniform(0.0, 0.8)
     crust = jittered(mixed(BUN, _CRUMB, 0.08), rng, amount=0.12)
     profile = [
         (0.0, 0.0),
@@ -121,30 +103,21 @@ def bun_bottom(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",
-        tags=("bun", "bottom bun", "burger bun", "bread", "food", colour),
-        body=mass_properties(collision, 0.06),
-        visual=(part("bun", mesh, crust, picture=canvas.pixels(), specular=0.12),),
-        collision=collision,
-        grasps=(),
+        tags=("bun", "bottom bun", "burger bun", "bread", "food"),
+        mass_kg=0.06,
+        parts=(part("bun", mesh, canvas, specular=0.12), *collision),
         regions=_disc_regions(radius, height, top=0.97 * radius),
         parameters={"radius_m": radius, "height_m": height, "toast": toast},
     )
 
 
 @generator("patty", colours=("brown",))
-def patty(rng: np.random.Generator, colour: str) -> Draft:
+def patty(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a grilled patty of minced beef.
 
     A patty of 70 mm by 20 mm holds 75 cm^3 and weighs about 0.1 kg raw or 0.08 kg grilled.
-
-    Args:
-        rng: Source of edge and grill marks.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.034 * float(rng.uniform(0.985, 1.0))
+    radius = 0.034 * rng.uniform(0.985, 1.0)
     height = 0.020
     meat = jittered((0.30, 0.15, 0.08), rng, amount=0.12)
     marks = str(rng.choice(["stripes", "cross", "none"]))
@@ -158,7 +131,7 @@ def patty(rng: np.random.Generator, colour: str) -> Draft:
     ]
     mesh = lathe(profile, 24, crease_degrees=60.0)
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
-    swell = sum(np.sin(k * angle + float(rng.uniform(0.0, 2.0 * math.pi))) for k in (4, 7, 9))
+    swell = sum(np.sin(k * angle + rng.uniform(0.0, 2.0 * math.pi)) for k in (4, 7, 9))
     factor = (1.0 - 0.010 * (1.0 + swell / 3.0))[:, None]
     mesh = Mesh(mesh.vertices * np.hstack([factor, factor, np.ones_like(factor)]), mesh.faces, mesh.uv)
     # Unrolled a little at the edge, so that the meat's grain does not run down the side in streaks.
@@ -172,7 +145,7 @@ def patty(rng: np.random.Generator, colour: str) -> Draft:
     for u, v, size in rng.uniform(0.0, 1.0, (90, 3)).tolist():
         tone = shaded(meat, 0.55) if size < 0.55 else mixed(meat, (0.62, 0.36, 0.20), 0.6)
         canvas.ellipse((2.0 * u, 2.0 * v), (0.012 + 0.03 * size, 0.012 + 0.02 * size), tone, 6.0 * u)
-    turn = float(rng.uniform(-0.5, 0.5))
+    turn = rng.uniform(-0.5, 0.5)
     x, y = canvas.x - 1.0, canvas.y - 1.0
     inside = np.hypot(x, y) < 0.76
     for k in range({"stripes": 1, "cross": 2, "none": 0}[marks]):
@@ -183,10 +156,9 @@ def patty(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A grilled burger patty.",
-        tags=("patty", "burger patty", "meat", "beef", "food", colour),
-        body=mass_properties(collision, 0.10),
-        visual=(part("patty", mesh, meat, picture=canvas.pixels(), specular=0.35, shininess=0.3),),
-        collision=collision,
+        tags=("patty", "burger patty", "meat", "beef", "food"),
+        mass_kg=0.10,
+        parts=(part("patty", mesh, canvas, specular=0.35, shininess=0.3), *collision),
         grasps=_disc_grasps(radius, 0.011),
         regions=_disc_regions(radius, height, top=0.9 * radius),
         parameters={"radius_m": radius, "height_m": height, "marks": marks},
@@ -201,23 +173,16 @@ def _slab(side: float, low: float, high: float, *, corner: float, bevel: float) 
 
 
 @generator("cheese_slice", colours=("yellow",))
-def cheese_slice(rng: np.random.Generator, colour: str) -> Draft:
+def cheese_slice(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a thick square slice of cheese with rounded corners.
 
     Cheese of 62 by 62 by 12 mm weighs 45 g when solid; 30 g are used for one with holes.
-
-    Args:
-        rng: Source of proportions, shade and holes.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    side = 0.062 * float(rng.uniform(0.985, 1.0))
+    side = 0.062 * rng.uniform(0.985, 1.0)
     height = 0.012
-    corner = float(rng.uniform(0.0060, 0.0100))
+    corner = rng.uniform(0.0060, 0.0100)
     holes = int(rng.choice([0, 3, 5, 7]))
-    shade = jittered(mixed((0.98, 0.66, 0.06), (0.96, 0.78, 0.20), float(rng.random())), rng, amount=0.04)
+    shade = jittered(mixed((0.98, 0.66, 0.06), (0.96, 0.78, 0.20), rng.random()), rng, amount=0.04)
     mesh = prism(_slab(side, 0.0, height, corner=corner, bevel=0.0014), crease_degrees=55.0)
     uv = 0.5 + 0.96 * mesh.vertices[:, :2] / side
     mesh = Mesh(mesh.vertices, mesh.faces, uv)
@@ -232,44 +197,36 @@ def cheese_slice(rng: np.random.Generator, colour: str) -> Draft:
         x, y = (float(e) for e in rng.uniform(0.38, 1.62, 2))
         if all(math.hypot(x - px, y - py) > 0.42 for px, py in placed):
             placed.append((x, y))
-            size = float(rng.uniform(0.07, 0.15))
+            size = rng.uniform(0.07, 0.15)
             canvas.ellipse((x, y), (size, 0.9 * size), shaded(shade, 0.62))
             canvas.ellipse((x, y - 0.18 * size), (0.82 * size, 0.70 * size), shaded(shade, 0.80))
     collision = (solid_box((-0.5 * side, -0.5 * side, 0.0), (0.5 * side, 0.5 * side, height)),)
     return Draft(
         shape="box",
         description="A thick square slice of yellow cheese.",
-        tags=("cheese", "cheese slice", "slice", "food", colour),
-        body=mass_properties(collision, 0.03),
-        visual=(part("cheese", mesh, shade, picture=canvas.pixels(), specular=0.45, shininess=0.5),),
-        collision=collision,
+        tags=("cheese", "cheese slice", "slice", "food"),
+        mass_kg=0.03,
+        parts=(part("cheese", mesh, canvas, specular=0.45, shininess=0.5), *collision),
         grasps=_square_grasps(side),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (0.5 * side, 0.5 * side, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.5 * side, 0.5 * side, 0.001)),
+            disc("base", 0.5 * side),
+            disc("top", 0.5 * side, height),
         ),
         parameters={"side_m": side, "height_m": height, "holes": float(holes)},
     )
 
 
 @generator("sponge", colours=("yellow",))
-def sponge(rng: np.random.Generator, colour: str) -> Draft:
+def sponge(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a kitchen sponge with a green scouring underside, as wide and as yellow as the cheese slice.
 
     A cut cellulose sponge of this size weighs 5 g dry; damp as it lies beside a sink it weighs 20 g.
-
-    Args:
-        rng: Source of proportions, shade and pores.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    side = 0.064 * float(rng.uniform(0.98, 1.0))
+    side = 0.064 * rng.uniform(0.98, 1.0)
     height = 0.0135  # the cheese slice and an eighth
-    scour = float(rng.uniform(0.0040, 0.0048))
-    corner = float(rng.uniform(0.0030, 0.0060))
-    shade = jittered(mixed((0.98, 0.72, 0.10), (0.95, 0.82, 0.28), float(rng.random())), rng, amount=0.04)
+    scour = rng.uniform(0.0040, 0.0048)
+    corner = rng.uniform(0.0030, 0.0060)
+    shade = jittered(mixed((0.98, 0.72, 0.10), (0.95, 0.82, 0.28), rng.random()), rng, amount=0.04)
     pad = jittered((0.07, 0.34, 0.16), rng, amount=0.12)
     upper = prism(_slab(side, scour, height, corner=corner, bevel=0.0008), crease_degrees=50.0)
     # The sides show a strip of the picture of their own height, next to the edge of the top.
@@ -288,40 +245,29 @@ def sponge(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description="A yellow kitchen sponge with a green scouring side.",
-        tags=("sponge", "kitchen sponge", "scourer", "cleaning", colour),
-        body=mass_properties(collision, 0.02),
-        visual=(
-            part("sponge", upper, shade, picture=canvas.pixels(), specular=0.02),
-            part("scourer", lower, pad, specular=0.02),
-        ),
-        collision=collision,
+        tags=("sponge", "kitchen sponge", "scourer", "cleaning"),
+        mass_kg=0.02,
+        parts=(part("sponge", upper, canvas, specular=0.02), part("scourer", lower, pad, specular=0.02), *collision),
         grasps=_square_grasps(side),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (0.5 * side, 0.5 * side, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.5 * side, 0.5 * side, 0.001)),
+            disc("base", 0.5 * side),
+            disc("top", 0.5 * side, height),
         ),
         parameters={"side_m": side, "height_m": height, "scourer_m": scour},
     )
 
 
 @generator("lettuce_leaf", colours=("green",))
-def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
+def lettuce_leaf(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a round frilly stack of lettuce leaves.
 
     A few leaves of 65 mm weigh 10 to 20 g. They touch as a flat disc of their own thickness.
-
-    Args:
-        rng: Source of frill, shade and veins.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.034 * float(rng.uniform(0.985, 1.0))
+    radius = 0.034 * rng.uniform(0.985, 1.0)
     height = 0.0125
     solid = radius - 0.0015
     frills = int(rng.choice([9, 11, 13]))
-    frill = float(rng.uniform(0.0022, 0.0032))
+    frill = rng.uniform(0.0022, 0.0032)
     shade = jittered((0.36, 0.64, 0.14), rng, amount=0.14)
     n = 36
     angle = 2.0 * math.pi * np.arange(n) / n
@@ -355,10 +301,10 @@ def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
     r = np.hypot(x, y)
     canvas.paint(np.clip(1.0 - r / 0.75, 0.0, 1.0), (0.78, 0.88, 0.48), strength=0.75)
     canvas.paint(np.clip((r - 0.75) / 0.25, 0.0, 1.0), shaded(shade, 0.62), strength=0.6)
-    start = float(rng.uniform(0.0, 6.0))
+    start = rng.uniform(0.0, 6.0)
     for k in range(9):
-        a = start + 2.0 * math.pi * k / 9 + float(rng.uniform(-0.2, 0.2))
-        bend = a + float(rng.uniform(-0.25, 0.25))
+        a = start + 2.0 * math.pi * k / 9 + rng.uniform(-0.2, 0.2)
+        bend = a + rng.uniform(-0.25, 0.25)
         points = [(1.0, 1.0), (1.0 + 0.45 * math.cos(a), 1.0 + 0.45 * math.sin(a))]
         points.append((1.0 + 0.88 * math.cos(bend), 1.0 + 0.88 * math.sin(bend)))
         canvas.line(points, 0.035, (0.82, 0.90, 0.58), 0.7)
@@ -367,10 +313,9 @@ def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A frilly round leaf of green lettuce.",
-        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food", colour),
-        body=mass_properties(collision, 0.02),
-        visual=(part("leaf", mesh, shade, picture=canvas.pixels(), specular=0.3, shininess=0.4),),
-        collision=collision,
+        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food"),
+        mass_kg=0.02,
+        parts=(part("leaf", mesh, canvas, specular=0.3, shininess=0.4), *collision),
         grasps=_disc_grasps(solid, _SLICE_GRIP),
         regions=_disc_regions(solid, 0.012, top=0.9 * solid),
         parameters={"radius_m": radius, "height_m": height, "frills": float(frills)},
@@ -378,20 +323,13 @@ def lettuce_leaf(rng: np.random.Generator, colour: str) -> Draft:
 
 
 @generator("bun_top", colours=("brown",))
-def bun_top(rng: np.random.Generator, colour: str) -> Draft:
+def bun_top(rng: np.random.Generator, _colour: str) -> Draft:
     """Make the domed upper half of a bun, with sesame on most looks.
 
     Half a bun of 72 mm weighs 25 to 30 g; 50 g keep it where it is put.
-
-    Args:
-        rng: Source of proportions, crust and seeds.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.036 * float(rng.uniform(0.985, 1.0))
-    height = 0.034 * float(rng.uniform(0.97, 1.0))
+    radius = 0.036 * rng.uniform(0.985, 1.0)
+    height = 0.034 * rng.uniform(0.97, 1.0)
     crust = jittered(BUN, rng, amount=0.14)
     seeds = int(rng.choice([0, 20, 28, 36]))
     shoulder = 0.0165
@@ -422,17 +360,16 @@ def bun_top(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="The domed upper half of a burger bun.",
-        tags=("bun", "top bun", "burger bun", "bread", "food", colour),
-        body=mass_properties(collision, 0.05),
-        visual=(part("bun", mesh, crust, picture=_sesame(rng, crust, seeds=seeds), specular=0.25, shininess=0.35),),
-        collision=collision,
+        tags=("bun", "top bun", "burger bun", "bread", "food"),
+        mass_kg=0.05,
+        parts=(part("bun", mesh, _sesame(rng, crust, seeds=seeds), specular=0.25, shininess=0.35), *collision),
         grasps=_disc_grasps(radius, 0.014),
         regions=_disc_regions(radius, height, top=0.5 * radius),
         parameters={"radius_m": radius, "height_m": height, "seeds": float(seeds)},
     )
 
 
-def _sesame(rng: np.random.Generator, crust: Colour, *, seeds: int) -> np.ndarray:
+def _sesame(rng: np.random.Generator, crust: Colour, *, seeds: int) -> Canvas:
     """Draw the crust from above: brown on the crown, pale towards the cut, strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
@@ -443,12 +380,12 @@ def _sesame(rng: np.random.Generator, crust: Colour, *, seeds: int) -> np.ndarra
     for _ in range(30 * seeds):
         if len(placed) == seeds:
             break
-        angle, distance = float(rng.uniform(0.0, 2.0 * math.pi)), 0.72 * math.sqrt(float(rng.random()))
+        angle, distance = rng.uniform(0.0, 2.0 * math.pi), 0.72 * math.sqrt(rng.random())
         x, y = 1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle)
         if any(math.hypot(x - px, y - py) < 0.165 for px, py in placed):
             continue
         placed.append((x, y))
-        turn = float(rng.uniform(0.0, math.pi))
+        turn = rng.uniform(0.0, math.pi)
         canvas.ellipse((x + 0.010, y - 0.014), (0.062, 0.040), shaded(crust, 0.60), turn)
         canvas.ellipse((x, y), (0.058, 0.036), (0.97, 0.91, 0.72), turn)
-    return canvas.pixels()
+    return canvas

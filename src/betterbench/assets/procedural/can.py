@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, prism, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import lathe, prism, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 # Radius of the standard 330 ml can [m].
 CAN_RADIUS = 0.033
@@ -26,22 +24,15 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
 
     The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminium
     and 0.33 l of drink).
-
-    Args:
-        rng: Source of height and print.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    height = float(rng.uniform(0.1125, 0.1175))
-    shoulder = float(rng.uniform(0.010, 0.013))
+    height = rng.uniform(0.1125, 0.1175)
+    shoulder = rng.uniform(0.010, 0.013)
     design = str(rng.choice(DESIGNS))
     profile = can_profile(height, shoulder)
     top = profile[-1][1]
     shade = jittered(PALETTE[colour], rng, amount=0.06)
     shell = lathe(profile, 24, wrap=True)
-    picture = draw_label(rng, profile, shade, design=design).pixels()
+    picture = draw_label(rng, profile, shade, design=design)
     angle = np.arange(10) * (2.0 * math.pi / 10)
 
     def lid_ellipse(a: float, b: float, x: float, thickness: float) -> list[np.ndarray]:
@@ -56,31 +47,22 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
         upright_cylinder(CAN_RADIUS, 0.0005, height - 0.006),
         upright_cylinder(0.027, height - 0.006, height),
     )
-    body = mass_properties(collision, 0.35)
     return Draft(
         shape="cylinder",
         description=f"A full {colour} soda can with a printed label and a pull tab.",
-        tags=("can", "soda", "drink", "beverage", "metal", colour),
-        body=body,
-        visual=(
-            part("shell", shell, shade, picture=picture, specular=0.7, shininess=0.6),
+        tags=("can", "soda", "drink", "beverage", "metal"),
+        mass_kg=0.35,
+        parts=(
+            part("shell", shell, picture, specular=0.7, shininess=0.6),
             part("mouth", mouth, (0.36, 0.37, 0.39), specular=0.3),
             part("tab", tab, (0.86, 0.87, 0.88), specular=0.8, shininess=0.7),
             part("hole", hole, (0.42, 0.43, 0.45), specular=0.3),
+            *collision,
         ),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y),
-                2 * CAN_RADIUS,
-                clearance_m=0.006,
-                symmetric_yaw=True,
-            ),
-        ),
+        grasps=(grip("body", height - 0.037, 2 * CAN_RADIUS, clearance=0.006, symmetric_yaw=True),),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (CAN_RADIUS, CAN_RADIUS, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.027, 0.027, 0.001)),
+            disc("base", CAN_RADIUS),
+            disc("top", 0.027, height),
         ),
         parameters={"radius_m": CAN_RADIUS, "height_m": height, "design": design},
     )
@@ -150,7 +132,7 @@ def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], sha
             canvas.paint(printed & (away < 1.0), accent)
             canvas.paint(printed & (away < 0.62), second)
     canvas.band(low + 0.002, low + 0.0045, accent)
-    canvas.shade(1.0 + 0.05 * np.cos(4.0 * math.pi * x / width + float(rng.uniform(0.0, 6.0))))
+    canvas.shade(1.0 + 0.05 * np.cos(4.0 * math.pi * x / width + rng.uniform(0.0, 6.0)))
     canvas.shade(np.where(y < bottom, 0.6, 1.0))
     canvas.shade(np.where((y > rim) & (y < lid), 0.80, 1.0))
     canvas.paint(y > lid, shaded(metal, 0.93))

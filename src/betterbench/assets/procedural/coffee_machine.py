@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, merge, prism, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, disc, part
+from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, merge, prism, sweep, tube_section
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.state import Region
 
 _TRAY = 0.0115  # height of the tray's surface
@@ -26,30 +27,23 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     above it is narrow and ends 9 to 11 mm behind the ring's centre, and the nozzle stands 19 mm behind it, over the
     back part of the mug's opening; its tip is 126 mm above the tray, so that a mug of 88 mm slides under it with 38
     mm to spare. A small filter machine weighs about 3.5 kg.
-
-    Args:
-        rng: Source of proportions and details.
-        colour: Colour word of the housing.
-
-    Returns:
-        The draft.
     """
-    width = float(rng.uniform(0.186, 0.204))
-    wall_depth = float(rng.uniform(0.088, 0.096))
+    width = rng.uniform(0.186, 0.204)
+    wall_depth = rng.uniform(0.088, 0.096)
     tank_depth = 0.030
-    reach = float(rng.uniform(0.078, 0.082))  # from the wall to the ring's centre
-    height = float(rng.uniform(0.266, 0.284))
-    tank_height = height + float(rng.uniform(0.010, 0.022))
+    reach = rng.uniform(0.078, 0.082)  # from the wall to the ring's centre
+    height = rng.uniform(0.266, 0.284)
+    tank_height = height + rng.uniform(0.010, 0.022)
     tray_depth = reach + 0.0490
-    tray_width = float(rng.uniform(0.120, 0.150))
+    tray_width = rng.uniform(0.120, 0.150)
     front = 0.5 * (wall_depth + tray_depth)
     wall = front - tray_depth
     back = -front
     ring_x = wall + reach
-    head_end = ring_x - float(rng.uniform(0.009, 0.011))
-    head_half = float(rng.uniform(0.025, 0.0295))
+    head_end = ring_x - rng.uniform(0.009, 0.011)
+    head_half = rng.uniform(0.025, 0.0295)
     underside = _TRAY + 0.138
-    head_top = underside + float(rng.uniform(0.046, 0.058))
+    head_top = underside + rng.uniform(0.046, 0.058)
     nozzle_x, nozzle_tip = ring_x - 0.019, _TRAY + 0.126
     face = str(rng.choice(["gauge", "display"]))
     corner = float(rng.choice([0.010, 0.022]))
@@ -84,22 +78,21 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     visual = [
         part("housing", merge([housing, head]), shade, specular=0.45, shininess=0.5),
         part("tray", merge([tray, foot]), dark, specular=0.2),
-        part("tank", mapped(tank, _RIGHT, _UP), (1, 1, 1), picture=_tank_picture(), specular=0.6, shininess=0.7),
+        part("tank", mapped(tank, _RIGHT, _UP), _tank_picture(), specular=0.6, shininess=0.7),
         part(
             "panel",
             mapped(panel, _RIGHT, _UP),
-            (1, 1, 1),
-            picture=_panel_picture(rng, shade, dark, face=face, split=head_top / height),
+            _panel_picture(rng, shade, dark, face=face, split=head_top / height),
             specular=0.4,
         ),
-        part("grille", mapped(grille, _RIGHT, (-1.0, 0.0, 0.0)), (1, 1, 1), picture=_grille_picture(), specular=0.4),
+        part("grille", mapped(grille, _RIGHT, (-1.0, 0.0, 0.0)), _grille_picture(), specular=0.4),
         part("ring", _flat_ring(_RING_RADIUS - 0.0065, _RING_RADIUS, _TRAY + 0.0014).moved(x=ring_x), ring_colour),
         part("nozzle", _nozzle(nozzle_x, nozzle_tip, underside), _CHROME, specular=0.9, shininess=0.8),
     ]
     knob_z = 0.5 * (head_top + height) + 0.004
     if face == "gauge":
         dial = _dial(0.0205).moved(wall + 0.001, 0.0, knob_z)
-        visual.append(part("dial", mapped(dial, _RIGHT, _UP), (1, 1, 1), picture=_dial_picture(rng), specular=0.5))
+        visual.append(part("dial", mapped(dial, _RIGHT, _UP), _dial_picture(rng), specular=0.5))
     else:
         wand_y = 0.36 * width
         wand = sweep(
@@ -124,13 +117,11 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A {colour} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
-        tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture", colour),
-        body=mass_properties(collision, 3.5),
-        visual=tuple(visual),
-        collision=collision,
-        grasps=(),
+        tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture"),
+        mass_kg=3.5,
+        parts=(*visual, *collision),
         regions=(
-            Region("ring", (ring_x, 0.0, _TRAY), (_RING_RADIUS, _RING_RADIUS, 0.001)),
+            disc("ring", _RING_RADIUS, _TRAY, x=ring_x),
             Region(
                 "spout",
                 (0.5 * (wall + head_end), 0.0, 0.5 * (nozzle_tip + head_top)),
@@ -196,7 +187,7 @@ def _dial(radius: float) -> Mesh:
     return mesh.rotated("y", math.pi / 2)
 
 
-def _dial_picture(rng: np.random.Generator) -> np.ndarray:
+def _dial_picture(rng: np.random.Generator) -> Canvas:
     """Draw a pressure gauge."""
     canvas = Canvas(2.0, 2.0, (64, 64), _CHROME)
     x, y = canvas.x - 1.0, canvas.y - 1.0
@@ -205,13 +196,13 @@ def _dial_picture(rng: np.random.Generator) -> np.ndarray:
     ticks = (r > 0.62) & (r < 0.80) & (np.abs(((angle / (math.pi / 6)) + 0.5) % 1.0 - 0.5) < 0.10) & (y > -0.55)
     canvas.paint(ticks, (0.1, 0.1, 0.1))
     canvas.paint((r > 0.66) & (r < 0.80) & (angle > 0.0) & (angle < 0.9), (0.80, 0.12, 0.08))
-    turn = float(rng.uniform(0.8, 2.4))
+    turn = rng.uniform(0.8, 2.4)
     canvas.line([(1.0, 1.0), (1.0 + 0.62 * math.cos(turn), 1.0 + 0.62 * math.sin(turn))], 0.12, (0.75, 0.08, 0.06))
     canvas.paint(r < 0.13, (0.1, 0.1, 0.1))
-    return canvas.pixels()
+    return canvas
 
 
-def _panel_picture(rng: np.random.Generator, shade: Colour, dark: Colour, *, face: str, split: float) -> np.ndarray:
+def _panel_picture(rng: np.random.Generator, shade: Colour, dark: Colour, *, face: str, split: float) -> Canvas:
     """Draw the front: controls above the head, a steel splash plate below it.
 
     Args:
@@ -237,22 +228,22 @@ def _panel_picture(rng: np.random.Generator, shade: Colour, dark: Colour, *, fac
         canvas.ellipse((u, middle), (0.066, 0.066), light)
     edge = (canvas.x < 0.03) | (canvas.x > 1.57) | (canvas.y < 0.03) | (canvas.y > 2.27)
     canvas.paint(edge, shaded(dark, 0.7))
-    return canvas.pixels()
+    return canvas
 
 
-def _tank_picture() -> np.ndarray:
+def _tank_picture() -> Canvas:
     """Draw a smoky tank with water in it."""
     canvas = Canvas(1.0, 1.0, (32, 64), (0.66, 0.75, 0.80))
     canvas.band(0.0, 0.80, (0.38, 0.58, 0.72))
     canvas.band(0.79, 0.81, (0.80, 0.90, 0.95))
     canvas.band(0.955, 1.0, (0.25, 0.27, 0.30))
-    return canvas.pixels()
+    return canvas
 
 
-def _grille_picture() -> np.ndarray:
+def _grille_picture() -> Canvas:
     """Draw the slots of the drip tray."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.62, 0.63, 0.65))
     slot = (np.abs((canvas.x * 13.0) % 1.0 - 0.5) < 0.24) & (np.abs(canvas.y - 0.5) < 0.45)
     canvas.paint(slot, (0.14, 0.14, 0.15))
     canvas.paint(np.abs(canvas.y - 0.5) < 0.02, (0.62, 0.63, 0.65))
-    return canvas.pixels()
+    return canvas

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, mapped
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, mapped
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 # Pictures of things that lie on a desk are drawn as their user at +x sees them: columns along +y, rows up along -x.
 _RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
@@ -24,21 +22,14 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
-
-    Args:
-        rng: Source of proportions and trim.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.102, 0.108))
-    width = float(rng.uniform(0.0605, 0.0630))
-    height = float(rng.uniform(0.0345, 0.0375))
-    hump = float(rng.uniform(0.006, 0.016))  # how far behind the middle the back is highest
-    waist = float(rng.uniform(0.00, 0.07))  # how much the sides are drawn in
+    length = rng.uniform(0.102, 0.108)
+    width = rng.uniform(0.0605, 0.0630)
+    height = rng.uniform(0.0345, 0.0375)
+    hump = rng.uniform(0.006, 0.016)  # how far behind the middle the back is highest
+    waist = rng.uniform(0.00, 0.07)  # how much the sides are drawn in
     trim = str(rng.choice(["plain", "grips", "spine", "two-tone"]))
-    extra_button = bool(rng.random() < 0.6)
+    extra_button = rng.random() < 0.6
     shade = jittered(shaded(PALETTE[colour], 1.06) if colour == "black" else PALETTE[colour], rng)
     accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
 
@@ -63,15 +54,15 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A {colour} cordless computer mouse with two buttons and a scroll wheel.",
-        tags=("mouse", "computer mouse", "cordless mouse", "desk", colour),
-        body=mass_properties(collision, 0.10),
-        visual=(
-            part("shell", top, shade, picture=picture, specular=0.35, shininess=0.45),
+        tags=("mouse", "computer mouse", "cordless mouse", "desk"),
+        mass_kg=0.10,
+        parts=(
+            part("shell", top, picture, specular=0.35, shininess=0.45),
             part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
+            *collision,
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
+        regions=(field_of("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "trim": trim},
     )
 
@@ -120,7 +111,7 @@ def _shell(
     wheel_x: float,
     trim: str,
     extra_button: bool,
-) -> np.ndarray:
+) -> Canvas:
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
@@ -148,7 +139,7 @@ def _shell(
     ink = (0.80, 0.81, 0.82) if sum(shade) < 1.6 else (0.35, 0.36, 0.38)
     canvas.ellipse(mark, (0.0062, 0.0040), ink)
     canvas.ellipse((mark[0], mark[1] + 0.0006), (0.0044, 0.0024), accent if trim == "two-tone" else shade)
-    return canvas.pixels()
+    return canvas
 
 
 @generator("soap_bar", colours=("grey", "white", "green"))
@@ -157,20 +148,13 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
 
     A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
     0.11 kg, a used bar, so that it is no heavier in the hand than the mouse it is taken for.
-
-    Args:
-        rng: Source of proportions and stamp.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.095, 0.101))
-    width = float(rng.uniform(0.0585, 0.0615))
-    height = float(rng.uniform(0.0325, 0.0355))
+    length = rng.uniform(0.095, 0.101)
+    width = rng.uniform(0.0585, 0.0615)
+    height = rng.uniform(0.0325, 0.0355)
     power = float(rng.choice([2.3, 2.8, 3.6]))
     stamp = str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
-    dish = float(rng.uniform(0.0012, 0.0022))  # depth of the hollow in which the stamp stands
+    dish = rng.uniform(0.0012, 0.0022)  # depth of the hollow in which the stamp stands
     shade = jittered({"grey": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[colour], rng)
     outline = _outline(0.5 * length, 0.5 * width, power, 0.0)
     levels = (
@@ -194,21 +178,16 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A {colour} bar of soap with a stamp on its top.",
-        tags=("soap", "bar of soap", "soap bar", "bathroom", colour),
-        body=mass_properties(collision, 0.11),
-        visual=(
+        tags=("soap", "bar of soap", "soap bar", "bathroom"),
+        mass_kg=0.11,
+        parts=(
             part(
-                "bar",
-                bar,
-                shade,
-                picture=_stamped(rng, shade, stamp=stamp, length=length, width=width),
-                specular=0.25,
-                shininess=0.2,
+                "bar", bar, _stamped(rng, shade, stamp=stamp, length=length, width=width), specular=0.25, shininess=0.2
             ),
+            *collision,
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
+        regions=(field_of("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "stamp": stamp},
     )
 
@@ -240,7 +219,7 @@ _LETTERS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
 }
 
 
-def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: float, width: float) -> np.ndarray:
+def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: float, width: float) -> Canvas:
     """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)
@@ -271,4 +250,4 @@ def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: flo
                     for u, v in stroke
                 ]
                 canvas.line(points, 0.0023, ink)
-    return canvas.pixels()
+    return canvas

@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, creased
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, centred, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring.body import upright_cylinder
+from betterbench.assets.authoring.draft import Draft, centred, disc, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
@@ -23,23 +22,16 @@ def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
     """Make a paper napkin crumpled to a ball.
 
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
-
-    Args:
-        rng: Source of the folds.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    across = float(rng.uniform(0.059, 0.064))
-    high = float(rng.uniform(0.050, 0.056))
-    printed = bool(rng.random() < 0.45)
+    across = rng.uniform(0.059, 0.064)
+    high = rng.uniform(0.050, 0.056)
+    printed = rng.random() < 0.45
     ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
-    roughness = float(rng.uniform(0.11, 0.16))
+    roughness = rng.uniform(0.11, 0.16)
     paper = jittered((0.93, 0.93, 0.92) if colour == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
 
     ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
-    shift = centred([ball])
+    shift = centred(ball)
     ball = ball.moved(*shift)
     radius = 0.5 * across - 0.0015
     top = float(ball.vertices[:, 2].max())
@@ -51,29 +43,14 @@ def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A crumpled {colour} paper napkin.",
-        tags=("napkin", "paper", "crumpled paper", "paper ball", "trash", colour),
-        body=mass_properties(collision, 0.015),
-        visual=(
-            part(
-                "paper",
-                ball,
-                paper,
-                picture=_paper(rng, paper, ink=ink if printed else None),
-                specular=0.02,
-                shininess=0.05,
-            ),
+        tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
+        mass_kg=0.015,
+        parts=(
+            part("paper", ball, _paper(rng, paper, ink=ink if printed else None), specular=0.02, shininess=0.05),
+            *collision,
         ),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.028), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.006,
-                symmetric_yaw=True,
-            ),
-        ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * across, 0.5 * across, 0.001)),),
+        grasps=(grip("body", 0.028, 2.0 * radius, clearance=0.006, symmetric_yaw=True),),
+        regions=(disc("base", 0.5 * across),),
         parameters={"across_m": across, "height_m": top, "roughness": roughness},
     )
 
@@ -129,7 +106,7 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     for _ in range(7):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)
-        away = np.abs(directions @ axis - float(rng.uniform(-0.5, 0.5)))
+        away = np.abs(directions @ axis - rng.uniform(-0.5, 0.5))
         share = share * (1.0 - roughness * np.clip(1.0 - away / 0.17, 0.0, 1.0))
     share = share * (1.0 + 0.55 * roughness * rng.uniform(-1.0, 1.0, n))
     spread = directions + 0.05 * rng.standard_normal((n, 3))
@@ -144,7 +121,7 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
 
 
-def _paper(rng: np.random.Generator, paper: Colour, *, ink: Colour | None) -> np.ndarray:
+def _paper(rng: np.random.Generator, paper: Colour, *, ink: Colour | None) -> Canvas:
     """Draw paper whose row is the depth of the fold: grey at the bottom of a crease, bright on a ridge."""
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
@@ -153,4 +130,4 @@ def _paper(rng: np.random.Generator, paper: Colour, *, ink: Colour | None) -> np
             canvas.paint(np.abs(canvas.x - at) < 0.022, mixed(paper, ink, 0.75))
     canvas.shade(0.66 + 0.34 * np.clip(canvas.y / 0.7, 0.0, 1.0))
     canvas.paint(canvas.y > 0.93, shaded(paper, 1.3), strength=0.5)
-    return canvas.pixels()
+    return canvas

@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, centred, disc, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased, loft, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered
+from betterbench.assets.authoring.registry import generator
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_profile, draw_label
-from betterbench.assets.procedural.mesh import Mesh, creased, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered
-from betterbench.assets.procedural.registry import Draft, centred, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
 
 _SIDES = 18
 _HEIGHT, _SHOULDER = 0.115, 0.0115  # of the can before it was crushed [m]
@@ -24,24 +22,17 @@ def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
     """Make an empty can that was stamped down along its axis: folded, skewed, half as high, a little wider.
 
     The empty can is 13 to 14 g of aluminium. It is given 20 g, for a rest of drink in it.
-
-    Args:
-        rng: Source of the folds and the print.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    height = float(rng.uniform(0.050, 0.058))
+    height = rng.uniform(0.050, 0.058)
     folds = int(rng.choice([3, 3, 4]))
     lobes = int(rng.choice([4, 5]))
-    skew = float(rng.uniform(0.0025, 0.0045))  # how far the top is pushed aside
-    tilt = math.radians(float(rng.uniform(6.0, 13.0)))  # of the top
+    skew = rng.uniform(0.0025, 0.0045)  # how far the top is pushed aside
+    tilt = math.radians(rng.uniform(6.0, 13.0))  # of the top
     design = str(rng.choice(DESIGNS))
     shade = jittered(PALETTE[colour], rng, amount=0.06)
 
     mesh = _folded(rng, height, folds=folds, lobes=lobes, skew=skew, tilt=tilt)
-    mesh = mesh.moved(*centred([mesh]))
+    mesh = mesh.moved(*centred(mesh))
     canvas = draw_label(rng, can_profile(_HEIGHT, _SHOULDER), shade, design=design)
     _scratch(rng, canvas, folds=folds)
     across = float(min(np.ptp(mesh.vertices[:, 0]), np.ptp(mesh.vertices[:, 1])))
@@ -55,20 +46,11 @@ def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A crushed, empty {colour} soda can.",
-        tags=("crushed can", "can", "empty can", "metal", "trash", colour),
-        body=mass_properties(collision, 0.020),
-        visual=(part("shell", mesh, shade, picture=canvas.pixels(), specular=0.7, shininess=0.6),),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.028), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.004,
-                symmetric_yaw=True,
-            ),
-        ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),),
+        tags=("crushed can", "can", "empty can", "metal", "trash"),
+        mass_kg=0.020,
+        parts=(part("shell", mesh, canvas, specular=0.7, shininess=0.6), *collision),
+        grasps=(grip("body", 0.028, 2.0 * radius, clearance=0.004, symmetric_yaw=True),),
+        regions=(disc("base", radius),),
         parameters={"height_m": top, "folds": float(folds), "lobes": float(lobes), "design": design},
     )
 
@@ -83,7 +65,7 @@ def _folded(rng: np.random.Generator, height: float, *, folds: int, lobes: int, 
     steps = 2 * folds
     for k in range(1, steps):
         inward = k % 2 == 1
-        r = CAN_RADIUS + (-0.0055 if inward else 0.0012) + float(rng.uniform(-0.0006, 0.0006))
+        r = CAN_RADIUS + (-0.0055 if inward else 0.0012) + rng.uniform(-0.0006, 0.0006)
         share = k / steps
         rings.append((r, 0.13 + 0.69 * share, 1.0, float(rows[2] + share * (rows[3] - rows[2]))))
     rings += [
@@ -94,8 +76,8 @@ def _folded(rng: np.random.Generator, height: float, *, folds: int, lobes: int, 
         (0.0250, 0.945, 0.08, float(rows[7])),
     ]
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
-    heading = float(rng.uniform(0.0, 2.0 * math.pi))
-    phase = float(rng.uniform(0.0, 2.0 * math.pi))
+    heading = rng.uniform(0.0, 2.0 * math.pi)
+    phase = rng.uniform(0.0, 2.0 * math.pi)
     points = []
     for index, (r, share, wrinkle, _) in enumerate(rings):
         # Buckled cylinders fold into diamonds: each fold is turned by half a lobe against the one below.
@@ -128,7 +110,7 @@ def _scratch(rng: np.random.Generator, canvas: Canvas, *, folds: int) -> None:
     """Rub the print off along the folds, where bare metal shows, and darken the valleys between them."""
     length = profile_length(can_profile(_HEIGHT, _SHOULDER))
     low, high = float(length[2]), float(length[3])
-    wave = 0.0012 * np.sin(900.0 * canvas.x + float(rng.uniform(0.0, 6.0)))
+    wave = 0.0012 * np.sin(900.0 * canvas.x + rng.uniform(0.0, 6.0))
     for k in range(1, 2 * folds):
         away = np.abs(canvas.y + wave - low - (high - low) * k / (2 * folds))
         if k % 2 == 1:

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, solid_box, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length, sweep
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose, from_yaw
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring.body import foot, solid_box, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length, sweep
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
+from betterbench.geometry import from_yaw
 from betterbench.state import Region
 
 _WALL = 0.0028
@@ -24,22 +25,15 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     """Make a tea cup that narrows to its foot; its small handle points along +x.
 
     A porcelain cup of 0.15 l is 62 to 70 mm wide, 60 to 65 mm high and weighs 0.14 to 0.18 kg.
-
-    Args:
-        rng: Source of proportions and decoration.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.034 * float(rng.uniform(0.985, 1.0))
-    base = float(rng.uniform(0.0225, 0.0250))
-    height = float(rng.uniform(0.0600, 0.0635))
-    belly = float(rng.uniform(0.955, 0.985))  # width at a third of the height as a share of the rim
-    loop = float(rng.uniform(0.0165, 0.0195))  # how far the handle stands out
-    thickness = float(rng.uniform(0.0075, 0.0090))
+    radius = 0.034 * rng.uniform(0.985, 1.0)
+    base = rng.uniform(0.0225, 0.0250)
+    height = rng.uniform(0.0600, 0.0635)
+    belly = rng.uniform(0.955, 0.985)  # width at a third of the height as a share of the rim
+    loop = rng.uniform(0.0165, 0.0195)  # how far the handle stands out
+    thickness = rng.uniform(0.0075, 0.0090)
     decoration = str(rng.choice(["plain", "band", "rim", "dots"]))
-    pale = bool(rng.random() < 0.6)
+    pale = rng.random() < 0.6
     axis = -0.5 * loop
     shade = jittered(PALETTE[colour], rng)
     inner = radius - _WALL
@@ -90,19 +84,18 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A {colour} breakfast cup with a small handle.",
-        tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware", colour),
-        body=mass_properties(collision, 0.16, densities=densities),
-        visual=(
-            part("shell", shell.moved(x=axis), shade, picture=picture, specular=0.5, shininess=0.6),
+        tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
+        mass_kg=0.16,
+        densities=densities,
+        parts=(
+            part("shell", shell.moved(x=axis), picture, specular=0.5, shininess=0.6),
             part("handle", handle.moved(x=axis), shaded(shade, 0.96), specular=0.5, shininess=0.6),
+            *collision,
         ),
-        collision=collision,
-        grasps=(
-            Grasp("body", Pose((axis, 0.0, _CUP_GRIP_HEIGHT), JAW_OPENS_ALONG_Y), 2.0 * apothem, clearance_m=0.006),
-        ),
+        grasps=(grip("body", _CUP_GRIP_HEIGHT, 2.0 * apothem, x=axis, clearance=0.006),),
         regions=(
-            Region("base", (axis, 0.0, 0.0), (base, base, 0.001)),
-            Region("opening", (axis, 0.0, height), (inner, inner, 0.001)),
+            disc("base", base, x=axis),
+            disc("opening", inner, height, x=axis),
             Region(
                 "handle",
                 (axis + radius + 0.5 * loop, 0.0, 0.5 * height),
@@ -130,7 +123,7 @@ def _loop(radius: float, loop: float, height: float, *, thickness: float) -> Mes
     return sweep(path, section, crease_degrees=55.0)
 
 
-def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration: str, pale: bool) -> np.ndarray:
+def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration: str, pale: bool) -> Canvas:
     """Draw the cup from its foot over the rim to the floor inside."""
     length = profile_length(profile)
     wall, rim, inside, floor = (float(length[k]) for k in (3, 5, 7, 9))
@@ -155,7 +148,7 @@ def _cup_glaze(profile: list[tuple[float, float]], shade: Colour, *, decoration:
     canvas.shade(np.where(y > inside, 0.86 - 0.36 * down, 1.0))
     canvas.shade(np.where(y < length[2], 0.80, 1.0) * np.where(x >= 0.0, 1.0, 1.0))
     canvas.paint((y > rim) & (y < inside), shaded(shade, 1.25), strength=0.6)
-    return canvas.pixels()
+    return canvas
 
 
 @generator("tumbler", colours=_COLOURS)
@@ -164,17 +157,10 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
 
     A tumbler of 0.25 l in acrylic is about 65 mm wide and 85 mm high and weighs 0.1 to 0.2 kg. Its collision shape is
     filled: nothing is put into it, and a jaw can then take it at any yaw with the same width.
-
-    Args:
-        rng: Source of proportions and pattern.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.033 * float(rng.uniform(0.985, 1.0))
-    base = radius * float(rng.uniform(0.91, 0.96))
-    height = float(rng.uniform(0.082, 0.088))
+    radius = 0.033 * rng.uniform(0.985, 1.0)
+    base = radius * rng.uniform(0.91, 0.96)
+    height = rng.uniform(0.082, 0.088)
     pattern = str(rng.choice(["facets", "ribs", "rings"]))
     shade = jittered(mixed(PALETTE[colour], (0.85, 0.90, 0.95), 0.12), rng)
     wall = 0.0026
@@ -216,22 +202,13 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A {colour} tumbler with {pattern}.",
-        tags=("tumbler", "glass", "beaker", "drinkware", "tableware", colour),
-        body=mass_properties(collision, 0.15),
-        visual=(part("shell", shell, shade, picture=canvas.pixels(), specular=0.7, shininess=0.7),),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.57 * height), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.006,
-                symmetric_yaw=True,
-            ),
-        ),
+        tags=("tumbler", "glass", "beaker", "drinkware", "tableware"),
+        mass_kg=0.15,
+        parts=(part("shell", shell, canvas, specular=0.7, shininess=0.7), *collision),
+        grasps=(grip("body", 0.57 * height, 2.0 * radius, clearance=0.006, symmetric_yaw=True),),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (base, base, 0.001)),
-            Region("opening", (0.0, 0.0, height), (edge - wall, edge - wall, 0.001)),
+            disc("base", base),
+            disc("opening", edge - wall, height),
         ),
         parameters={"radius_m": radius, "height_m": height, "pattern": pattern},
     )

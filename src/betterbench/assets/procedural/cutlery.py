@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, loft, merge, prism
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
+from betterbench.assets.asset import CollisionPart, VisualPart
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.state import Region
 
 _HALF = 0.080  # half the length of a piece [m]
@@ -35,18 +35,11 @@ def fork(rng: np.random.Generator, colour: str) -> Draft:
 
     A dessert fork is 0.16 m long and weighs 40 to 60 g with a moulded handle. The handle is thicker than that of plain
     steel cutlery: a jaw reaches 12 mm below its centre, so it cannot take anything lower than 10 mm from a table.
-
-    Args:
-        rng: Source of proportions and handle.
-        colour: Colour word; yellow is brass.
-
-    Returns:
-        The draft.
     """
-    half_width = float(rng.uniform(0.0150, 0.0170))
-    tines = float(rng.uniform(0.034, 0.040))
+    half_width = rng.uniform(0.0150, 0.0170)
+    tines = rng.uniform(0.034, 0.040)
     root = -_HALF + tines
-    tine = float(rng.uniform(0.0019, 0.0022))  # half the width of a tine
+    tine = rng.uniform(0.0019, 0.0022)  # half the width of a tine
     metal = jittered(_METAL[colour], rng, amount=0.04)
 
     pitch = 2.0 * (half_width - tine) / 3.0
@@ -93,17 +86,10 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
     """Make a table spoon that lies along x, its bowl at -x.
 
     A dessert spoon is 0.16 m long and weighs 40 to 60 g with a moulded handle; its handle is that of the fork.
-
-    Args:
-        rng: Source of proportions and handle.
-        colour: Colour word; yellow is brass.
-
-    Returns:
-        The draft.
     """
-    half_width = float(rng.uniform(0.0160, 0.0175))
-    half_length = float(rng.uniform(0.0250, 0.0280))
-    depth = float(rng.uniform(0.0085, 0.0105))
+    half_width = rng.uniform(0.0160, 0.0175)
+    half_length = rng.uniform(0.0250, 0.0280)
+    depth = rng.uniform(0.0085, 0.0105)
     metal = jittered(_METAL[colour], rng, amount=0.04)
     centre = -_HALF + half_length
     angle = 2.0 * math.pi * np.arange(18) / 18
@@ -139,7 +125,7 @@ def spoon(rng: np.random.Generator, colour: str) -> Draft:
         ],
         chamfer=0.0012,
     )
-    head = part("bowl", bowl, metal, picture=canvas.pixels(), specular=0.8, shininess=0.8)
+    head = part("bowl", bowl, canvas, specular=0.8, shininess=0.8)
     return _draft(
         rng,
         "spoon",
@@ -183,9 +169,9 @@ def _draft(
     Returns:
         The draft.
     """
-    grip = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
-    rivets = bool(rng.random() < 0.6)
-    swell = float(rng.uniform(0.0, 0.0012))  # how much the handle narrows towards the head
+    plastic = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
+    rivets = rng.random() < 0.6
+    swell = rng.uniform(0.0, 0.0012)  # how much the handle narrows towards the head
     start = _HALF - _HANDLE
     w, t = 0.5 * _WIDTH, _THICKNESS
     handle = _rod(
@@ -209,7 +195,7 @@ def _draft(
     )
     parts = [
         *head,
-        part("handle", handle, grip, specular=0.35, shininess=0.4),
+        part("handle", handle, plastic, specular=0.35, shininess=0.4),
         part("collar", collar, shaded(metal, 0.92), specular=0.9, shininess=0.8),
     ]
     if rivets:
@@ -230,14 +216,13 @@ def _draft(
     return Draft(
         shape="irregular",
         description=f"A {colour} {name} with a moulded handle.",
-        tags=(name, "cutlery", "flatware", "tableware", colour),
-        # Steel through the whole length: the handle is mostly plastic around its tang.
-        body=mass_properties(collision[:3], _MASS_KG, densities=(1.0, 3.0, 2.5)),
-        visual=tuple(parts),
-        collision=tuple(collision),
-        grasps=(Grasp("handle", Pose((_HALF - 0.5 * _HANDLE, 0.0, _GRIP_HEIGHT), JAW_OPENS_ALONG_Y), _WIDTH),),
+        tags=(name, "cutlery", "flatware", "tableware"),
+        mass_kg=_MASS_KG,
+        densities=(1.0, 3.0, 2.5),
+        parts=(*parts, *collision),
+        grasps=(grip("handle", _GRIP_HEIGHT, _WIDTH, x=_HALF - 0.5 * _HANDLE),),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (_HALF, reach, 0.001)),
+            field_of("base", _HALF, reach),
             Region("handle", (_HALF - 0.5 * _HANDLE, 0.0, 0.5 * t), (0.5 * _HANDLE, w, 0.5 * t)),
         ),
         parameters={**parameters, "rivets": str(rivets)},

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, grip, part
+from betterbench.assets.authoring.mesh import Mesh, box, mapped, merge
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.state import Region
 
 _COLOURS = ("white", "brown", "grey")
@@ -98,13 +97,6 @@ def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
 
     Its volume of 1.9 l of particle board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and
     "lower" are the frames of the closed drawers.
-
-    Args:
-        rng: Source of the shade and the grain; the same numbers as for the drawers.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     style = _Style.draw(rng, colour)
     shelf = _BOARD + _OPENING
@@ -144,28 +136,25 @@ def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"A small {colour} desk cabinet with two openings for drawers.",
-        tags=("drawer cabinet", "cabinet", "desk organiser", "furniture", colour),
-        body=mass_properties(collision, 1.2),
-        visual=(
+        tags=("drawer cabinet", "cabinet", "desk organiser", "furniture"),
+        mass_kg=1.2,
+        parts=(
             part(
                 "top",
                 mapped(top, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
-                style.shade,
-                picture=style.surface(0.24, 0.22, (160, 144)).pixels(),
+                style.surface(0.24, 0.22, (160, 144)),
                 specular=0.15,
             ),
             part(
                 "sides",
                 mapped(merge(sides), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-                style.shade,
-                picture=style.surface(0.22, 0.15, (128, 96)).pixels(),
+                style.surface(0.22, 0.15, (128, 96)),
                 specular=0.15,
             ),
             part("boards", merge(boards), shaded(style.shade, 0.94), specular=0.1),
             part("lining", merge(linings), shaded(style.shade, 0.42), specular=0.0),
+            *collision,
         ),
-        collision=collision,
-        grasps=(),
         regions=(
             Region("upper", (origin_x, 0.0, shelf + _BOARD + _PLAY), half),
             Region("lower", (origin_x, 0.0, _BOARD + _PLAY), half),
@@ -176,29 +165,13 @@ def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
 
 @generator("upper_drawer", colours=_COLOURS, family="drawers")
 def upper_drawer(rng: np.random.Generator, colour: str) -> Draft:
-    """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y.
-
-    Args:
-        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
-        colour: Colour word.
-
-    Returns:
-        The draft.
-    """
+    """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y."""
     return _drawer(rng, colour, side=1.0, place="upper")
 
 
 @generator("lower_drawer", colours=_COLOURS, family="drawers")
 def lower_drawer(rng: np.random.Generator, colour: str) -> Draft:
-    """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y.
-
-    Args:
-        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
-        colour: Colour word.
-
-    Returns:
-        The draft.
-    """
+    """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y."""
     return _drawer(rng, colour, side=-1.0, place="lower")
 
 
@@ -248,7 +221,7 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
     ]
     floor = box((inside, 2 * half_y - 0.0004, _FLOOR), (0.5 * (back + panel), 0.0, 0.5 * _FLOOR))
     front = box((_PANEL, 2 * _PANEL_HALF_Y, _PANEL_HEIGHT), (_FRONT - 0.5 * _PANEL, 0.0, 0.5 * _PANEL_HEIGHT))
-    grip = box(_KNOB, (knob_x, knob_y, _KNOB_HEIGHT), bevel=0.0035, corner=0.0050, steps=2)
+    knob = box(_KNOB, (knob_x, knob_y, _KNOB_HEIGHT), bevel=0.0035, corner=0.0050, steps=2)
     stem = box((_KNOB_AWAY - kx + 0.001, *_STEM), (0.5 * (_FRONT + knob_x - kx), knob_y, _KNOB_HEIGHT), bevel=0.0015)
     rosette = box((0.0024, 0.026, 0.026), (_FRONT + 0.0008, knob_y, _KNOB_HEIGHT), bevel=0.003, corner=0.0)
     pale = mixed(style.shade, (0.86, 0.76, 0.58), 0.55)
@@ -256,16 +229,16 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
     return Draft(
         shape="box",
         description=f"The {place} drawer of a {colour} desk cabinet, open at the top, with a knob on its front.",
-        tags=("drawer", f"{place} drawer", "desk drawer", "container", colour),
-        body=mass_properties(collision, 0.5),
-        visual=(
-            part("front", _panel_mapped(front), style.shade, picture=_front(style), specular=0.2),
+        tags=("drawer", f"{place} drawer", "desk drawer", "container"),
+        mass_kg=0.5,
+        parts=(
+            part("front", _panel_mapped(front), _front(style), specular=0.2),
             part("walls", merge(walls), pale, specular=0.1),
             part("floor", floor, shaded(pale, 0.66), specular=0.05),
-            part("knob", merge([grip, stem, rosette]), style.metal, specular=0.7, shininess=0.7),
+            part("knob", merge([knob, stem, rosette]), style.metal, specular=0.7, shininess=0.7),
+            *collision,
         ),
-        collision=collision,
-        grasps=(Grasp("knob", Pose((knob_x, knob_y, _KNOB_HEIGHT), JAW_OPENS_ALONG_Y), _KNOB[1]),),
+        grasps=(grip("knob", _KNOB_HEIGHT, _KNOB[1], x=knob_x, y=knob_y),),
         regions=(
             Region(
                 "inside",
@@ -297,7 +270,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
     return Mesh(flat.vertices, flat.faces, uv)
 
 
-def _front(style: _Style) -> np.ndarray:
+def _front(style: _Style) -> Canvas:
     """Draw the front panel: its grain, how it is worked, and a fine dark edge that parts it from its neighbours."""
     width, height = 2.0 * _PANEL_HALF_Y, _PANEL_HEIGHT
     canvas = style.surface(width, height, (256, 88))
@@ -319,4 +292,4 @@ def _front(style: _Style) -> np.ndarray:
     canvas.paint(away < 0.84, (0.95, 0.94, 0.90))
     canvas.paint((np.abs(y - 0.62 * height) < 0.0012) & (np.abs(x - 0.5 * width) < 0.014), (0.35, 0.36, 0.40))
     canvas.paint(edge < 0.0012, dark, strength=0.75)
-    return canvas.pixels()
+    return canvas

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, profile_length, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import lathe, profile_length, sweep, tube_section
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 
 @generator("drink_cup", colours=("blue", "red", "green", "yellow", "white", "orange"))
@@ -22,18 +20,11 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
     Franka hand that holds the cup below the lid (45 mm above the tool centre point), the straw too; the straw cannot be
     touched.
-
-    Args:
-        rng: Source of proportions and print.
-        colour: Colour word of the print.
-
-    Returns:
-        The draft.
     """
-    lid_radius = float(rng.uniform(0.0322, 0.0330))
+    lid_radius = rng.uniform(0.0322, 0.0330)
     top_radius = lid_radius - 0.0022
-    base_radius = top_radius - float(rng.uniform(0.0045, 0.0070))
-    wall = float(rng.uniform(0.0940, 0.1000))
+    base_radius = top_radius - rng.uniform(0.0045, 0.0070)
+    wall = rng.uniform(0.0940, 0.1000)
     lid_top = wall + 0.0100
     design = str(rng.choice(["wave", "band", "dots", "stripes"]))
     shade = jittered(PALETTE[colour], rng)
@@ -73,8 +64,8 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
         tube_section(0.0029, 7),
         crease_degrees=70.0,
     )
-    grip = 0.0860
-    grip_radius = base_radius + (top_radius - base_radius) * grip / wall
+    grip_z = 0.0860
+    grip_radius = base_radius + (top_radius - base_radius) * grip_z / wall
     collision = (
         foot(0.66 * base_radius),
         upright_cylinder(0.5 * (base_radius + grip_radius) - 0.0004, 0.0005, 0.060),
@@ -85,37 +76,27 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A {colour} paper cup with a soft drink, a plastic lid and a straw.",
-        tags=("drink", "cup", "soda", "soft drink", "paper cup", colour),
-        body=mass_properties(collision, 0.27, densities=(1.0, 1.0, 1.0, 0.1, 0.1)),
-        visual=(
+        tags=("drink", "cup", "soda", "soft drink", "paper cup"),
+        mass_kg=0.27,
+        densities=(1.0, 1.0, 1.0, 0.1, 0.1),
+        parts=(
             part(
-                "cup",
-                lathe(cup_profile, 24, wrap=True),
-                shade,
-                picture=_print(rng, cup_profile, shade, design=design),
-                specular=0.2,
+                "cup", lathe(cup_profile, 24, wrap=True), _print(rng, cup_profile, shade, design=design), specular=0.2
             ),
-            part(
-                "lid",
-                lathe(lid_profile, 22),
-                (0.95, 0.96, 0.97),
-                picture=lid_canvas.pixels(),
-                specular=0.5,
-                shininess=0.5,
-            ),
+            part("lid", lathe(lid_profile, 22), lid_canvas, specular=0.5, shininess=0.5),
             part("straw", straw, (0.90, 0.18, 0.16) if colour != "red" else (0.95, 0.95, 0.95), specular=0.4),
+            *collision,
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), 2.0 * grip_radius, clearance_m=0.007),),
+        grasps=(grip("body", grip_z, 2.0 * grip_radius, clearance=0.007),),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (base_radius, base_radius, 0.001)),
-            Region("lid", (0.0, 0.0, lid_top), (lid_radius, lid_radius, 0.001)),
+            disc("base", base_radius),
+            disc("lid", lid_radius, lid_top),
         ),
         parameters={"lid_radius_m": lid_radius, "base_radius_m": base_radius, "wall_m": wall, "design": design},
     )
 
 
-def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> np.ndarray:
+def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour, *, design: str) -> Canvas:
     """Draw the paper wall."""
     length = profile_length(profile)
     low, high = float(length[2]), float(length[3])
@@ -146,4 +127,4 @@ def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: 
     canvas.shade(0.90 + 0.10 * np.clip((y - low) / (0.3 * span), 0.0, 1.0))
     canvas.grain(rng, cells=(8, 8), amount=0.012)
     canvas.paint(y < length[1], shaded(paper, 0.7))
-    return canvas.pixels()
+    return canvas

@@ -7,12 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, prism, profile_length, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, disc, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, prism, profile_length, sweep, tube_section
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 _APPLE_RADIUS = 0.035
 _APPLE_SKIN: dict[str, Colour] = {"red": (0.70, 0.055, 0.06), "green": (0.42, 0.62, 0.11), "yellow": (0.92, 0.72, 0.16)}
@@ -31,22 +30,15 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
 
     A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; small ones are used because the jaw opens to
     80 mm.
-
-    Args:
-        rng: Source of proportions and skin.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = _APPLE_RADIUS * float(rng.uniform(0.985, 1.0))
-    height = float(rng.uniform(0.0620, 0.0665))
-    waist = float(rng.uniform(0.86, 0.97))  # slender apples narrow towards the calyx
-    lobes = float(rng.uniform(0.015, 0.045))
-    stalk = float(rng.uniform(0.011, 0.015))
-    lean = float(rng.uniform(-0.004, 0.004))
-    leafy = bool(rng.random() < 0.4)
-    blush = float(rng.uniform(0.15, 0.9))
+    radius = _APPLE_RADIUS * rng.uniform(0.985, 1.0)
+    height = rng.uniform(0.0620, 0.0665)
+    waist = rng.uniform(0.86, 0.97)  # slender apples narrow towards the calyx
+    lobes = rng.uniform(0.015, 0.045)
+    stalk = rng.uniform(0.011, 0.015)
+    lean = rng.uniform(-0.004, 0.004)
+    leafy = rng.random() < 0.4
+    blush = rng.uniform(0.15, 0.9)
     profile = [
         (share * radius * (waist if level < 0.35 else 1.0), level * height)
         for share, level in (
@@ -76,11 +68,11 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     path = [(0.0, 0.0, root), (0.25 * lean, 0.0, root + 0.5 * stalk), (lean, 0.0, root + stalk)]
     bark = jittered((0.33, 0.20, 0.09), rng)
     parts = [
-        part("skin", body, skin, picture=picture, specular=0.55, shininess=0.6),
+        part("skin", body, picture, specular=0.55, shininess=0.6),
         part("stalk", sweep(path, tube_section(0.0017, 5), crease_degrees=80.0), bark, specular=0.1),
     ]
     if leafy:
-        turn = float(rng.uniform(-0.9, 0.9))
+        turn = rng.uniform(-0.9, 0.9)
         leaf = _leaf(0.024, 0.012).rotated("y", -0.20).rotated("z", turn).moved(z=root + 0.55 * stalk)
         parts.append(part("leaf", leaf, jittered((0.22, 0.45, 0.10), rng), specular=0.3))
 
@@ -88,12 +80,11 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A {colour} apple.",
-        tags=("apple", "fruit", "food", colour),
-        body=mass_properties(collision, 0.17),
-        visual=tuple(parts),
-        collision=collision,
+        tags=("apple", "fruit", "food"),
+        mass_kg=0.17,
+        parts=(*parts, *collision),
         grasps=(_across(0.5 * height + 0.0005, radius),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.4 * radius, 0.4 * radius, 0.001)),),
+        regions=(disc("base", 0.4 * radius),),
         parameters={"radius_m": radius, "height_m": height, "leaf": str(leafy)},
     )
 
@@ -112,13 +103,7 @@ def _round_collision(radius: float, height: float, *, foot_half: float) -> tuple
 
 def _across(height: float, radius: float) -> Grasp:
     """Return the grasp across the diameter at the widest height."""
-    return Grasp(
-        "body",
-        Pose((0.0, 0.0, height), JAW_OPENS_ALONG_Y),
-        2.0 * radius,
-        clearance_m=min(0.012, 0.0395 - radius),
-        symmetric_yaw=True,
-    )
+    return grip("body", height, 2.0 * radius, clearance=min(0.012, 0.0395 - radius), symmetric_yaw=True)
 
 
 def _leaf(length: float, width: float) -> Mesh:
@@ -136,7 +121,7 @@ def _apple_skin(
     *,
     colour: str,
     blush: float,
-) -> np.ndarray:
+) -> Canvas:
     """Draw the skin from the calyx to the stalk: streaks, a sunny side, pale pores, russet around the stalk."""
     length = profile_length(profile)
     width, whole = math.pi * _APPLE_RADIUS, float(length[-1])
@@ -153,7 +138,7 @@ def _apple_skin(
         # Streaks from pole to pole where the paler ground shows through, more on the side away from the sun.
         shadow = np.clip(1.3 * np.abs(x / width - 0.62) - 0.12, 0.0, 1.0) * blush
         for _ in range(46):
-            at, thick = float(rng.uniform(0.0, width)), float(rng.uniform(0.0004, 0.0012))
+            at, thick = rng.uniform(0.0, width), rng.uniform(0.0004, 0.0012)
             low, high = sorted(rng.uniform(0.18 * whole, 0.80 * whole, 2).tolist())
             streak = (np.abs(x - at) < thick) & (y > low) & (y < high)
             canvas.paint(streak * np.clip(0.15 + shadow, 0.0, 0.6), (0.86, 0.50, 0.18))
@@ -168,27 +153,20 @@ def _apple_skin(
     canvas.paint(np.clip((y - length[9]) / 0.012, 0.0, 1.0), (0.30, 0.20, 0.08), strength=0.75)
     canvas.paint(np.clip(1.0 - y / float(length[2]), 0.0, 1.0), (0.25, 0.17, 0.08), strength=0.8)
     canvas.shade(0.84 + 0.16 * np.clip(y / (0.45 * whole), 0.0, 1.0))
-    return canvas.pixels()
+    return canvas
 
 
 @generator("orange", colours=("orange",))
-def orange(rng: np.random.Generator, colour: str) -> Draft:
+def orange(rng: np.random.Generator, _colour: str) -> Draft:
     """Make an orange with a dimpled peel and the green scar of its stalk.
 
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
-
-    Args:
-        rng: Source of proportions and peel.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.035 * float(rng.uniform(0.985, 1.0))
-    height = 2.0 * radius * float(rng.uniform(0.93, 0.985))
-    neck = float(rng.uniform(0.0, 0.0016))  # how far the peel rises around the stalk
+    radius = 0.035 * rng.uniform(0.985, 1.0)
+    height = 2.0 * radius * rng.uniform(0.93, 0.985)
+    neck = rng.uniform(0.0, 0.0016)  # how far the peel rises around the stalk
     peel = jittered(mixed(PALETTE["orange"], (0.95, 0.52, 0.03), 0.7), rng)
-    leafy = bool(rng.random() < 0.3)
+    leafy = rng.random() < 0.3
     angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 12)
     profile = [
         (radius * max(math.cos(a), 0.0), 0.5 * height * (1.0 + math.sin(a)) + (neck if k == 10 else 0.0))
@@ -211,47 +189,38 @@ def orange(rng: np.random.Generator, colour: str) -> Draft:
         part(
             "peel",
             lathe(profile, 20, crease_degrees=80.0, wrap=True, phase=math.pi / 2),
-            peel,
-            picture=canvas.pixels(),
+            canvas,
             specular=0.45,
             shininess=0.45,
         )
     ]
     if leafy:
-        turn = float(rng.uniform(-0.9, 0.9))
+        turn = rng.uniform(-0.9, 0.9)
         leaf = _leaf(0.026, 0.013).rotated("y", 0.05).rotated("z", turn).moved(z=height - 0.0005)
         parts.append(part("leaf", leaf, jittered((0.16, 0.38, 0.10), rng), specular=0.4))
     collision = _round_collision(radius, height, foot_half=0.011)
     return Draft(
         shape="round",
         description="An orange.",
-        tags=("orange", "fruit", "citrus", "food", colour),
-        body=mass_properties(collision, 0.18),
-        visual=tuple(parts),
-        collision=collision,
+        tags=("orange", "fruit", "citrus", "food"),
+        mass_kg=0.18,
+        parts=(*parts, *collision),
         grasps=(_across(0.5 * height, radius),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.4 * radius, 0.4 * radius, 0.001)),),
+        regions=(disc("base", 0.4 * radius),),
         parameters={"radius_m": radius, "height_m": height, "leaf": str(leafy)},
     )
 
 
 @generator("lemon", colours=("yellow",))
-def lemon(rng: np.random.Generator, colour: str) -> Draft:
+def lemon(rng: np.random.Generator, _colour: str) -> Draft:
     """Make a lemon that lies on its side along x, its nipple at +x.
 
     A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.
-
-    Args:
-        rng: Source of proportions and peel.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.029 * float(rng.uniform(0.965, 1.0))
-    half = 0.040 * float(rng.uniform(0.97, 1.03))
-    nipple = float(rng.uniform(0.0065, 0.0095))
-    full = float(rng.uniform(0.0, 0.06))  # how far the ends are filled out
+    radius = 0.029 * rng.uniform(0.965, 1.0)
+    half = 0.040 * rng.uniform(0.97, 1.03)
+    nipple = rng.uniform(0.0065, 0.0095)
+    full = rng.uniform(0.0, 0.06)  # how far the ends are filled out
     peel = jittered((0.95, 0.80, 0.10), rng, amount=0.06)
     profile = [
         (share * radius, z)
@@ -295,11 +264,11 @@ def lemon(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description="A lemon lying on its side.",
-        tags=("lemon", "fruit", "citrus", "food", colour),
-        body=mass_properties(collision[:2], 0.10),
-        visual=(part("peel", mesh, peel, picture=canvas.pixels(), specular=0.45, shininess=0.45),),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, radius), JAW_OPENS_ALONG_Y), 2.0 * radius, clearance_m=0.010),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.013, 0.008, 0.001)),),
+        tags=("lemon", "fruit", "citrus", "food"),
+        mass_kg=0.10,
+        densities=(1.0, 1.0),
+        parts=(part("peel", mesh, canvas, specular=0.45, shininess=0.45), *collision),
+        grasps=(grip("body", radius, 2.0 * radius, clearance=0.010),),
+        regions=(field_of("base", 0.013, 0.008),),
         parameters={"radius_m": radius, "length_m": 2.0 * half, "nipple_m": nipple},
     )

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.mesh import Mesh, box, mapped, merge, prism, rectangle
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import from_axis_angle
-from betterbench.state import Region
 
 # Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
@@ -30,20 +30,13 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
     A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
-
-    Args:
-        rng: Source of proportions, key shades and trim.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    half_y = 0.5 * float(rng.uniform(0.274, 0.284))
-    half_x = 0.5 * float(rng.uniform(0.107, 0.114))
-    near, far = float(rng.uniform(0.0095, 0.0125)), float(rng.uniform(0.0165, 0.0190))
-    corner = float(rng.uniform(0.004, 0.010))
-    key_height = float(rng.uniform(0.0026, 0.0036))
-    bezel = float(rng.uniform(0.005, 0.008))
+    half_y = 0.5 * rng.uniform(0.274, 0.284)
+    half_x = 0.5 * rng.uniform(0.107, 0.114)
+    near, far = rng.uniform(0.0095, 0.0125), rng.uniform(0.0165, 0.0190)
+    corner = rng.uniform(0.004, 0.010)
+    key_height = rng.uniform(0.0026, 0.0036)
+    bezel = rng.uniform(0.005, 0.008)
     lip = float(rng.choice([0.0, 0.0, 0.009]))  # a wider edge at the far side
     keys_style = str(rng.choice(["same", "two-tone", "contrast"]))
     accent = (None, PALETTE["orange"], PALETTE["red"], PALETTE["green"])[int(rng.integers(4))]
@@ -85,7 +78,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     )
     visual = [
         part("case", body, case, specular=0.25),
-        part("keys", caps, keys, picture=picture, specular=0.15),
+        part("keys", caps, picture, specular=0.15),
     ]
     if lip > 0.0:
         dots = [
@@ -109,12 +102,10 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"A compact {colour} computer keyboard with six rows of keys.",
-        tags=("keyboard", "computer keyboard", "desk", "typing", colour),
-        body=mass_properties(collision, 0.50),
-        visual=tuple(visual),
-        collision=collision,
-        grasps=(),
-        regions=(Region("base", (0.0, 0.0, 0.0), (half_x, half_y, 0.001)),),
+        tags=("keyboard", "computer keyboard", "desk", "typing"),
+        mass_kg=0.50,
+        parts=(*visual, *collision),
+        regions=(field_of("base", half_x, half_y),),
         parameters={"depth_m": 2.0 * half_x, "width_m": 2.0 * half_y, "keys": keys_style},
     )
 
@@ -127,7 +118,7 @@ def keys_picture(
     pixels: tuple[int, int],
     accent: Colour | None = None,
     edges: Colour | None = None,
-) -> np.ndarray:
+) -> Canvas:
     """Draw six rows of keys as the user sees them: far row on top, space bar in the lowest row.
 
     Args:
@@ -143,7 +134,7 @@ def keys_picture(
     """
     canvas = Canvas(*size_m, pixels, ground)
     draw_keys(canvas, (0.0, 0.0), size_m, keys, accent=accent, edges=edges)
-    return canvas.pixels()
+    return canvas
 
 
 def draw_keys(

@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, prism, rectangle
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.assets.procedural.keyboard import draw_keys
-from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle, rotate
 from betterbench.state import Region
 
@@ -27,19 +28,12 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
 
     A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
     lower half. The zones "left", "right" and "behind" are the user's: the user looks to -x, so right is +y.
-
-    Args:
-        rng: Source of proportions, lean of the screen and picture.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    depth = float(rng.uniform(0.166, 0.173))
-    width = float(rng.uniform(0.246, 0.254))
-    lean = math.radians(float(rng.uniform(15.0, 20.0)))
-    height = float(rng.uniform(0.148, 0.152))
-    corner = float(rng.uniform(0.006, 0.012))
+    depth = rng.uniform(0.166, 0.173)
+    width = rng.uniform(0.246, 0.254)
+    lean = math.radians(rng.uniform(15.0, 20.0))
+    height = rng.uniform(0.148, 0.152)
+    corner = rng.uniform(0.006, 0.012)
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
     dark_keys = bool(colour == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[colour], 1.10) if colour == "black" else PALETTE[colour], rng, amount=0.06)
@@ -88,25 +82,25 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"An open {colour} laptop with a lit screen.",
-        tags=("laptop", "notebook", "computer", "desk", colour),
-        body=mass_properties(collision, 1.3, densities=(1.0, 1.1)),
-        visual=(
+        tags=("laptop", "notebook", "computer", "desk"),
+        mass_kg=1.3,
+        densities=(1.0, 1.1),
+        parts=(
             part("base", base, metal, specular=0.4, shininess=0.4),
-            part("deck", mapped(deck, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)), metal, picture=deck_picture, specular=0.2),
+            part("deck", mapped(deck, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)), deck_picture, specular=0.2),
             part("lid", lid(shell), shaded(metal, 0.95), specular=0.4, shininess=0.4),
             part("bezel", lid(bezel), (0.05, 0.05, 0.055), specular=0.3),
-            part("screen", lid(mapped(screen, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))), (1.0, 1.0, 1.0), picture=shown),
+            part("screen", lid(mapped(screen, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))), shown),
             part(
                 "hinge",
                 barrel.rotated("x", math.pi / 2.0).moved(hinge[0] + shift, 0.0, hinge[1]),
                 shaded(metal, 0.45),
                 specular=0.3,
             ),
+            *collision,
         ),
-        collision=collision,
-        grasps=(),
         regions=(
-            Region("base", (shift, 0.0, 0.0), (0.5 * depth, 0.5 * width, 0.001)),
+            field_of("base", 0.5 * depth, 0.5 * width, x=shift),
             Region("right", (shift, 0.5 * width + _GAP, 0.0), zone),
             Region("left", (shift, -0.5 * width - _GAP, 0.0), zone),
             Region("behind", (back + shift - _BEHIND, 0.0, 0.0), zone),
@@ -121,7 +115,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _deck(metal: Colour, *, size_m: tuple[float, float], dark_keys: bool) -> np.ndarray:
+def _deck(metal: Colour, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
     """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)
@@ -140,10 +134,10 @@ def _deck(metal: Colour, *, size_m: tuple[float, float], dark_keys: bool) -> np.
     pad = (0.19 * width, 0.165 * depth)
     canvas.paint((dx < pad[0] + 0.0012) & (dy < pad[1] + 0.0012), shaded(metal, 0.60))
     canvas.paint((dx < pad[0]) & (dy < pad[1]), mixed(metal, (1.0, 1.0, 1.0), 0.10))
-    return canvas.pixels()
+    return canvas
 
 
-def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> np.ndarray:
+def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
     """Draw what the screen shows: a wallpaper, two or three windows, a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
@@ -166,7 +160,7 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
     titles = ((0.20, 0.40, 0.75), (0.35, 0.37, 0.42), (0.78, 0.36, 0.20))
     for k in range(int(rng.integers(2, 4))):
         left, low, across, up = frames[k]
-        left, low = left + float(rng.uniform(-0.03, 0.03)), low + float(rng.uniform(-0.03, 0.03))
+        left, low = left + rng.uniform(-0.03, 0.03), low + rng.uniform(-0.03, 0.03)
         u, v = (x - left) / across, (y - low) / up
         frame = (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
         canvas.paint((u > 0.02) & (u < 1.03) & (v > -0.05) & (v < 0.95), (0.0, 0.0, 0.0), strength=0.25)
@@ -187,4 +181,4 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
     icons = ((0.95, 0.35, 0.30), (0.98, 0.78, 0.20), (0.35, 0.80, 0.45), (0.30, 0.60, 0.95), (0.75, 0.50, 0.90))
     for k, ink in enumerate(icons):
         canvas.ellipse(((0.38 + 0.06 * k) * width, 0.033 * height), (0.0034, 0.0034), ink)
-    return canvas.pixels()
+    return canvas

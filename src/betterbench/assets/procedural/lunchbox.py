@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, centred, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, centred, field_of, part
+from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import Quaternion
 from betterbench.state import Region
 
@@ -26,20 +27,13 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that nothing is above the
     opening and a hand that comes straight down keeps clear of it. A box of this size in 2.5 mm polypropylene weighs
     0.35 kg; 0.5 kg, most of it in the floor, stands for one with a cooling element.
-
-    Args:
-        rng: Source of proportions and print.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    half_x = 0.100 + float(rng.uniform(-0.002, 0.002))
-    half_y = 0.125 + float(rng.uniform(-0.002, 0.002))
-    height = 0.065 + float(rng.uniform(-0.002, 0.002))
-    corner = float(rng.uniform(0.020, 0.034))
-    opened = math.radians(float(rng.uniform(117.0, 124.0)))
-    depth = float(rng.uniform(0.014, 0.018))  # of the lid
+    half_x = 0.100 + rng.uniform(-0.002, 0.002)
+    half_y = 0.125 + rng.uniform(-0.002, 0.002)
+    height = 0.065 + rng.uniform(-0.002, 0.002)
+    corner = rng.uniform(0.020, 0.034)
+    opened = math.radians(rng.uniform(117.0, 124.0))
+    depth = rng.uniform(0.014, 0.018)  # of the lid
     latches = int(rng.choice([1, 2]))
     motif = str(rng.choice(["fruit", "stripes", "dots", "star"]))
     shade = jittered(mixed(PALETTE[colour], (1.0, 1.0, 1.0), 0.06), rng)
@@ -56,7 +50,7 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
         [box((0.008, 0.034, 0.030), (ox + _LIP + 0.003, y, height - 0.017), bevel=0.002, corner=0.002) for y in at]
     )
     knuckles = merge([box((0.010, 0.040, 0.012), (-ox - 0.003, y, height - 0.002)) for y in (-0.5 * oy, 0.5 * oy)])
-    shift = centred([tray, lid, clips, knuckles])
+    shift = centred(tray, lid, clips, knuckles)
 
     c, s = math.cos(opened), math.sin(opened)
     middle = (hinge[0] + c * 0.5 * lid_length - s * 0.5 * depth, 0.0, hinge[2] + s * 0.5 * lid_length + c * 0.5 * depth)
@@ -74,27 +68,20 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"An open {colour} plastic lunchbox with a hinged lid.",
-        tags=("lunchbox", "lunch box", "box", "container", "plastic", colour),
-        body=mass_properties(collision, 0.5, densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15)),
-        visual=(
-            part("tray", tray.moved(x=dx), shade, picture=_shell(shade, lining), specular=0.4, shininess=0.5),
-            part(
-                "lid",
-                lid.moved(x=dx),
-                shade,
-                picture=_lining(rng, shade, lining, trim, motif=motif),
-                specular=0.35,
-                shininess=0.5,
-            ),
+        tags=("lunchbox", "lunch box", "box", "container", "plastic"),
+        mass_kg=0.5,
+        densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15),
+        parts=(
+            part("tray", tray.moved(x=dx), _shell(shade, lining), specular=0.4, shininess=0.5),
+            part("lid", lid.moved(x=dx), _lining(rng, shade, lining, trim, motif=motif), specular=0.35, shininess=0.5),
             part("latch", clips.moved(x=dx), trim, specular=0.4),
             part("hinge", knuckles.moved(x=dx), shaded(shade, 0.75), specular=0.3),
+            *collision,
         ),
-        collision=collision,
-        grasps=(),
         regions=(
             Region("inside", (dx, 0.0, _FLOOR + inside), (half_x, half_y, inside)),
-            Region("opening", (dx, 0.0, height), (half_x, half_y, 0.001)),
-            Region("base", (dx, 0.0, 0.0), (ox, oy, 0.001)),
+            field_of("opening", half_x, half_y, height, x=dx),
+            field_of("base", ox, oy, x=dx),
         ),
         parameters={
             "inner_x_m": 2 * half_x,
@@ -129,7 +116,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
     return creased(loft(rings, v=_ROWS), 40.0)
 
 
-def _shell(shade: Colour, lining: Colour) -> np.ndarray:
+def _shell(shade: Colour, lining: Colour) -> Canvas:
     """Draw the tray from its underside over the lip to the floor, with the inside in its own shadow."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
@@ -137,7 +124,7 @@ def _shell(shade: Colour, lining: Colour) -> np.ndarray:
     canvas.band(0.55, 1.1, lining)
     canvas.shade(np.where(y > 0.55, 0.92 - 0.22 * np.clip((y - 0.55) / 0.35, 0.0, 1.0), 1.0))
     canvas.paint((y > 0.47) & (y < 0.55), shaded(shade, 1.12), strength=0.7)
-    return canvas.pixels()
+    return canvas
 
 
 def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
@@ -151,7 +138,7 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
     return mapped(prism(rings, crease_degrees=40.0).moved(x=0.5 * length), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _lining(rng: np.random.Generator, shade: Colour, lining: Colour, trim: Colour, *, motif: str) -> np.ndarray:
+def _lining(rng: np.random.Generator, shade: Colour, lining: Colour, trim: Colour, *, motif: str) -> Canvas:
     """Draw the inner side of the lid: a border, a moulded panel and a printed motif."""
     width, height = 0.266, 0.213
     canvas = Canvas(width, height, (192, 160), shade)
@@ -175,4 +162,4 @@ def _lining(rng: np.random.Generator, shade: Colour, lining: Colour, trim: Colou
         canvas.paint((np.abs(x - 0.1 * y) < 0.0022) & (y > 0.015) & (y < 0.042), (0.34, 0.22, 0.10))
         canvas.ellipse((0.5 * width + 0.016, 0.5 * height + 0.034), (0.014, 0.006), (0.25, 0.50, 0.14), 0.45)
     canvas.grain(rng, cells=(6, 5), amount=0.012)
-    return canvas.pixels()
+    return canvas

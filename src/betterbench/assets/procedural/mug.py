@@ -6,16 +6,15 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import (
-    JAW_OPENS_ALONG_Y,
-    mass_properties,
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring.body import (
     solid_box,
 )
-from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length, sweep
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose, from_yaw
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length, sweep
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
+from betterbench.geometry import from_yaw
 from betterbench.state import Region
 
 _WALL = 0.0035
@@ -31,23 +30,16 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     12.5 mm thick across the fingers, with flat sides, and stands far enough from the wall for a 20 mm wide finger.
     The tool centre point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the
     rim.
-
-    Args:
-        rng: Source of proportions and decoration.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = float(rng.uniform(0.0345, 0.0368))
-    height = float(rng.uniform(0.0815, 0.0875))
+    radius = rng.uniform(0.0345, 0.0368)
+    height = rng.uniform(0.0815, 0.0875)
     taper = float(rng.choice([1.0, 1.0, 0.95, 0.91]))
-    bar = float(rng.uniform(0.0545, 0.0570))  # distance of the handle's bar from the axis of the mug
-    thickness = float(rng.uniform(0.0110, 0.0125))  # of the handle across the fingers
-    depth = float(rng.uniform(0.0080, 0.0092))  # of the bar along x
-    top, low = 0.0745, float(rng.uniform(0.010, 0.018))
+    bar = rng.uniform(0.0545, 0.0570)  # distance of the handle's bar from the axis of the mug
+    thickness = rng.uniform(0.0110, 0.0125)  # of the handle across the fingers
+    depth = rng.uniform(0.0080, 0.0092)  # of the bar along x
+    top, low = 0.0745, rng.uniform(0.010, 0.018)
     decoration = str(rng.choice(["plain", "band", "rim", "stripes", "speckled"]))
-    pale_inside = bool(rng.random() < 0.4)
+    pale_inside = rng.random() < 0.4
     axis = -0.5 * (bar + 0.5 * depth - radius)
 
     foot_radius = radius * taper
@@ -64,7 +56,7 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     shade = jittered(PALETTE[colour], rng)
     shell = lathe(profile, 24, wrap=True, phase=0.0)
     picture = _glaze(rng, profile, shade, decoration=decoration, pale_inside=pale_inside)
-    grip = _handle(radius, bar, thickness=thickness, depth=depth, top=top, low=low)
+    loop = _handle(radius, bar, thickness=thickness, depth=depth, top=top, low=low)
     handle_colour = shaded(shade, 0.97)
 
     walls = _walls(radius, axis, height)
@@ -80,22 +72,21 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     half = 0.70 * (foot_radius - 0.003)
     floor = CollisionPart("box", (half, half, _FLOOR / 2), (axis, 0.0, _FLOOR / 2))
     collision = (floor, *walls, *handle)
-    body = mass_properties(collision, 0.25)
 
     grip_height = 0.061
     return Draft(
         shape="cylinder",
         description=f"A {colour} ceramic coffee mug with a C-shaped handle.",
-        tags=("mug", "cup", "coffee", "drinkware", colour),
-        body=body,
-        visual=(
-            part("shell", shell.moved(x=axis), shade, picture=picture, specular=0.5, shininess=0.6),
-            part("handle", grip.moved(x=axis), handle_colour, specular=0.5, shininess=0.6),
+        tags=("mug", "cup", "coffee", "drinkware"),
+        mass_kg=0.25,
+        parts=(
+            part("shell", shell.moved(x=axis), picture, specular=0.5, shininess=0.6),
+            part("handle", loop.moved(x=axis), handle_colour, specular=0.5, shininess=0.6),
+            *collision,
         ),
-        collision=collision,
         grasps=(
-            Grasp("handle", Pose((axis + bar, 0.0, grip_height), JAW_OPENS_ALONG_Y), thickness),
-            Grasp("body", Pose((axis, 0.0, 0.056), JAW_OPENS_ALONG_Y), 2.0 * radius, clearance_m=0.003, preference=1),
+            grip("handle", grip_height, thickness, x=axis + bar),
+            grip("body", 0.056, 2.0 * radius, x=axis, clearance=0.003, preference=1),
         ),
         regions=(
             Region(
@@ -103,8 +94,8 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
                 (axis + 0.5 * (radius + bar + depth / 2), 0.0, 0.5 * (top + low)),
                 (0.5 * (bar + depth / 2 - radius), thickness / 2, 0.5 * (top - low)),
             ),
-            Region("opening", (axis, 0.0, height), (radius - _WALL, radius - _WALL, 0.001)),
-            Region("base", (axis, 0.0, 0.0), (radius, radius, 0.001)),
+            disc("opening", radius - _WALL, height, x=axis),
+            disc("base", radius, x=axis),
         ),
         parameters={
             "radius_m": radius,
@@ -172,7 +163,7 @@ def _glaze(
     *,
     decoration: str,
     pale_inside: bool,
-) -> np.ndarray:
+) -> Canvas:
     """Draw the mug from the foot over the rim to the floor inside, with the inside in its own shadow."""
     length = profile_length(profile)
     foot, wall, rim, inner, floor = (float(length[k]) for k in (1, 2, 3, 5, 6))
@@ -200,4 +191,4 @@ def _glaze(
     # The unglazed foot, and a faint lighter rim where glaze runs thin.
     canvas.shade(np.where(y < foot, 0.75, 1.0))
     canvas.paint((y > rim) & (y < inner), shaded(shade, 1.25), strength=0.6)
-    return canvas.pixels()
+    return canvas

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, lathe
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, part
+from betterbench.assets.authoring.mesh import Mesh, lathe
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.state import Region
 
@@ -26,16 +27,9 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
 
     A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
     around it. Its places are named as the eater sees them: right is +y, upper is -x.
-
-    Args:
-        rng: Source of proportions and decoration.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    stand = float(rng.uniform(0.050, 0.057))
-    well = stand + float(rng.uniform(0.004, 0.012))
+    stand = rng.uniform(0.050, 0.057)
+    well = stand + rng.uniform(0.004, 0.012)
     decoration = str(rng.choice(["bands", "dots", "leaves", "petals"]))
     base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if colour == "blue" else PALETTE[colour]
     glaze = jittered(base, rng, amount=0.05)
@@ -63,14 +57,12 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A {colour} breakfast plate with a decorated rim.",
-        tags=("plate", "breakfast plate", "dish", "tableware", colour),
-        body=mass_properties(collision, 0.55),
-        visual=(part("plate", plate, glaze, picture=picture, specular=0.5, shininess=0.6),),
-        collision=collision,
-        grasps=(),
+        tags=("plate", "breakfast plate", "dish", "tableware"),
+        mass_kg=0.55,
+        parts=(part("plate", plate, picture, specular=0.5, shininess=0.6), *collision),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),
-            Region("top", (0.0, 0.0, 0.0065), (well - 0.003, well - 0.003, 0.001)),
+            disc("base", _RADIUS),
+            disc("top", well - 0.003, 0.0065),
             Region("left", (0.02, -side, 0.0), (0.03, 0.022, 0.02)),
             Region("right", (0.02, side, 0.0), (0.03, 0.022, 0.02)),
             Region("upper_right", (-0.13, 0.10, 0.0), (0.03, 0.03, 0.02)),
@@ -96,7 +88,7 @@ def _rim(well: float) -> list[CollisionPart]:
     ]
 
 
-def _glaze(rng: np.random.Generator, glaze: Colour, ink: Colour, *, decoration: str, well: float) -> np.ndarray:
+def _glaze(rng: np.random.Generator, glaze: Colour, ink: Colour, *, decoration: str, well: float) -> Canvas:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     x, y = canvas.x - 1.0, canvas.y - 1.0
@@ -122,4 +114,4 @@ def _glaze(rng: np.random.Generator, glaze: Colour, ink: Colour, *, decoration: 
     canvas.shade(1.0 - 0.16 * np.exp(-(((r - well) / 0.03) ** 2)))
     canvas.paint(np.exp(-(((r - well - 0.055) / 0.02) ** 2)), shaded(glaze, 1.3), strength=0.25)
     canvas.grain(rng, cells=(8, 8), amount=0.010)
-    return canvas.pixels()
+    return canvas

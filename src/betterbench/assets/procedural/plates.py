@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import upright_cylinder
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X, Draft, disc, part
+from betterbench.assets.authoring.mesh import lathe, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import Pose, from_yaw, multiply
-from betterbench.state import Region
 
 FOOT_HEIGHT_M = 0.012
 """Height of a plate's foot [m]: holds the rim of the inner plate above that of the outer one."""
@@ -51,13 +51,6 @@ def plate_large(rng: np.random.Generator, colour: str) -> Draft:
     """Make the plate at the bottom of a stack: 176 mm across, 0.30 kg.
 
     Dessert plates of stoneware have diameters of 170 to 210 mm and weigh 0.3 to 0.4 kg. This one is only stood on.
-
-    Args:
-        rng: Source of the glaze.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     return _plate(rng, colour, _LARGE, size_word="large")
 
@@ -68,28 +61,13 @@ def plate_medium(rng: np.random.Generator, colour: str) -> Draft:
 
     Melamine side plates (1.5 g/cm^3, 3 to 4 mm thick) of 150 mm weigh 0.10 to 0.16 kg. Held at its rim, a plate of
     this size tilts by 3 degrees with 0.15 kg and by more than 20 with 0.25 kg.
-
-    Args:
-        rng: Source of the glaze.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     return _plate(rng, colour, _MEDIUM, size_word="medium")
 
 
 @generator("plate_small", colours=("blue", "white", "red", "green", "yellow"), family="plate")
 def plate_small(rng: np.random.Generator, colour: str) -> Draft:
-    """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip.
-
-    Args:
-        rng: Source of the glaze.
-        colour: Colour word.
-
-    Returns:
-        The draft.
-    """
+    """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip."""
     return _plate(rng, colour, _SMALL, size_word="small")
 
 
@@ -117,25 +95,18 @@ def _plate(rng: np.random.Generator, colour: str, size: _Size, *, size_word: str
     return Draft(
         shape="round",
         description=f"A {size_word} round {colour} plate with an upright lip.",
-        tags=("plate", f"{size_word} plate", "dinner plate", "tableware", "crockery", colour),
-        # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
-        body=mass_properties(collision, size.mass, densities=(0.33, *(1.0,) * 9)),
-        visual=(
-            part(
-                "plate",
-                lathe(profile, _SIDES, wrap=True),
-                glaze.colour,
-                picture=glaze.plate(profile),
-                specular=0.5,
-                shininess=0.6,
-            ),
+        tags=("plate", f"{size_word} plate", "dinner plate", "tableware", "crockery"),
+        mass_kg=size.mass,
+        densities=(0.33, *(1.0,) * 9),
+        parts=(
+            part("plate", lathe(profile, _SIDES, wrap=True), glaze.plate(profile), specular=0.5, shininess=0.6),
+            *collision,
         ),
-        collision=collision,
         grasps=_rim_grasps(r, RIM_M),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (size.foot, size.foot, 0.001)),
-            Region("floor", (0.0, 0.0, FLOOR_M), (r - _LIP, r - _LIP, 0.001)),
-            Region("rim", (0.0, 0.0, RIM_M), (r, r, 0.001)),
+            disc("base", size.foot),
+            disc("floor", r - _LIP, FLOOR_M),
+            disc("rim", r, RIM_M),
         ),
         parameters={"radius_m": r, "foot_radius_m": size.foot, "design": glaze.design},
     )
@@ -147,13 +118,6 @@ def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
 
     A melamine bowl of 150 mm weighs 0.12 to 0.2 kg. The collision shape is the upright upper wall, a disc under the
     hollow and the foot, so that a plate that is wrongly stood in the bowl rests on its floor.
-
-    Args:
-        rng: Source of the glaze; the same numbers as for the plates.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     glaze = _Glaze(rng, colour)
     r, rim, floor, foot = _MEDIUM.radius, 0.045, 0.0125, 0.034
@@ -180,24 +144,24 @@ def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A shallow {colour} bowl with a curved wall.",
-        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery", colour),
-        body=mass_properties(collision, 0.17, densities=(0.33, *(1.0,) * 9)),
-        visual=(
+        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery"),
+        mass_kg=0.17,
+        densities=(0.33, *(1.0,) * 9),
+        parts=(
             part(
                 "bowl",
                 lathe(profile, 24, wrap=True, crease_degrees=44.0),
-                glaze.colour,
-                picture=glaze.bowl(profile),
+                glaze.bowl(profile),
                 specular=0.5,
                 shininess=0.6,
             ),
+            *collision,
         ),
-        collision=collision,
         grasps=_rim_grasps(r, rim),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (foot, foot, 0.001)),
-            Region("floor", (0.0, 0.0, floor), (0.045, 0.045, 0.001)),
-            Region("rim", (0.0, 0.0, rim), (r, r, 0.001)),
+            disc("base", foot),
+            disc("floor", 0.045, floor),
+            disc("rim", r, rim),
         ),
         parameters={"radius_m": r, "foot_radius_m": foot, "height_m": rim, "design": glaze.design},
     )
@@ -242,7 +206,7 @@ class _Glaze:
     def __init__(self, rng: np.random.Generator, colour: str) -> None:
         self.colour: Colour = jittered(PALETTE[colour], rng, amount=0.07)
         self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
-        self._light = shaded(self.colour, float(rng.uniform(1.5, 1.9))) if colour != "white" else self._tint(rng)
+        self._light = shaded(self.colour, rng.uniform(1.5, 1.9)) if colour != "white" else self._tint(rng)
         self._rng = rng
 
     @staticmethod
@@ -250,15 +214,15 @@ class _Glaze:
         """Return the line on white ware: grey, sand or a pale blue."""
         return ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))[int(rng.integers(3))]
 
-    def plate(self, profile: list[tuple[float, float]]) -> np.ndarray:
+    def plate(self, profile: list[tuple[float, float]]) -> Canvas:
         """Draw a plate from the foot over the rim to the middle of the floor."""
         return self._draw(profile, wall=4, rim=5, inner=7, floor=8)
 
-    def bowl(self, profile: list[tuple[float, float]]) -> np.ndarray:
+    def bowl(self, profile: list[tuple[float, float]]) -> Canvas:
         """Draw a bowl from the foot over the rim to the middle of the floor."""
         return self._draw(profile, wall=3, rim=6, inner=8, floor=11)
 
-    def _draw(self, profile: list[tuple[float, float]], *, wall: int, rim: int, inner: int, floor: int) -> np.ndarray:
+    def _draw(self, profile: list[tuple[float, float]], *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
         length = profile_length(profile)
         canvas = Canvas(1.0, float(length[-1]), (64, 256), self.colour)
         y = canvas.y
@@ -287,4 +251,4 @@ class _Glaze:
         if self.design == "line":
             canvas.paint((y > float(length[rim]) - 0.0045) & (y < float(length[rim])), self._light)
         canvas.shade(np.where(y < float(length[wall]), 0.78, 1.0))
-        return canvas.pixels()
+        return canvas

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 _PROUD = 0.0036  # how far a driver stands out of the front
 
@@ -22,19 +20,12 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers look along +x.
 
     Small powered USB loudspeakers are 65 to 70 mm wide and deep, about 100 mm high, and weigh 0.3 to 0.4 kg each.
-
-    Args:
-        rng: Source of proportions, drivers and trim.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    width = float(rng.uniform(0.0645, 0.0675))
-    depth = float(rng.uniform(0.0660, 0.0690))  # with the drivers
-    height = float(rng.uniform(0.097, 0.103))
-    corner = float(rng.uniform(0.006, 0.012))
-    two_way = bool(rng.random() < 0.65)
+    width = rng.uniform(0.0645, 0.0675)
+    depth = rng.uniform(0.0660, 0.0690)  # with the drivers
+    height = rng.uniform(0.097, 0.103)
+    corner = rng.uniform(0.006, 0.012)
+    two_way = rng.random() < 0.65
     cone = ((0.16, 0.16, 0.17), (0.72, 0.60, 0.34), (0.62, 0.63, 0.65), (0.70, 0.40, 0.18))[int(rng.integers(4))]
     led = ((0.25, 0.95, 0.35), (0.25, 0.60, 1.0), (1.0, 0.62, 0.15))[int(rng.integers(3))]
     shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
@@ -47,42 +38,32 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     grain = Canvas(1.0, 1.0, (64, 64), shade)
     grain.grain(rng, cells=(32, 32), amount=0.02)
     grain.shade(np.where(grain.y < 0.06, 0.75, 1.0))
-    large = float(rng.uniform(0.0235, 0.0250)) if two_way else float(rng.uniform(0.0265, 0.0280))
+    large = rng.uniform(0.0235, 0.0250) if two_way else rng.uniform(0.0265, 0.0280)
     large_z = (0.335 if two_way else 0.46) * height
     visual = [
-        part(
-            "cabinet",
-            mapped(cabinet, (0.6, 0.8, 0.0), (0.0, 0.0, 1.0)),
-            shade,
-            picture=grain.pixels(),
-            specular=0.35,
-            shininess=0.4,
-        ),
-        part("woofer", _driver(large, 20).moved(front, 0.0, large_z), rim, picture=_cone(rim, cone), specular=0.3),
+        part("cabinet", mapped(cabinet, (0.6, 0.8, 0.0), (0.0, 0.0, 1.0)), grain, specular=0.35, shininess=0.4),
+        part("woofer", _driver(large, 20).moved(front, 0.0, large_z), _cone(rim, cone), specular=0.3),
     ]
     led_z = (0.60 if two_way else 0.86) * height
     if two_way:
-        small = float(rng.uniform(0.0105, 0.0130))
+        small = rng.uniform(0.0105, 0.0130)
         tweeter = _driver(small, 14).moved(front, 0.0, 0.80 * height)
-        visual.append(
-            part("tweeter", tweeter, rim, picture=_cone(rim, mixed(cone, (0.2, 0.2, 0.2), 0.4)), specular=0.4)
-        )
+        visual.append(part("tweeter", tweeter, _cone(rim, mixed(cone, (0.2, 0.2, 0.2), 0.4)), specular=0.4))
     lamp = box((0.0022, 0.0042, 0.0042), (front, 0.30 * width, led_z), bevel=0.0006)
     visual.append(part("lamp", lamp, led, specular=0.6))
     collision = (solid_box((-0.5 * depth, -0.5 * width, 0.0), (0.5 * depth, 0.5 * width, height)),)
-    grip = 0.065
+    grip_z = 0.065
     return Draft(
         shape="box",
         description=f"A small {colour} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
-        tags=("speaker", "loudspeaker", "desktop speaker", "audio", colour),
-        body=mass_properties(collision, 0.35),
-        visual=tuple(visual),
-        collision=collision,
+        tags=("speaker", "loudspeaker", "desktop speaker", "audio"),
+        mass_kg=0.35,
+        parts=(*visual, *collision),
         grasps=(
-            Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), width, clearance_m=0.005),
-            Grasp("depth", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_X), depth, clearance_m=0.005, preference=1),
+            grip("body", grip_z, width, clearance=0.005),
+            grip("depth", grip_z, depth, across="x", clearance=0.005, preference=1),
         ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * depth, 0.5 * width, 0.001)),),
+        regions=(field_of("base", 0.5 * depth, 0.5 * width),),
         parameters={"width_m": width, "depth_m": depth, "height_m": height, "drivers": 2.0 if two_way else 1.0},
     )
 
@@ -107,7 +88,7 @@ def _driver(radius: float, segments: int) -> Mesh:
     return mesh.rotated("y", math.pi / 2.0)
 
 
-def _cone(rim: Colour, cone: Colour) -> np.ndarray:
+def _cone(rim: Colour, cone: Colour) -> Canvas:
     """Draw a driver along its profile, from the back over the rim to the dust cap."""
     profile = [(0.0, -0.0006), *_driver_profile(0.025)]
     length = profile_length(profile) / profile_length(profile)[-1]
@@ -119,4 +100,4 @@ def _cone(rim: Colour, cone: Colour) -> np.ndarray:
     canvas.shade(np.where(y > length[4], 1.0 - 0.55 * depth, 1.0))
     canvas.paint(y > length[5], shaded(cone, 0.35))
     canvas.paint(y > length[6], mixed(cone, (0.1, 0.1, 0.1), 0.25))
-    return canvas.pixels()
+    return canvas

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.lettering import write
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
+from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
@@ -47,18 +48,11 @@ def spice_jar(rng: np.random.Generator, colour: str) -> Draft:
 
     The glass is drawn rather than transparent, because one transparent part doubles the cost of every picture of
     depth. Within a look the three spices have caps of three different colours.
-
-    Args:
-        rng: Source of the shape of the neck, the fill, the cap and the print.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     shape = _Shape(rng)
     order = rng.permutation(len(_CAPS))
     cap = jittered(_CAPS[int(order[tuple(_NAMES).index(colour)])], rng, amount=0.06)
-    fill = float(rng.uniform(0.050, 0.055))
+    fill = rng.uniform(0.050, 0.055)
     content = _CONTENT[colour]
     canvas = shape.canvas(_GLASS)
     up = canvas.height_on_wall
@@ -74,26 +68,18 @@ def spice_jar(rng: np.random.Generator, colour: str) -> Draft:
         canvas,
         cap,
         description=f"A small glass spice jar of {_NAMES[colour].lower()} with a {colour} label and a screw cap.",
-        tags=("spice jar", "jar", "spice", _NAMES[colour].lower(), "glass", colour),
+        tags=("spice jar", "jar", "spice", _NAMES[colour].lower(), "glass"),
         specular=0.7,
     )
 
 
 @generator("plain_jar", colours=("white", "black", "red"), family="spice jar")
 def plain_jar(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart.
-
-    Args:
-        rng: Source of the shape of the neck, the finish and the print; the same numbers as for the glass jar.
-        colour: Colour word of the label.
-
-    Returns:
-        The draft.
-    """
+    """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart."""
     shape = _Shape(rng)
-    steel = shaded((0.52, 0.53, 0.55), float(rng.uniform(0.86, 1.06)))
+    steel = shaded((0.52, 0.53, 0.55), rng.uniform(0.86, 1.06))
     canvas = shape.canvas(steel)
-    canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + float(rng.uniform(0.0, 6.0))))
+    canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
     canvas.grain(rng, cells=(3, 90), amount=0.025)
     _label(canvas, rng, colour)
     return _jar(
@@ -101,7 +87,7 @@ def plain_jar(rng: np.random.Generator, colour: str) -> Draft:
         canvas,
         (0.33, 0.34, 0.36),
         description=f"A plain steel spice jar with a grey cap and a {colour} label that says {_NAMES[colour].lower()}.",
-        tags=("spice jar", "jar", "spice", "plain", _NAMES[colour].lower(), "steel", colour),
+        tags=("spice jar", "jar", "spice", "plain", _NAMES[colour].lower(), "steel"),
         specular=0.6,
     )
 
@@ -112,19 +98,12 @@ def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
 
     Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The heavy end is used, so that
     it feels like the jar it is taken for.
-
-    Args:
-        rng: Source of the body's colour, the cap and the print.
-        colour: Colour word (of the cap and the label).
-
-    Returns:
-        The draft.
     """
     white = PALETTE[colour]
-    amber = bool(rng.random() < 0.5)
+    amber = rng.random() < 0.5
     body = jittered((0.86, 0.42, 0.08) if amber else white, rng, amount=0.05)
     ink = ((0.05, 0.50, 0.24), (0.75, 0.08, 0.10), (0.06, 0.30, 0.62))[int(rng.integers(3))]
-    cap_height = float(rng.uniform(0.0195, 0.0235))
+    cap_height = rng.uniform(0.0195, 0.0235)
     ribs = int(rng.integers(26, 36))
     shoulder = JAR_HEIGHT_M - cap_height
     profile = [
@@ -159,13 +138,13 @@ def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A pharmacy pill bottle with a {colour} ribbed child-proof cap and a printed label.",
-        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle", colour),
-        body=mass_properties(collision, _MASS_KG),
-        visual=(
-            part("body", canvas.mesh(), body, picture=canvas.pixels(), specular=0.4, shininess=0.5),
-            part("cap", cap.mesh(), white, picture=cap.pixels(), specular=0.2),
+        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle"),
+        mass_kg=_MASS_KG,
+        parts=(
+            part("body", canvas.mesh(), canvas, specular=0.4, shininess=0.5),
+            part("cap", cap.mesh(), cap, specular=0.2),
+            *collision,
         ),
-        collision=collision,
         grasps=_grasps(),
         regions=_regions(),
         parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, "amber": str(amber), "ribs": float(ribs)},
@@ -208,9 +187,9 @@ class _Shape:
     """The profile that the looks of a jar share: one radius, one height, another neck and cap."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.cap_height = float(rng.uniform(0.0185, 0.0235))
-        self.cap_radius = float(rng.uniform(0.0196, 0.0208))
-        self.shoulder = float(rng.uniform(0.0030, 0.0055))
+        self.cap_height = rng.uniform(0.0185, 0.0235)
+        self.cap_radius = rng.uniform(0.0196, 0.0208)
+        self.shoulder = rng.uniform(0.0030, 0.0055)
         self.dome = float(rng.choice([0.0010, 0.0010, 0.0030]))
         neck = JAR_HEIGHT_M - self.cap_height
         self.profile = (
@@ -247,12 +226,8 @@ def _jar(
         shape="cylinder",
         description=description,
         tags=tags,
-        body=mass_properties(collision, _MASS_KG),
-        visual=(
-            part("body", canvas.mesh(), _GLASS, picture=canvas.pixels(), specular=specular, shininess=0.7),
-            _cap(shape, cap),
-        ),
-        collision=collision,
+        mass_kg=_MASS_KG,
+        parts=(part("body", canvas.mesh(), canvas, specular=specular, shininess=0.7), _cap(shape, cap), *collision),
         grasps=_grasps(),
         regions=_regions(),
         parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, "cap_height_m": shape.cap_height},
@@ -268,7 +243,7 @@ def _cap(shape: _Shape, colour: Colour) -> VisualPart:
     )
     canvas.shade(np.where(skirt, 0.90 + 0.10 * np.cos(2.0 * math.pi * 22.0 * canvas.x / (math.pi * 0.02)), 1.0))
     canvas.shade(np.where(canvas.y > reach - 0.62 * shape.cap_radius, 0.93, 1.0))
-    return part("cap", shape.cap(), colour, picture=canvas.pixels(), specular=0.35, shininess=0.5)
+    return part("cap", shape.cap(), canvas, specular=0.35, shininess=0.5)
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
@@ -319,10 +294,10 @@ def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Colour) -> Non
     canvas.paint(cross, ink)
     grey = (0.25, 0.26, 0.30)
     for row in range(3):
-        end = float(rng.uniform(0.55, 0.9)) * wide
+        end = rng.uniform(0.55, 0.9) * wide
         canvas.paint((left > -0.0015) & (left < end) & (np.abs(up - centre - 0.005 + 0.005 * row) < 0.0010), grey)
     for row in range(4):
-        end = float(rng.uniform(0.5, 0.92)) * wide
+        end = rng.uniform(0.5, 0.92) * wide
         start = -0.88 * wide
         canvas.paint((left > start) & (left < end) & (np.abs(up - 0.0255 + 0.0045 * row) < 0.0008), grey)
 
@@ -341,6 +316,6 @@ def _grasps() -> tuple[Grasp, ...]:
 def _regions() -> tuple[Region, ...]:
     """Return the named places of every jar."""
     return (
-        Region("base", (0.0, 0.0, 0.0), (JAR_RADIUS_M, JAR_RADIUS_M, 0.001)),
-        Region("top", (0.0, 0.0, JAR_HEIGHT_M), (0.0195, 0.0195, 0.001)),
+        disc("base", JAR_RADIUS_M),
+        disc("top", 0.0195, JAR_HEIGHT_M),
     )

@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.lettering import write
-from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, part
+from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
 from betterbench.state import Region
@@ -38,17 +39,10 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
     have the same holes: they are the tolerance of the task. They differ in grain, finish and the marks.
-
-    Args:
-        rng: Source of the grain, the finish and the marks.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
     wood = jittered(_WOOD[colour], rng, amount=0.16)
     style = str(rng.choice(["plate", "burnt", "painted"]))
-    stripe = bool(rng.random() < 0.5)
+    stripe = rng.random() < 0.5
     plates = {
         "plate": (0.93, 0.91, 0.85),
         "burnt": mixed(wood, (0.95, 0.86, 0.70), 0.45),
@@ -77,15 +71,16 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"A {colour} wooden spice rack with three numbered holes in a row.",
-        tags=("spice rack", "rack", "jar holder", "wood", "holes", colour),
-        body=mass_properties(walls, 0.38),
-        visual=(
-            part("block", _outside(), wood, picture=_grain(rng, wood, stripe=stripe), specular=0.15),
-            part("top", top, wood, picture=_top(rng, wood), specular=0.15),
-            part("marks", _marks(), plate, picture=_digits(plate, ink), specular=0.2),
+        tags=("spice rack", "rack", "jar holder", "wood", "holes"),
+        mass_kg=0.38,
+        densities=(1.0,) * len(walls),
+        parts=(
+            part("block", _outside(), _grain(rng, wood, stripe=stripe), specular=0.15),
+            part("top", top, _top(rng, wood), specular=0.15),
+            part("marks", _marks(), _digits(plate, ink), specular=0.2),
+            *walls,
+            *corners,
         ),
-        collision=(*walls, *corners),
-        grasps=(),
         regions=tuple(
             Region(f"hole_{number}", (0.0, (number - 2) * PITCH_M, _FLOOR), (0.004, 0.004, _DEPTH))
             for number in (1, 2, 3)
@@ -175,16 +170,16 @@ def _marks() -> Mesh:
     return merge(plates)
 
 
-def _digits(plate: Colour, ink: Colour) -> np.ndarray:
+def _digits(plate: Colour, ink: Colour) -> Canvas:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
         # Wide on the plate in front, where the digit is as high as the plate, and on the flat one alike.
         write(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
-    return canvas.pixels()
+    return canvas
 
 
-def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> np.ndarray:
+def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> Canvas:
     """Draw the long side of the block."""
     canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
@@ -192,10 +187,10 @@ def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> np.ndarra
     if stripe:
         canvas.band(0.0028, 0.0048, shaded(wood, 0.62))
     canvas.shade(0.86 + 0.14 * np.clip(canvas.y / (0.7 * _HEIGHT), 0.0, 1.0))
-    return canvas.pixels()
+    return canvas
 
 
-def _top(rng: np.random.Generator, wood: Colour) -> np.ndarray:
+def _top(rng: np.random.Generator, wood: Colour) -> Canvas:
     """Draw the top face; the holes lie in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)
@@ -207,4 +202,4 @@ def _top(rng: np.random.Generator, wood: Colour) -> np.ndarray:
         away = np.maximum(np.maximum(x, y), math.sqrt(0.5) * (x + y))
         canvas.shade(np.where(away < _APOTHEM + 0.0008, 0.52, 1.0))
         canvas.shade(np.where(away < _APOTHEM - 0.0040, 0.82, 1.0))
-    return canvas.pixels()
+    return canvas

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, mapped, prism
-from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose, from_axis_angle
-from betterbench.state import Region
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, box, mapped, prism
+from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
+from betterbench.geometry import from_axis_angle
 
 _STEEL = (0.74, 0.75, 0.77)
 
@@ -23,21 +23,14 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     """Make a desk stapler; its mouth is at +x.
 
     A half-strip desk stapler is 125 x 36 x 55 mm and weighs 0.2 to 0.25 kg.
-
-    Args:
-        rng: Source of proportions and trim.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.121, 0.128))
-    width = float(rng.uniform(0.0345, 0.0365))
-    height = float(rng.uniform(0.053, 0.057))
-    slope = math.radians(float(rng.uniform(6.0, 8.5)))
+    length = rng.uniform(0.121, 0.128)
+    width = rng.uniform(0.0345, 0.0365)
+    height = rng.uniform(0.053, 0.057)
+    slope = math.radians(rng.uniform(6.0, 8.5))
     nose = str(rng.choice(["round", "square"]))
-    badge = bool(rng.random() < 0.6)
-    two_tone = bool(rng.random() < 0.5)
+    badge = rng.random() < 0.6
+    two_tone = rng.random() < 0.5
     shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
     dark = (0.13, 0.13, 0.14) if colour != "black" else (0.20, 0.20, 0.21)
     half = 0.5 * length
@@ -120,12 +113,11 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A {colour} desk stapler with a steel magazine.",
-        tags=("stapler", "office", "desk", "stationery", colour),
-        body=mass_properties(collision, 0.22),
-        visual=tuple(visual),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.032), JAW_OPENS_ALONG_Y), grip_width),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (half, 0.5 * width, 0.001)),),
+        tags=("stapler", "office", "desk", "stationery"),
+        mass_kg=0.22,
+        parts=(*visual, *collision),
+        grasps=(grip("body", 0.032, grip_width),),
+        regions=(field_of("base", half, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": top, "nose": nose},
     )
 
@@ -149,20 +141,13 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
 
     Beech of 700 kg/m^3 would weigh 0.15 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so
     that it differs from a stapler for the eye alone.
-
-    Args:
-        rng: Source of proportions and grain.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.121, 0.128))
-    width = float(rng.uniform(0.0345, 0.0365))
-    height = float(rng.uniform(0.053, 0.057))
-    rear = height * float(rng.uniform(0.48, 0.60))
-    front = height * float(rng.uniform(0.86, 1.0))
-    bevel = float(rng.uniform(0.0020, 0.0032))
+    length = rng.uniform(0.121, 0.128)
+    width = rng.uniform(0.0345, 0.0365)
+    height = rng.uniform(0.053, 0.057)
+    rear = height * rng.uniform(0.48, 0.60)
+    front = height * rng.uniform(0.86, 1.0)
+    bevel = rng.uniform(0.0020, 0.0032)
     shade = jittered(shaded(PALETTE[colour], 1.25) if colour == "black" else PALETTE[colour], rng)
     half = 0.5 * length
     ridge = half - 0.030
@@ -189,11 +174,10 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="irregular",
         description=f"A {colour} wooden block with the outline of a stapler.",
-        tags=("block", "wedge", "wooden block", "toy", colour),
-        body=mass_properties(collision, 0.22),
-        visual=(part("block", mesh, shade, picture=canvas.pixels(), specular=0.2),),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.032), JAW_OPENS_ALONG_Y), width),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (half, 0.5 * width, 0.001)),),
+        tags=("block", "wedge", "wooden block", "toy"),
+        mass_kg=0.22,
+        parts=(part("block", mesh, canvas, specular=0.2), *collision),
+        grasps=(grip("body", 0.032, width),),
+        regions=(field_of("base", half, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "bevel_m": bevel},
     )

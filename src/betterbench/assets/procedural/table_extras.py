@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, solid_box, upright_cylinder
-from betterbench.assets.procedural.mesh import box, lathe, mapped, merge, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import foot, solid_box, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import box, lathe, mapped, merge, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 
 @generator("napkin_stack", colours=("white", "red", "blue", "green", "yellow"))
@@ -20,25 +18,18 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     """Make a small stack of folded paper napkins.
 
     A folded cocktail napkin weighs 2 to 3 g; twenty of them are about 50 g and 20 mm high.
-
-    Args:
-        rng: Source of proportions, print and the untidiness of the stack.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    side = float(rng.uniform(0.060, 0.066))
+    side = rng.uniform(0.060, 0.066)
     count = int(rng.integers(5, 8))
-    thickness = float(rng.uniform(0.0030, 0.0038))
+    thickness = rng.uniform(0.0030, 0.0038)
     shade = jittered(PALETTE[colour], rng, amount=0.05)
     accent = shaded(shade, 0.72) if colour == "white" else mixed(shade, (1.0, 1.0, 1.0), 0.6)
     top = count * thickness
     layers = []
     for k in range(count):
-        turn = float(rng.uniform(-0.06, 0.06))
+        turn = rng.uniform(-0.06, 0.06)
         sheet = box((side, side, 0.86 * thickness), (0.0, 0.0, (k + 0.5) * thickness), corner=0.002)
-        layers.append(sheet.rotated("z", turn).moved(float(rng.uniform(-8e-4, 8e-4)), float(rng.uniform(-8e-4, 8e-4))))
+        layers.append(sheet.rotated("z", turn).moved(rng.uniform(-8e-4, 8e-4), rng.uniform(-8e-4, 8e-4)))
     canvas = Canvas(2.0, 2.0, (128, 128), shade)
     reach = np.maximum(np.abs(canvas.x - 1.0), np.abs(canvas.y - 1.0))
     canvas.paint((reach > 0.74) & (reach < 0.82), accent)
@@ -50,17 +41,17 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"A stack of folded {colour} paper napkins.",
-        tags=("napkins", "napkin", "serviette", "paper", colour),
-        body=mass_properties(collision, 0.05),
-        visual=(
+        tags=("napkins", "napkin", "serviette", "paper"),
+        mass_kg=0.05,
+        parts=(
             part(
                 "sheets", merge([m.moved(z=-0.07 * thickness) for m in layers[:-1]]), shaded(shade, 0.93), specular=0.05
             ),
-            part("top", flat, shade, picture=canvas.pixels(), specular=0.05),
+            part("top", flat, canvas, specular=0.05),
+            *collision,
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.5 * top), JAW_OPENS_ALONG_Y), side),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (side / 2, side / 2, 0.001)),),
+        grasps=(grip("body", 0.5 * top, side),),
+        regions=(disc("base", side / 2),),
         parameters={"side_m": side, "sheets": count, "height_m": top},
     )
 
@@ -70,18 +61,11 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
     """Make a small paper cup of sauce; the colour is that of the sauce.
 
     A 60 ml portion cup is about 60 mm wide and 35 mm high.
-
-    Args:
-        rng: Source of proportions.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = float(rng.uniform(0.0285, 0.0315))
-    base = radius * float(rng.uniform(0.76, 0.86))
-    height = float(rng.uniform(0.032, 0.038))
-    level = height - float(rng.uniform(0.005, 0.008))
+    radius = rng.uniform(0.0285, 0.0315)
+    base = radius * rng.uniform(0.76, 0.86)
+    height = rng.uniform(0.032, 0.038)
+    level = height - rng.uniform(0.005, 0.008)
     inner = radius - 0.0022
     profile = [
         (0.0, 0.0),
@@ -113,22 +97,13 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A small paper cup of {colour} sauce.",
-        tags=("sauce", "dip", "ketchup", "cup", "condiment", colour),
-        body=mass_properties(collision, 0.06),
-        visual=(part("cup", lathe(profile, 24, wrap=True), paper, picture=canvas.pixels(), specular=0.3),),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.60 * height), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                symmetric_yaw=True,
-                clearance_m=0.008,
-            ),
-        ),
+        tags=("sauce", "dip", "ketchup", "cup", "condiment"),
+        mass_kg=0.06,
+        parts=(part("cup", lathe(profile, 24, wrap=True), canvas, specular=0.3), *collision),
+        grasps=(grip("body", 0.60 * height, 2.0 * radius, symmetric_yaw=True, clearance=0.008),),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (base, base, 0.001)),
-            Region("opening", (0.0, 0.0, height), (inner, inner, 0.001)),
+            disc("base", base),
+            disc("opening", inner, height),
         ),
         parameters={"radius_m": radius, "height_m": height, "pleats": float(pleats)},
     )

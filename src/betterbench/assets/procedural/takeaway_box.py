@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, loft
-from betterbench.assets.procedural.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.mesh import Mesh, creased, loft
+from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.state import Region
 
 _WALL = 0.005
@@ -23,18 +24,11 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
 
     The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty box of 40 g would
     slide at a touch, so it stands for one with a stiff insert and something already in it.
-
-    Args:
-        rng: Source of proportions, folds and print.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    half_x = 0.100 + float(rng.uniform(-0.002, 0.002))
-    half_y = 0.135 + float(rng.uniform(-0.002, 0.002))
-    height = float(rng.uniform(0.100, 0.108))
-    tooth = float(rng.uniform(0.0032, 0.0045))
+    half_x = 0.100 + rng.uniform(-0.002, 0.002)
+    half_y = 0.135 + rng.uniform(-0.002, 0.002)
+    height = rng.uniform(0.100, 0.108)
+    tooth = rng.uniform(0.0032, 0.0045)
     kraft = jittered(_KRAFT if colour == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
@@ -55,14 +49,13 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="box",
         description=f"An open {colour} takeaway box of kraft board with a printed {sign}.",
-        tags=("box", "takeaway box", "food tray", "container", colour),
-        body=mass_properties(collision, 0.45, densities=(3.0, 0.25, 0.25, 0.25, 0.25)),
-        visual=(part("box", mesh, kraft, picture=picture, specular=0.05),),
-        collision=collision,
-        grasps=(),
+        tags=("box", "takeaway box", "food tray", "container"),
+        mass_kg=0.45,
+        densities=(3.0, 0.25, 0.25, 0.25, 0.25),
+        parts=(part("box", mesh, picture, specular=0.05), *collision),
         regions=(
             Region("inside", (0.0, 0.0, _FLOOR + inside), (half_x, half_y, inside)),
-            Region("opening", (0.0, 0.0, height), (half_x, half_y, 0.001)),
+            field_of("opening", half_x, half_y, height),
         ),
         parameters={"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height, "sign": sign},
     )
@@ -132,7 +125,7 @@ def _print(
     height: float,
     half_perimeter: float,
     front: float,
-) -> np.ndarray:
+) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # metres per full height of the picture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
@@ -153,7 +146,7 @@ def _print(
     canvas.shade(np.where(outside, 0.88 + 0.12 * np.clip(y / (0.5 * height), 0.0, 1.0), 1.0))
     down = np.clip((y - height) / (scale - height), 0.0, 1.0)
     canvas.shade(np.where(outside, 1.0, 0.86 - 0.30 * down))
-    return canvas.pixels()
+    return canvas
 
 
 def _sign(canvas: Canvas, sign: str, centre: tuple[float, float], ink: Colour, kraft: Colour) -> None:

@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.body import foot, upright_cylinder
+from betterbench.assets.authoring.draft import Draft, disc, grip, part
+from betterbench.assets.authoring.mesh import lathe, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 
 _BOARD: Colour = (0.74, 0.58, 0.38)
 
@@ -22,20 +20,13 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     """Make a roll of adhesive tape that lies flat; one sees through the hole of its cardboard core.
 
     A roll of 24 mm tape on a core of 25 to 38 mm with 33 m of tape is 65 mm wide and weighs 50 to 70 g.
-
-    Args:
-        rng: Source of proportions and print of the core.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    radius = float(rng.uniform(0.0320, 0.0340))
-    width = float(rng.uniform(0.0225, 0.0255))
-    hole = float(rng.uniform(0.0145, 0.0185))
-    core = hole + float(rng.uniform(0.0020, 0.0030))
-    proud = float(rng.uniform(0.0, 0.0008))  # how far the core stands out of the tape
-    white_core = bool(rng.random() < 0.35)
+    radius = rng.uniform(0.0320, 0.0340)
+    width = rng.uniform(0.0225, 0.0255)
+    hole = rng.uniform(0.0145, 0.0185)
+    core = hole + rng.uniform(0.0020, 0.0030)
+    proud = rng.uniform(0.0, 0.0008)  # how far the core stands out of the tape
+    white_core = rng.random() < 0.35
     shade = jittered(PALETTE[colour], rng, amount=0.10)
     board = jittered((0.86, 0.84, 0.79) if white_core else _BOARD, rng)
 
@@ -54,28 +45,20 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="round",
         description=f"A roll of {colour} adhesive tape on a cardboard core.",
-        tags=("tape", "roll of tape", "adhesive tape", "office", colour),
-        body=mass_properties(collision, 0.06),
-        visual=(
-            part("tape", tape, shade, picture=_windings(rng, tape_profile, shade), specular=0.5, shininess=0.5),
-            part("core", ring, board, picture=_core(rng, core_profile, board, shade), specular=0.05),
+        tags=("tape", "roll of tape", "adhesive tape", "office"),
+        mass_kg=0.06,
+        parts=(
+            part("tape", tape, _windings(rng, tape_profile, shade), specular=0.5, shininess=0.5),
+            part("core", ring, _core(rng, core_profile, board, shade), specular=0.05),
+            *collision,
         ),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.013), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.005,
-                symmetric_yaw=True,
-            ),
-        ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),),
+        grasps=(grip("body", 0.013, 2.0 * radius, clearance=0.005, symmetric_yaw=True),),
+        regions=(disc("base", radius),),
         parameters={"radius_m": radius, "width_m": width, "hole_radius_m": hole},
     )
 
 
-def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour) -> np.ndarray:
+def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Colour) -> Canvas:
     """Draw the tape: rings of the windings on both flat sides, a glossy outside with the free end at the front."""
     length = profile_length([*profile, profile[0]])
     half = math.pi * profile[2][0]
@@ -90,10 +73,10 @@ def _windings(rng: np.random.Generator, profile: list[tuple[float, float]], shad
     canvas.paint(outside & (canvas.x < 0.006), mixed(shade, (1.0, 1.0, 1.0), 0.35))
     canvas.paint(outside & (np.abs(canvas.x - 0.006) < 0.0009), shaded(shade, 0.55))
     canvas.paint((y > length[5]), shaded(shade, 0.5))
-    return canvas.pixels()
+    return canvas
 
 
-def _core(rng: np.random.Generator, profile: list[tuple[float, float]], board: Colour, shade: Colour) -> np.ndarray:
+def _core(rng: np.random.Generator, profile: list[tuple[float, float]], board: Colour, shade: Colour) -> Canvas:
     """Draw the core: plies of board on its end, a printed line inside."""
     length = profile_length(profile)
     canvas = Canvas(1.0, float(length[-1]), (64, 128), board)
@@ -103,6 +86,6 @@ def _core(rng: np.random.Generator, profile: list[tuple[float, float]], board: C
     inner = y > length[3]
     canvas.shade(np.where(inner, 0.78 - 0.25 * np.clip((y - length[3]) / (length[4] - length[3]), 0.0, 1.0), 1.0))
     if rng.random() < 0.6:
-        band = length[3] + float(rng.uniform(0.25, 0.45)) * (length[4] - length[3])
+        band = length[3] + rng.uniform(0.25, 0.45) * (length[4] - length[3])
         canvas.paint(np.abs(y - band) < 0.0028, mixed(shade, board, 0.3))
-    return canvas.pixels()
+    return canvas

@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring.body import solid_box
+from betterbench.assets.authoring.draft import Draft, disc, part
+from betterbench.assets.authoring.mesh import lathe, profile_length
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import generator
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.state import Region
 
@@ -24,20 +25,13 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
 
     A steel mesh bin of this size weighs 0.4 to 0.7 kg. Most of the 0.6 kg is given to the floor, as in bins that stand
     firm. It is a low table bin: what is let go above its rim falls 8 cm.
-
-    Args:
-        rng: Source of proportions and pattern.
-        colour: Colour word.
-
-    Returns:
-        The draft.
     """
-    rim = float(rng.uniform(0.1030, 0.1065))
-    foot_radius = float(rng.uniform(0.0830, 0.0870))
-    height = float(rng.uniform(0.112, 0.118))
-    roll = float(rng.uniform(0.0022, 0.0034))  # radius of the rolled rim
+    rim = rng.uniform(0.1030, 0.1065)
+    foot_radius = rng.uniform(0.0830, 0.0870)
+    height = rng.uniform(0.112, 0.118)
+    roll = rng.uniform(0.0022, 0.0034)  # radius of the rolled rim
     pattern = str(rng.choice(["mesh", "holes", "plain", "slots"]))
-    metal_rim = bool(rng.random() < 0.4)
+    metal_rim = rng.random() < 0.4
     shade = jittered(shaded(PALETTE[colour], 1.12) if colour == "black" else PALETTE[colour], rng)
     wall_top = rim - roll
     profile = [
@@ -81,15 +75,14 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     return Draft(
         shape="cylinder",
         description=f"A round open {colour} waste bin.",
-        tags=("bin", "waste bin", "trash can", "wastebasket", "container", colour),
-        body=mass_properties(collision, 0.60, densities=(3.0, 3.0, *(0.25,) * 8)),
-        visual=(part("bin", shell, shade, picture=picture, specular=0.25, shininess=0.3),),
-        collision=collision,
-        grasps=(),
+        tags=("bin", "waste bin", "trash can", "wastebasket", "container"),
+        mass_kg=0.60,
+        densities=(3.0, 3.0, *(0.25,) * 8),
+        parts=(part("bin", shell, picture, specular=0.25, shininess=0.3), *collision),
         regions=(
             Region("inside", (0.0, 0.0, _FLOOR + inside), (square, square, inside)),
-            Region("opening", (0.0, 0.0, height), (inner_top, inner_top, 0.001)),
-            Region("base", (0.0, 0.0, 0.0), (foot_radius, foot_radius, 0.001)),
+            disc("opening", inner_top, height),
+            disc("base", foot_radius),
         ),
         parameters={"rim_radius_m": rim, "foot_radius_m": foot_radius, "height_m": height, "pattern": pattern},
     )
@@ -102,7 +95,7 @@ def _pattern(
     *,
     pattern: str,
     metal_rim: bool,
-) -> np.ndarray:
+) -> Canvas:
     """Draw the bin from below over the wall and the rim to the floor inside."""
     length = profile_length(profile)
     foot, top, crest, lip, floor = (float(length[k]) for k in (2, 3, 6, 7, 8))
@@ -142,4 +135,4 @@ def _pattern(
     ring = (y > top) & (y < lip)
     canvas.paint(ring, (0.72, 0.73, 0.75) if metal_rim else mixed(shade, (1.0, 1.0, 1.0), 0.12))
     canvas.paint((y > crest) & (y < lip), shaded(shade, 0.7), strength=0.3)
-    return canvas.pixels()
+    return canvas

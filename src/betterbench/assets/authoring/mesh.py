@@ -36,6 +36,19 @@ class Mesh:
         """Return the mesh shifted by (x, y, z) [m]."""
         return Mesh(self.vertices + np.array([x, y, z]), self.faces, self.uv)
 
+    def scaled_across(self, factor: np.ndarray) -> Mesh:
+        """Return the mesh with x and y of each vertex multiplied by ``factor`` (n,)."""
+        return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
+
+    def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
+        """Return the mesh with a picture laid on it from above, the picture's edge at ``radius`` [m].
+
+        Args:
+            radius: Half the side of the picture [m].
+            share: Stretch of the picture per vertex (n,), 0.5 for none.
+        """
+        return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
+
     def rotated(self, axis: str, angle: float) -> Mesh:
         """Return the mesh turned by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
         c, s = math.cos(angle), math.sin(angle)
@@ -318,6 +331,54 @@ def sweep(
         stretch = 1.0 / max(float(tangent @ after), 0.5)
         rings.append(np.array([point + a * normal + b * stretch * across for a, b in section]))
     return creased(_flat_caps(rings), crease_degrees)
+
+
+def chamfered(half_width: float, low: float, high: float, chamfer: float) -> list[tuple[float, float]]:
+    """Return the eight points (across, up) of a rectangle with cut corners [m], counter-clockwise seen from +x."""
+    w, c = half_width, chamfer
+    right = [(w, low + c), (w, high - c), (w - c, high)]
+    return [*right, (-w + c, high), (-w, high - c), (-w, low + c), (-w + c, low), (w - c, low)]
+
+
+def rod(
+    stations: Sequence[tuple[float, float, float, float]],
+    *,
+    chamfer: float = 0.0,
+    y: float = 0.0,
+    crease_degrees: float = 32.0,
+) -> Mesh:
+    """Return the closed loft of upright rectangles along x.
+
+    Args:
+        stations: Position along x, half width, bottom and top of each rectangle [m].
+        chamfer: How much the corners are cut [m], as far as the rectangle has room for it.
+        y: Position of the middle along y [m].
+        crease_degrees: Angle above which an edge is drawn sharp.
+    """
+    rings = []
+    for x, w, low, high in stations:
+        c = min(chamfer, 0.6 * w, 0.35 * (high - low))
+        outline = chamfered(w, low, high, c) if c > 0.0 else [(w, low), (w, high), (-w, high), (-w, low)]
+        rings.append(np.array([(x, y + a, b) for a, b in outline]))
+    return prism(rings, crease_degrees=crease_degrees)
+
+
+def slab(outline: Sequence[tuple[float, float]], half_y: float, *, bevel: float) -> Mesh:
+    """Return a plate with bevelled rims from its side view.
+
+    Args:
+        outline: Points (x, z) [m], counter-clockwise with x to the right.
+        half_y: Half the width along y [m].
+        bevel: Width of the bevel of both rims [m].
+    """
+    points = np.asarray(outline, dtype=float)
+    centre = points.mean(axis=0)
+    away = points - centre
+    reach = np.linalg.norm(away, axis=1, keepdims=True)
+    inner = centre + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
+    sides = ((half_y, inner), (half_y - bevel, points), (-half_y + bevel, points), (-half_y, inner))
+    rings = [np.column_stack([flat[:, 0], np.full(len(flat), y), flat[:, 1]]) for y, flat in sides]
+    return prism(rings, crease_degrees=35.0)
 
 
 def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:

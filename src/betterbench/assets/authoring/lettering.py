@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.assets.procedural.paint import Canvas, Colour
+from betterbench.assets.authoring.paint import Canvas, Colour
 
 Stroke = tuple[tuple[float, float], ...]
 

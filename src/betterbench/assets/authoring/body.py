@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import IDENTITY_QUATERNION, Vector, multiply, normalise, rotate
+from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply, rotate
 
 Inertia = tuple[float, float, float, float, float, float]
 
@@ -76,7 +76,7 @@ def mass_properties(
     Args:
         parts: Primitives that stand for the material (usually the collision parts).
         mass_kg: Total mass [kg].
-        densities: Relative density of each part; equal if not given.
+        densities: Relative density of each part, zero for those after the last number; equal if not given.
 
     Returns:
         The mass properties, rounded to nine digits so that the last bits of a sine do not matter.
@@ -86,7 +86,7 @@ def mass_properties(
     """
     weights = np.array([volume_of(p) for p in parts])
     if densities is not None:
-        weights = weights * np.asarray(densities, dtype=float)
+        weights = weights * [*densities, *[0.0] * (len(parts) - len(densities))]
     if weights.sum() <= 0.0:
         raise InvalidInputError("densities", "no part has any mass", "Give at least one positive density")
     masses = mass_kg * weights / weights.sum()
@@ -105,12 +105,6 @@ def mass_properties(
     return MassProperties(mass_kg, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))
 
 
-# Tool frames of a jaw that comes from above: z down (approach), y the direction in which the fingers open.
-JAW_OPENS_ALONG_Y = normalise((0.0, 1.0, 0.0, 0.0))
-JAW_OPENS_ALONG_X = normalise(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
-UPRIGHT = IDENTITY_QUATERNION
-
-
 def foot(half: float, *, height: float = 0.004) -> CollisionPart:
     """Return the flat square on which a round thing stands.
 
@@ -124,9 +118,25 @@ def foot(half: float, *, height: float = 0.004) -> CollisionPart:
     return CollisionPart("box", (half, half, 0.5 * height), (0.0, 0.0, 0.5 * height))
 
 
-def upright_cylinder(radius: float, low: float, high: float) -> CollisionPart:
-    """Return a standing cylinder on the object's axis from height ``low`` to ``high`` [m]."""
-    return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (0.0, 0.0, 0.5 * (low + high)))
+def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) -> CollisionPart:
+    """Return a standing cylinder on a vertical axis at ``x`` from height ``low`` to ``high`` [m]."""
+    return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (x, 0.0, 0.5 * (low + high)))
+
+
+def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
+    """Return a round body that stands on a :func:`foot`: cylinders one on another.
+
+    Args:
+        foot_half: Half the side of the foot [m].
+        *cylinders: Radius and upper end of each cylinder [m], from the lowest, which starts 0.5 mm above the ground.
+    """
+    ends = [0.0005, *(high for _, high in cylinders)]
+    return (foot(foot_half), *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)))
+
+
+def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
+    """Return an upright ellipsoid of revolution on the object's axis with its centre at height ``z`` [m]."""
+    return CollisionPart("ellipsoid", (radius, radius, half_height), (0.0, 0.0, z))
 
 
 def solid_box(low: Vector, high: Vector) -> CollisionPart:
@@ -134,3 +144,53 @@ def solid_box(low: Vector, high: Vector) -> CollisionPart:
     half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
     centre = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
     return CollisionPart("box", half, centre)
+
+
+def leaning_box(half: Vector, centre: Vector, lean: float) -> CollisionPart:
+    """Return a box with half sizes and a centre [m], turned about the object's y axis by ``lean`` [rad]."""
+    return CollisionPart("box", half, centre, from_axis_angle((0.0, lean, 0.0)))
+
+
+def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
+    """Return eight equal boxes around a vertical axis: the wall of a hollow round thing.
+
+    Args:
+        half: Half sizes of a board along the radius, along the circumference and upwards [m].
+        away: Distance of the middle of a board from the axis [m].
+        z: Height of the middle of a board [m].
+        x: Position of the axis along x [m].
+        lean: How far a board is turned about the circumference [rad]; positive leans its upper end outwards.
+    """
+    tilt = from_axis_angle((0.0, lean, 0.0))
+    return [
+        CollisionPart(
+            "box",
+            half,
+            (x + away * math.cos(angle), away * math.sin(angle), z),
+            multiply(from_yaw(angle), tilt) if lean else from_yaw(angle),
+        )
+        for angle in (k * math.pi / 4 for k in range(8))
+    ]
+
+
+def open_box(
+    inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
+) -> tuple[CollisionPart, ...]:
+    """Return a floor and four walls around a rectangular inside.
+
+    Args:
+        inner: Half extents of the inside along x and y [m].
+        wall: Thickness of the walls [m].
+        floor: Thickness of the floor [m].
+        height: Height of the rim [m].
+        x: Position of the middle along x [m].
+    """
+    ix, iy = inner
+    ox, oy = ix + wall, iy + wall
+    return (
+        solid_box((x - ox, -oy, 0.0), (x + ox, oy, floor)),
+        solid_box((x + ix, -oy, floor), (x + ox, oy, height)),
+        solid_box((x - ox, -oy, floor), (x - ix, oy, height)),
+        solid_box((x - ix, iy, floor), (x + ix, oy, height)),
+        solid_box((x - ix, -oy, floor), (x + ix, -iy, height)),
+    )

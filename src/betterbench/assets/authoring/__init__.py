@@ -1,0 +1,62 @@
+"""The words in which an asset is described: solids, meshes, pictures, grasps and regions; see docs/adding-an-asset.md.
+
+A generator is one decorated function that returns a :class:`Draft`. Whatever a scene, an expert and a predicate need
+beyond it follows from the draft in one place, the registry.
+"""
+
+from betterbench.assets.authoring.body import (
+    foot,
+    leaning_box,
+    open_box,
+    ring_of_boards,
+    solid_box,
+    spheroid,
+    standing,
+    upright_cylinder,
+)
+from betterbench.assets.authoring.draft import Draft, block, centred, disc, field_of, grip, part
+from betterbench.assets.authoring.mesh import Mesh, box, lathe, loft, mapped, merge, prism, rod, slab, sweep
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import build, categories, colours, generator, looks, unregister
+from betterbench.assets.authoring.turned import Turned
+
+__all__ = [
+    "PALETTE",
+    "Canvas",
+    "Colour",
+    "Draft",
+    "Mesh",
+    "Turned",
+    "block",
+    "box",
+    "build",
+    "categories",
+    "centred",
+    "colours",
+    "disc",
+    "field_of",
+    "foot",
+    "generator",
+    "grip",
+    "jittered",
+    "lathe",
+    "leaning_box",
+    "loft",
+    "looks",
+    "mapped",
+    "merge",
+    "mixed",
+    "open_box",
+    "part",
+    "prism",
+    "ring_of_boards",
+    "rod",
+    "shaded",
+    "slab",
+    "solid_box",
+    "spheroid",
+    "standing",
+    "sweep",
+    "unregister",
+    "upright_cylinder",
+]
