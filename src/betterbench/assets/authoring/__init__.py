@@ -4,20 +4,22 @@ A generator is one decorated function that returns a :class:`Draft`. Whatever a 
 beyond it follows from the draft in one place, the registry.
 """
 
-from betterbench.assets.authoring.body import (
+from betterbench.assets.authoring.ceramics import glazed
+from betterbench.assets.authoring.draft import Draft, block, centred, disc, grip, part, zone
+from betterbench.assets.authoring.mesh import Mesh, box, chamfered, lathe, loft, mapped, merge, prism, rod, slab, sweep
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.registry import build, categories, colours, generator, looks, unregister
+from betterbench.assets.authoring.solids import (
     foot,
     leaning_box,
     open_box,
     ring_of_boards,
+    round_wall,
     solid_box,
     spheroid,
     standing,
     upright_cylinder,
 )
-from betterbench.assets.authoring.draft import Draft, block, centred, disc, field_of, grip, part
-from betterbench.assets.authoring.mesh import Mesh, box, lathe, loft, mapped, merge, prism, rod, slab, sweep
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.authoring.registry import build, categories, colours, generator, looks, unregister
 from betterbench.assets.authoring.turned import Turned
 
 __all__ = [
@@ -32,11 +34,12 @@ __all__ = [
     "build",
     "categories",
     "centred",
+    "chamfered",
     "colours",
     "disc",
-    "field_of",
     "foot",
     "generator",
+    "glazed",
     "grip",
     "jittered",
     "lathe",
@@ -51,6 +54,7 @@ __all__ = [
     "prism",
     "ring_of_boards",
     "rod",
+    "round_wall",
     "shaded",
     "slab",
     "solid_box",
@@ -59,4 +63,5 @@ __all__ = [
     "sweep",
     "unregister",
     "upright_cylinder",
+    "zone",
 ]

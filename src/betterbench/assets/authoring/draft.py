@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.authoring.body import solid_box
 from betterbench.assets.authoring.mesh import Mesh, box, mapped
 from betterbench.assets.authoring.paint import Canvas, Colour
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import Pose, Vector, multiply, normalise
 from betterbench.state import Region
 
@@ -153,14 +153,16 @@ def grip(
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
 
 
-def field_of(name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0) -> Region:
-    """Return a flat rectangular region with half extents [m] at height ``z`` [m]."""
-    return Region(name, (x, 0.0, z), (half_x, half_y, 0.001))
+def zone(
+    name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
+) -> Region:
+    """Return a rectangular region with half extents and a middle [m]; it is flat unless ``half_z`` is given."""
+    return Region(name, (x, y, z), (half_x, half_y, half_z))
 
 
 def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
     """Return a flat round region with a radius [m] at height ``z`` [m]."""
-    return field_of(name, radius, radius, z, x=x)
+    return zone(name, radius, radius, z, x=x)
 
 
 def centred(*meshes: Mesh) -> Vector:

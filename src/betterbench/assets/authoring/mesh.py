@@ -300,26 +300,22 @@ def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
 
 
 def sweep(
-    path: Sequence[tuple[float, float, float]],
-    section: Sequence[tuple[float, float]],
-    *,
-    side: tuple[float, float, float] = (0.0, 1.0, 0.0),
-    crease_degrees: float = 40.0,
+    x: Sequence[float], z: Sequence[float], section: Sequence[tuple[float, float]], *, crease_degrees: float = 40.0
 ) -> Mesh:
-    """Move a cross section along a path that lies in a plane.
+    """Move a cross section along a path in the plane y = 0.
 
     Args:
-        path: Points of the path [m].
-        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along ``side``, ``b``
-            along the normal of the path in its plane.
-        side: Unit normal of the plane of the path.
+        x: Positions of the points of the path along x [m].
+        z: Heights of the points of the path [m].
+        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along y, ``b`` along the
+            normal of the path in its plane.
         crease_degrees: Angle above which an edge is drawn sharp.
 
     Returns:
         The creased, closed mesh.
     """
-    points = np.asarray(path, dtype=float)
-    normal = np.asarray(side, dtype=float)
+    points = np.column_stack([x, np.zeros(len(x)), z])
+    normal = np.array([0.0, 1.0, 0.0])
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     rings = []

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.assets.asset import Asset, CollisionPart, VisualPart
-from betterbench.assets.authoring.body import mass_properties
 from betterbench.assets.authoring.draft import Draft
+from betterbench.assets.authoring.mass import mass_properties
 from betterbench.errors import InvalidInputError, UnknownNameError
 
 Generator = Callable[[np.random.Generator, str], Draft]

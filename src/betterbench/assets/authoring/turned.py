@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import standing
 from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length
 from betterbench.assets.authoring.paint import Canvas, Colour
+from betterbench.assets.authoring.solids import standing
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import box, mapped
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 
 
 @generator("block", colours=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
@@ -40,8 +40,8 @@ def block(rng: np.random.Generator, colour: str) -> Draft:
             grip("long", z / 2, x, across="x", preference=1),
         ),
         regions=(
-            field_of("top", x / 2, y / 2, z),
-            field_of("base", x / 2, y / 2),
+            zone("top", x / 2, y / 2, z),
+            zone("base", x / 2, y / 2),
         ),
         parameters={"x_m": x, "y_m": y, "z_m": z, "bevel_m": bevel},
     )

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import Grasp
-from betterbench.assets.authoring.body import foot, upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, upright_cylinder
 from betterbench.geometry import Pose
 from betterbench.state import Region
 

@@ -12,15 +12,15 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.authoring.body import (
-    foot,
-    solid_box,
-    upright_cylinder,
-)
 from betterbench.assets.authoring.draft import Draft, disc, grip, part
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import (
+    foot,
+    solid_box,
+    upright_cylinder,
+)
 from betterbench.assets.procedural.burger import BUN
 from betterbench.state import Region
 

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import foot, upright_cylinder
 from betterbench.assets.authoring.draft import Draft, disc, grip, part
 from betterbench.assets.authoring.mesh import lathe, prism, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, upright_cylinder
 
 # Radius of the standard 330 ml can [m].
 CAN_RADIUS = 0.033

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
 from betterbench.assets.authoring.draft import Draft, disc, part
 from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, merge, prism, sweep, tube_section
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.state import Region
 
 _TRAY = 0.0115  # height of the tray's surface

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, mapped
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 
 # Pictures of things that lie on a desk are drawn as their user at +x sees them: columns along +y, rows up along -x.
 _RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
@@ -62,7 +62,7 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
             *collision,
         ),
         grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
-        regions=(field_of("base", 0.5 * length, 0.5 * width),),
+        regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "trim": trim},
     )
 
@@ -187,7 +187,7 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
             *collision,
         ),
         grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
-        regions=(field_of("base", 0.5 * length, 0.5 * width),),
+        regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "stamp": stamp},
     )
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import upright_cylinder
 from betterbench.assets.authoring.draft import Draft, centred, disc, grip, part
 from betterbench.assets.authoring.mesh import Mesh, creased
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import upright_cylinder
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)

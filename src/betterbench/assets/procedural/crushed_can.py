@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import foot, upright_cylinder
 from betterbench.assets.authoring.draft import Draft, centred, disc, grip, part
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, upright_cylinder
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_profile, draw_label
 
 _SIDES = 18

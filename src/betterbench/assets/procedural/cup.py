@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import foot, solid_box, upright_cylinder
 from betterbench.assets.authoring.draft import Draft, disc, grip, part
 from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length, sweep
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, solid_box, upright_cylinder
 from betterbench.geometry import from_yaw
 from betterbench.state import Region
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, VisualPart
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.state import Region
 
 _HALF = 0.080  # half the length of a piece [m]
@@ -222,7 +222,7 @@ def _draft(
         parts=(*parts, *collision),
         grasps=(grip("handle", _GRIP_HEIGHT, _WIDTH, x=_HALF - 0.5 * _HANDLE),),
         regions=(
-            field_of("base", _HALF, reach),
+            zone("base", _HALF, reach),
             Region("handle", (_HALF - 0.5 * _HANDLE, 0.0, 0.5 * t), (0.5 * _HANDLE, w, 0.5 * t)),
         ),
         parameters={**parameters, "rivets": str(rivets)},

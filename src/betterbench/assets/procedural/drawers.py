@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
 from betterbench.assets.authoring.draft import Draft, grip, part
 from betterbench.assets.authoring.mesh import Mesh, box, mapped, merge
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.state import Region
 
 _COLOURS = ("white", "brown", "grey")

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 
 # Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
@@ -50,7 +50,7 @@ def fries_box(rng: np.random.Generator, colour: str) -> Draft:
             *collision,
         ),
         grasps=(grip("body", 0.068, thick, across="x"),),
-        regions=(field_of("base", thick / 2, width / 2),),
+        regions=(zone("base", thick / 2, width / 2),),
         parameters={"thickness_m": thick, "width_m": width, "carton_height_m": height, "design": design},
     )
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, disc, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, disc, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, prism, profile_length, sweep, tube_section
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 
 _APPLE_RADIUS = 0.035
 _APPLE_SKIN: dict[str, Colour] = {"red": (0.70, 0.055, 0.06), "green": (0.42, 0.62, 0.11), "yellow": (0.92, 0.72, 0.16)}
@@ -269,6 +269,6 @@ def lemon(rng: np.random.Generator, _colour: str) -> Draft:
         densities=(1.0, 1.0),
         parts=(part("peel", mesh, canvas, specular=0.45, shininess=0.45), *collision),
         grasps=(grip("body", radius, 2.0 * radius, clearance=0.010),),
-        regions=(field_of("base", 0.013, 0.008),),
+        regions=(zone("base", 0.013, 0.008),),
         parameters={"radius_m": radius, "length_m": 2.0 * half, "nipple_m": nipple},
     )

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.draft import Draft, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, mapped, merge, prism, rectangle
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import from_axis_angle
 
 # Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
@@ -105,7 +105,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
         tags=("keyboard", "computer keyboard", "desk", "typing"),
         mass_kg=0.50,
         parts=(*visual, *collision),
-        regions=(field_of("base", half_x, half_y),),
+        regions=(zone("base", half_x, half_y),),
         parameters={"depth_m": 2.0 * half_x, "width_m": 2.0 * half_y, "keys": keys_style},
     )
 

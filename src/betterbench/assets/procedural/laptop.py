@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.draft import Draft, part
 from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, prism, rectangle
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.assets.procedural.keyboard import draw_keys
 from betterbench.geometry import from_axis_angle, rotate
 from betterbench.state import Region
@@ -100,7 +100,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
             *collision,
         ),
         regions=(
-            field_of("base", 0.5 * depth, 0.5 * width, x=shift),
+            zone("base", 0.5 * depth, 0.5 * width, x=shift),
             Region("right", (shift, 0.5 * width + _GAP, 0.0), zone),
             Region("left", (shift, -0.5 * width - _GAP, 0.0), zone),
             Region("behind", (back + shift - _BEHIND, 0.0, 0.0), zone),

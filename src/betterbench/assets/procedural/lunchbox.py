@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, centred, field_of, part
+from betterbench.assets.authoring.draft import Draft, centred, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import Quaternion
 from betterbench.state import Region
 
@@ -80,8 +80,8 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
         ),
         regions=(
             Region("inside", (dx, 0.0, _FLOOR + inside), (half_x, half_y, inside)),
-            field_of("opening", half_x, half_y, height, x=dx),
-            field_of("base", ox, oy, x=dx),
+            zone("opening", half_x, half_y, height, x=dx),
+            zone("base", ox, oy, x=dx),
         ),
         parameters={
             "inner_x_m": 2 * half_x,

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.authoring.body import upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X, Draft, disc, part
 from betterbench.assets.authoring.mesh import lathe, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import upright_cylinder
 from betterbench.geometry import Pose, from_yaw, multiply
 
 FOOT_HEIGHT_M = 0.012

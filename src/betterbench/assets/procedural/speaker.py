@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, lathe, mapped, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 
 _PROUD = 0.0036  # how far a driver stands out of the front
 
@@ -63,7 +63,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
             grip("body", grip_z, width, clearance=0.005),
             grip("depth", grip_z, depth, across="x", clearance=0.005, preference=1),
         ),
-        regions=(field_of("base", 0.5 * depth, 0.5 * width),),
+        regions=(zone("base", 0.5 * depth, 0.5 * width),),
         parameters={"width_m": width, "depth_m": depth, "height_m": height, "drivers": 2.0 if two_way else 1.0},
     )
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
-from betterbench.assets.authoring.body import foot, upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
 from betterbench.assets.authoring.lettering import write
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, upright_cylinder
 from betterbench.geometry import Pose
 from betterbench.state import Region
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
 from betterbench.assets.authoring.draft import Draft, part
 from betterbench.assets.authoring.lettering import write
 from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
 from betterbench.state import Region

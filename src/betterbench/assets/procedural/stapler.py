@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, grip, part
+from betterbench.assets.authoring.draft import Draft, grip, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, mapped, prism
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import from_axis_angle
 
 _STEEL = (0.74, 0.75, 0.77)
@@ -117,7 +117,7 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
         mass_kg=0.22,
         parts=(*visual, *collision),
         grasps=(grip("body", 0.032, grip_width),),
-        regions=(field_of("base", half, 0.5 * width),),
+        regions=(zone("base", half, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": top, "nose": nose},
     )
 
@@ -178,6 +178,6 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
         mass_kg=0.22,
         parts=(part("block", mesh, canvas, specular=0.2), *collision),
         grasps=(grip("body", 0.032, width),),
-        regions=(field_of("base", half, 0.5 * width),),
+        regions=(zone("base", half, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "bevel_m": bevel},
     )

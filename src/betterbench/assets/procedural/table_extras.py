@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.body import foot, solid_box, upright_cylinder
 from betterbench.assets.authoring.draft import Draft, disc, grip, part
 from betterbench.assets.authoring.mesh import box, lathe, mapped, merge, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import foot, solid_box, upright_cylinder
 
 
 @generator("napkin_stack", colours=("white", "red", "blue", "green", "yellow"))

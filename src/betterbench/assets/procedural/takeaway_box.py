@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.assets.authoring.body import solid_box
-from betterbench.assets.authoring.draft import Draft, field_of, part
+from betterbench.assets.authoring.draft import Draft, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.state import Region
 
 _WALL = 0.005
@@ -55,7 +55,7 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
         parts=(part("box", mesh, picture, specular=0.05), *collision),
         regions=(
             Region("inside", (0.0, 0.0, _FLOOR + inside), (half_x, half_y, inside)),
-            field_of("opening", half_x, half_y, height),
+            zone("opening", half_x, half_y, height),
         ),
         parameters={"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height, "sign": sign},
     )

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.body import solid_box
 from betterbench.assets.authoring.draft import Draft, disc, part
 from betterbench.assets.authoring.mesh import lathe, profile_length
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
+from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import from_axis_angle, from_yaw, multiply
 from betterbench.state import Region
 
