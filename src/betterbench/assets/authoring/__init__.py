@@ -6,8 +6,23 @@ beyond it follows from the draft in one place, the registry.
 
 from betterbench.assets.authoring.ceramics import glazed
 from betterbench.assets.authoring.draft import Draft, block, centred, disc, grip, part, zone
-from betterbench.assets.authoring.mesh import Mesh, box, chamfered, lathe, loft, mapped, merge, prism, rod, slab, sweep
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.mesh import (
+    ABOVE,
+    FRONT,
+    Mesh,
+    box,
+    chamfered,
+    lathe,
+    loft,
+    mapped,
+    merge,
+    prism,
+    rod,
+    slab,
+    span,
+    sweep,
+)
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.registry import build, categories, colours, generator, looks, unregister
 from betterbench.assets.authoring.solids import (
     foot,
@@ -16,6 +31,7 @@ from betterbench.assets.authoring.solids import (
     ring_of_boards,
     round_wall,
     solid_box,
+    solid_span,
     spheroid,
     standing,
     upright_cylinder,
@@ -23,6 +39,8 @@ from betterbench.assets.authoring.solids import (
 from betterbench.assets.authoring.turned import Turned
 
 __all__ = [
+    "ABOVE",
+    "FRONT",
     "PALETTE",
     "Canvas",
     "Colour",
@@ -58,9 +76,12 @@ __all__ = [
     "shaded",
     "slab",
     "solid_box",
+    "solid_span",
+    "span",
     "spheroid",
     "standing",
     "sweep",
+    "uniforms",
     "unregister",
     "upright_cylinder",
     "zone",

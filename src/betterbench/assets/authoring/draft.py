@@ -59,6 +59,7 @@ def part(
     mesh: Mesh,
     paint: Colour | Canvas,
     *,
+    view: tuple[Vector, Vector] | None = None,
     specular: float = 0.2,
     shininess: float = 0.3,
 ) -> VisualPart:
@@ -68,11 +69,14 @@ def part(
         name: Name within the asset.
         mesh: The mesh.
         paint: Color, each in [0, 1], or picture.
+        view: Directions in which the columns and rows of the picture run if it is projected onto the mesh
+            (:data:`FRONT`, :data:`ABOVE`); by the texture coordinates of the mesh if not given.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
     """
     texture = None
     colour: Colour = (1.0, 1.0, 1.0)
+    mesh = mesh if view is None else mapped(mesh, *view)
     if isinstance(paint, Canvas):
         texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
     else:
@@ -99,7 +103,7 @@ def block(
     bevel: float = 0.0,
     corner: float = 0.0,
     steps: int = 1,
-    picture_axes: tuple[Vector, Vector] | None = None,
+    view: tuple[Vector, Vector] | None = None,
     specular: float = 0.2,
     shininess: float = 0.3,
 ) -> tuple[VisualPart, CollisionPart]:
@@ -113,15 +117,14 @@ def block(
         bevel: Width of the bevel of the top and bottom edges [m]; it is only seen.
         corner: Radius of the vertical edges [m]; it is only seen.
         steps: Segments per rounded vertical edge.
-        picture_axes: Directions in which columns and rows of a picture run, see :func:`mapped`.
+        view: As in :func:`part`.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
     """
     solid = solid_box(low, high)
     x, y, z = solid.size
     mesh = box((2.0 * x, 2.0 * y, 2.0 * z), solid.position, bevel=bevel, corner=corner, steps=steps)
-    mesh = mesh if picture_axes is None else mapped(mesh, *picture_axes)
-    return part(name, mesh, paint, specular=specular, shininess=shininess), solid
+    return part(name, mesh, paint, view=view, specular=specular, shininess=shininess), solid
 
 
 def grip(

@@ -14,6 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Directions of a picture's columns and rows for :func:`mapped`, as somebody at +x sees the front of an object."""
+
+ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+"""The same, as somebody at +x sees the top of an object."""
+
 # Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
 _DECIMALS = 7
 
@@ -48,6 +54,13 @@ class Mesh:
             share: Stretch of the picture per vertex (n,), 0.5 for none.
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
+
+    def hinged(self, angle: float, x: float, z: float) -> Mesh:
+        """Return a mesh made about a hinge at the origin, opened by ``angle`` [rad] and put to the hinge (x, z) [m].
+
+        The hinge lies along y; a positive angle lifts what lies at +x of it.
+        """
+        return self.rotated("y", -angle).moved(x, 0.0, z)
 
     def rotated(self, axis: str, angle: float) -> Mesh:
         """Return the mesh turned by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
@@ -283,6 +296,20 @@ def box(
     return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*centre)
 
 
+def span(
+    x: tuple[float, float],
+    half_y: float,
+    z: tuple[float, float],
+    *,
+    bevel: float = 0.0,
+    corner: float = 0.0,
+    steps: int = 1,
+) -> Mesh:
+    """Return a :func:`box` that is symmetric about y = 0, between two positions along x and two heights [m]."""
+    size, centre = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
+    return box(size, centre, bevel=bevel, corner=corner, steps=steps)
+
+
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
     """Loft rings and close both ends by triangles between the points of a convex ring, without a centre point."""
     side = loft(rings, caps=(False, False))
@@ -359,15 +386,16 @@ def rod(
     return prism(rings, crease_degrees=crease_degrees)
 
 
-def slab(outline: Sequence[tuple[float, float]], half_y: float, *, bevel: float) -> Mesh:
-    """Return a plate with bevelled rims from its side view.
+def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
+    """Return a plate with bevelled rims from its convex side view.
 
     Args:
-        outline: Points (x, z) [m], counter-clockwise with x to the right.
+        x: Positions of the points of the outline along x [m], counter-clockwise with x to the right.
+        z: Their heights [m].
         half_y: Half the width along y [m].
         bevel: Width of the bevel of both rims [m].
     """
-    points = np.asarray(outline, dtype=float)
+    points = np.column_stack([x, z])
     centre = points.mean(axis=0)
     away = points - centre
     reach = np.linalg.norm(away, axis=1, keepdims=True)

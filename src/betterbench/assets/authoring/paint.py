@@ -166,6 +166,11 @@ def _in_ellipse(
     return inside
 
 
+def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[float]:
+    """Draw one number from each range (low, high), in order."""
+    return [rng.uniform(low, high) for low, high in ranges]
+
+
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
@@ -205,6 +210,11 @@ PALETTE: dict[str, Colour] = {
     "purple": (0.42, 0.14, 0.52),
     "pink": (0.90, 0.48, 0.58),
 }
+
+
+STEEL: Colour = (0.74, 0.75, 0.77)
+BUN: Colour = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
+CHROME: Colour = (0.80, 0.81, 0.83)
 
 
 def shaded(colour: Colour, factor: float) -> Colour:

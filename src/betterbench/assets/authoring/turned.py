@@ -47,6 +47,10 @@ class Turned:
         """Return the creased mesh with the texture coordinates of :meth:`canvas`."""
         return lathe(self.profile, self.sides, crease_degrees=self.crease_degrees, wrap=self.wrap, phase=self.phase)
 
+    def facing_front(self, x: float, z: float) -> Mesh:
+        """Return the mesh with its axis along +x, its lower end at ``x`` and its middle at height ``z`` [m]."""
+        return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
+
     def canvas(self, colour: Colour, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Start a picture for the surface, upwards along the profile.
 

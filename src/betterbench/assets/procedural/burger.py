@@ -8,15 +8,13 @@ import numpy as np
 
 from betterbench.assets.asset import Grasp
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y, Draft, disc, part
-from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft
+from betterbench.assets.authoring.paint import BUN, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
 from betterbench.assets.authoring.solids import foot, upright_cylinder
 from betterbench.geometry import Pose
 from betterbench.state import Region
 
-# The brown of a baked bun; the look-alike block is painted with the same.
-BUN: Colour = (0.76, 0.45, 0.15)
 _CRUMB: Colour = (0.90, 0.74, 0.46)
 
 
@@ -172,43 +170,3 @@ def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> Canvas:
             canvas.ellipse((x + 0.012, y - 0.016), (0.066, 0.042), shaded(bun, 0.62), turn)
             canvas.ellipse((x, y), (0.062, 0.038), (0.97, 0.90, 0.70), turn)
     return canvas
-
-
-@generator("round_block", colours=("brown", "red", "green", "yellow", "blue"))
-def round_block(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a wooden round block with the size of a burger; in brown it has the colour of the bun.
-
-    Beech of 700 kg/m^3 would weigh 0.13 kg at this size.
-    """
-    radius = rng.uniform(0.0325, 0.0340)
-    height = rng.uniform(0.0480, 0.0540)
-    bevel = rng.uniform(0.0018, 0.0032)
-    shade = jittered(BUN if colour == "brown" else PALETTE[colour], rng, amount=0.10)
-    profile = [
-        (0.0, 0.0),
-        (radius - bevel, 0.0),
-        (radius, bevel),
-        (radius, height - bevel),
-        (radius - bevel, height),
-        (0.0, height),
-    ]
-    length = profile_length(profile)
-    canvas = Canvas(math.pi * radius, float(length[-1]), (64, 256), shade)
-    top = canvas.y - float(length[4])
-    # End grain: year rings on both flat faces, long fibres on the side.
-    spacing = rng.uniform(0.0035, 0.0055)
-    flat = (canvas.y > length[4]) | (canvas.y < length[1])
-    canvas.shade(np.where(flat, 0.95 + 0.05 * np.sin(2.0 * math.pi * top / spacing), 1.0))
-    canvas.grain(rng, cells=(26, 3), amount=0.045)
-    canvas.paint((canvas.y > length[3]) & (canvas.y < length[4]), shaded(shade, 1.25))
-    collision = (foot(0.021), upright_cylinder(radius, 0.0005, height))
-    return Draft(
-        shape="round",
-        description=f"A {colour} round wooden block with flat faces and bevelled edges.",
-        tags=("block", "round block", "cylinder", "wood", "toy"),
-        mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
-        parts=(part("block", lathe(profile, 28, crease_degrees=35.0, wrap=True), canvas, specular=0.25), *collision),
-        grasps=_round_grasps(radius, 0.5 * height),
-        regions=_round_regions(radius, height),
-        parameters={"radius_m": radius, "height_m": height, "bevel_m": bevel},
-    )

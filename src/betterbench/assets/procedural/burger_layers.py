@@ -14,14 +14,13 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.authoring.draft import Draft, disc, grip, part
 from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import BUN, Canvas, Colour, jittered, mixed, shaded
 from betterbench.assets.authoring.registry import generator
 from betterbench.assets.authoring.solids import (
     foot,
     solid_box,
     upright_cylinder,
 )
-from betterbench.assets.procedural.burger import BUN
 from betterbench.state import Region
 
 _CRUMB: Colour = (0.95, 0.82, 0.56)
