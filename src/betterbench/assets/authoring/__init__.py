@@ -5,7 +5,7 @@ beyond it follows from the draft in one place, the registry.
 """
 
 from betterbench.assets.authoring.ceramics import glazed
-from betterbench.assets.authoring.draft import Draft, block, centred, disc, grip, part, zone
+from betterbench.assets.authoring.draft import Draft, block, centred, disc, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import (
     ABOVE,
     FRONT,
@@ -59,6 +59,7 @@ __all__ = [
     "generator",
     "glazed",
     "grip",
+    "grip_across",
     "jittered",
     "lathe",
     "leaning_box",

@@ -156,6 +156,19 @@ def grip(
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
 
 
+def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
+    """Return the grasp across the diameter of a round body, which may be turned freely.
+
+    Args:
+        height: Height of the middle of the pads [m].
+        radius: Radius of the body there [m].
+        clearance: Free distance that the open jaw needs on each side [m]; if not given, 12 mm or what a jaw of 79 mm
+            leaves.
+    """
+    free = min(0.012, 0.0395 - radius) if clearance is None else clearance
+    return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)
+
+
 def zone(
     name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
 ) -> Region:

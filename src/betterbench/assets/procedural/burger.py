@@ -1,7 +1,5 @@
 """Burgers and the painted round block that looks like one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -25,12 +23,10 @@ def burger(rng: np.random.Generator, _colour: str) -> Draft:
     A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
     jaw.
     """
-    radius = rng.uniform(0.0325, 0.0340)
-    height = rng.uniform(0.0490, 0.0545)
+    radius, height = rng.uniform(0.0325, 0.0340), rng.uniform(0.0490, 0.0545)
     bun = jittered(BUN, rng, amount=0.14)
     seeds = int(rng.choice([0, 18, 26, 34]))
-    lettuce_below = rng.random() < 0.4
-    with_tomato = rng.random() < 0.75
+    lettuce_below, with_tomato = rng.random() < 0.4, rng.random() < 0.75
 
     base = rng.uniform(0.0125, 0.0150)
     patty_top = base + rng.uniform(0.0095, 0.0120)
@@ -78,10 +74,7 @@ def _round_grasps(radius: float, height: float) -> tuple[Grasp, ...]:
 
 def _round_regions(radius: float, height: float) -> tuple[Region, ...]:
     """Return the discs on which it stands and on which something could be put."""
-    return (
-        disc("base", radius),
-        disc("top", 0.5 * radius, height),
-    )
+    return (disc("base", radius), disc("top", 0.5 * radius, height))
 
 
 def _bottom_bun(radius: float, top: float) -> Mesh:

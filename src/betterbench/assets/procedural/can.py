@@ -1,7 +1,5 @@
 """Full beverage cans."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -25,8 +23,7 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
     The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminium
     and 0.33 l of drink).
     """
-    height = rng.uniform(0.1125, 0.1175)
-    shoulder = rng.uniform(0.010, 0.013)
+    height, shoulder = rng.uniform(0.1125, 0.1175), rng.uniform(0.010, 0.013)
     design = str(rng.choice(DESIGNS))
     profile = can_profile(height, shoulder)
     top = profile[-1][1]
@@ -60,10 +57,7 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
             *collision,
         ),
         grasps=(grip("body", height - 0.037, 2 * CAN_RADIUS, clearance=0.006, symmetric_yaw=True),),
-        regions=(
-            disc("base", CAN_RADIUS),
-            disc("top", 0.027, height),
-        ),
+        regions=(disc("base", CAN_RADIUS), disc("top", 0.027, height)),
         parameters={"radius_m": CAN_RADIUS, "height_m": height, "design": design},
     )
 

@@ -1,7 +1,5 @@
 """Crushed beverage cans: the trash that a full can must not be taken for."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Boxes of French fries."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -23,9 +21,7 @@ def fries_box(rng: np.random.Generator, colour: str) -> Draft:
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool centre point.
     """
-    thick = rng.uniform(0.0390, 0.0415)
-    width = rng.uniform(0.0600, 0.0640)
-    height = rng.uniform(0.0780, 0.0840)
+    thick, width, height = rng.uniform(0.0390, 0.0415), rng.uniform(0.0600, 0.0640), rng.uniform(0.0780, 0.0840)
     dip = rng.uniform(0.012, 0.020)
     shade = jittered(PALETTE[colour], rng)
     design = str(rng.choice(["stripes", "disc", "smile"]))
@@ -125,11 +121,7 @@ def _sticks(rng: np.random.Generator, thick: float, width: float, height: float)
             foot = np.array([row * thick, column * width * 0.88, height - 0.030])
             tall = 0.108 - 0.012 * abs(column) / 0.4 - rng.uniform(0.0, 0.016) - (0.006 if row > 0.1 else 0.0)
             tip = np.array(
-                [
-                    (row + rng.uniform(-0.10, 0.10)) * thick,
-                    (column + rng.uniform(-0.10, 0.10)) * width,
-                    tall,
-                ]
+                [(row + rng.uniform(-0.10, 0.10)) * thick, (column + rng.uniform(-0.10, 0.10)) * width, tall]
             )
             half = rng.uniform(0.0029, 0.0036)
             turn = rng.uniform(-0.5, 0.5)

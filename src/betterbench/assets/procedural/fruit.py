@@ -1,7 +1,5 @@
 """Fruit: apples, oranges and lemons, each on a small flat foot so that it lies where it is put."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -31,14 +29,10 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; small ones are used because the jaw opens to
     80 mm.
     """
-    radius = _APPLE_RADIUS * rng.uniform(0.985, 1.0)
-    height = rng.uniform(0.0620, 0.0665)
+    radius, height = _APPLE_RADIUS * rng.uniform(0.985, 1.0), rng.uniform(0.0620, 0.0665)
     waist = rng.uniform(0.86, 0.97)  # slender apples narrow towards the calyx
-    lobes = rng.uniform(0.015, 0.045)
-    stalk = rng.uniform(0.011, 0.015)
-    lean = rng.uniform(-0.004, 0.004)
-    leafy = rng.random() < 0.4
-    blush = rng.uniform(0.15, 0.9)
+    lobes, stalk, lean = rng.uniform(0.015, 0.045), rng.uniform(0.011, 0.015), rng.uniform(-0.004, 0.004)
+    leafy, blush = rng.random() < 0.4, rng.uniform(0.15, 0.9)
     profile = [
         (share * radius * (waist if level < 0.35 else 1.0), level * height)
         for share, level in (
@@ -217,8 +211,7 @@ def lemon(rng: np.random.Generator, _colour: str) -> Draft:
 
     A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.
     """
-    radius = 0.029 * rng.uniform(0.965, 1.0)
-    half = 0.040 * rng.uniform(0.97, 1.03)
+    radius, half = 0.029 * rng.uniform(0.965, 1.0), 0.040 * rng.uniform(0.97, 1.03)
     nipple = rng.uniform(0.0065, 0.0095)
     full = rng.uniform(0.0, 0.06)  # how far the ends are filled out
     peel = jittered((0.95, 0.80, 0.10), rng, amount=0.06)

@@ -1,7 +1,5 @@
 """Computer keyboards, and the picture of keys that a laptop shows too."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -31,11 +29,9 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
 
     A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
     """
-    half_y = 0.5 * rng.uniform(0.274, 0.284)
-    half_x = 0.5 * rng.uniform(0.107, 0.114)
+    half_y, half_x = 0.5 * rng.uniform(0.274, 0.284), 0.5 * rng.uniform(0.107, 0.114)
     near, far = rng.uniform(0.0095, 0.0125), rng.uniform(0.0165, 0.0190)
-    corner = rng.uniform(0.004, 0.010)
-    key_height = rng.uniform(0.0026, 0.0036)
+    corner, key_height = rng.uniform(0.004, 0.010), rng.uniform(0.0026, 0.0036)
     bezel = rng.uniform(0.005, 0.008)
     lip = float(rng.choice([0.0, 0.0, 0.009]))  # a wider edge at the far side
     keys_style = str(rng.choice(["same", "two-tone", "contrast"]))
@@ -76,10 +72,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
         accent=accent,
         edges=shaded(keys, 0.80) if keys_style == "two-tone" else None,
     )
-    visual = [
-        part("case", body, case, specular=0.25),
-        part("keys", caps, picture, specular=0.15),
-    ]
+    visual = [part("case", body, case, specular=0.25), part("keys", caps, picture, specular=0.15)]
     if lip > 0.0:
         dots = [
             box((0.0022, 0.0030, 0.0014), (0.0, 0.0, 0.0003))

@@ -1,7 +1,5 @@
 """Open laptops: the anchor beside which things are put on a desk."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -29,11 +27,9 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
     lower half. The zones "left", "right" and "behind" are the user's: the user looks to -x, so right is +y.
     """
-    depth = rng.uniform(0.166, 0.173)
-    width = rng.uniform(0.246, 0.254)
+    depth, width = rng.uniform(0.166, 0.173), rng.uniform(0.246, 0.254)
     lean = math.radians(rng.uniform(15.0, 20.0))
-    height = rng.uniform(0.148, 0.152)
-    corner = rng.uniform(0.006, 0.012)
+    height, corner = rng.uniform(0.148, 0.152), rng.uniform(0.006, 0.012)
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
     dark_keys = bool(colour == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[colour], 1.10) if colour == "black" else PALETTE[colour], rng, amount=0.06)

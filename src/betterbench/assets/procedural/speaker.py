@@ -1,7 +1,5 @@
 """Small desktop loudspeakers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -23,9 +21,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     """
     width = rng.uniform(0.0645, 0.0675)
     depth = rng.uniform(0.0660, 0.0690)  # with the drivers
-    height = rng.uniform(0.097, 0.103)
-    corner = rng.uniform(0.006, 0.012)
-    two_way = rng.random() < 0.65
+    height, corner, two_way = rng.uniform(0.097, 0.103), rng.uniform(0.006, 0.012), rng.random() < 0.65
     cone = ((0.16, 0.16, 0.17), (0.72, 0.60, 0.34), (0.62, 0.63, 0.65), (0.70, 0.40, 0.18))[int(rng.integers(4))]
     led = ((0.25, 0.95, 0.35), (0.25, 0.60, 1.0), (1.0, 0.62, 0.15))[int(rng.integers(3))]
     shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)

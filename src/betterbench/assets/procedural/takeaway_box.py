@@ -1,7 +1,5 @@
 """Open takeaway boxes of kraft board."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from betterbench.assets.authoring.draft import Draft, part, zone
@@ -27,8 +25,7 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
     """
     half_x = 0.100 + rng.uniform(-0.002, 0.002)
     half_y = 0.135 + rng.uniform(-0.002, 0.002)
-    height = rng.uniform(0.100, 0.108)
-    tooth = rng.uniform(0.0032, 0.0045)
+    height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
     kraft = jittered(_KRAFT if colour == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
