@@ -55,6 +55,19 @@ class Mesh:
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
+    def domed(self, radius: float, top: float, rise: float) -> Mesh:
+        """Return a dome with a picture laid on it from above that is stretched outwards, where the dome is steep.
+
+        Args:
+            radius: Radius of the dome [m].
+            top: Height of its crown [m].
+            rise: Height of the crown above its edge [m].
+        """
+        distance = np.hypot(self.vertices[:, 0], self.vertices[:, 1])
+        below = np.clip((top - self.vertices[:, 2]) / rise, 0.0, 1.0)
+        reach = np.hypot(distance / radius, 0.75 * below) / math.hypot(1.0, 0.75)
+        return self.seen_from_above(1.0, 0.5 * reach / np.maximum(distance, 1e-9))
+
     def hinged(self, angle: float, x: float, z: float) -> Mesh:
         """Return a mesh made about a hinge at the origin, opened by ``angle`` [rad] and put to the hinge (x, z) [m].
 
