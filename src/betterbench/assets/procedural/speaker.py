@@ -31,12 +31,14 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     view = ((0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
     visual = [
         part("cabinet", cabinet, grain, view=view, specular=0.35, shininess=0.4),
-        _driver("woofer", large, front, (0.335 if two_way else 0.46) * height, rim, cone, sides=20, specular=0.3),
+        _driver(
+            "woofer", large, front, (0.335 if two_way else 0.46) * height, rim=rim, cone=cone, sides=20, specular=0.3
+        ),
     ]
     if two_way:
         dark = mixed(cone, (0.2, 0.2, 0.2), 0.4)
         small = rng.uniform(0.0105, 0.0130)
-        visual.append(_driver("tweeter", small, front, 0.80 * height, rim, dark, sides=14, specular=0.4))
+        visual.append(_driver("tweeter", small, front, 0.80 * height, rim=rim, cone=dark, sides=14, specular=0.4))
     lamp = box((0.0022, 0.0042, 0.0042), (front, 0.30 * width, (0.60 if two_way else 0.86) * height), bevel=0.0006)
     return Draft(
         shape="box",
@@ -58,7 +60,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
 
 
 def _driver(
-    name: str, radius: float, x: float, z: float, rim: Colour, cone: Colour, *, sides: int, specular: float
+    name: str, radius: float, x: float, z: float, *, rim: Colour, cone: Colour, sides: int, specular: float
 ) -> VisualPart:
     """Return a driver that looks along +x: rim, rubber surround, cone that falls back, dust cap."""
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)
