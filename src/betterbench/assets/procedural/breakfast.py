@@ -136,16 +136,16 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
 
     A jar of 0.12 l, full, weighs about 0.25 kg.
     """
-    size, height, lid = uniforms(rng, (0.975, 1.0), (0.072, 0.078), (0.013, 0.016))
-    radius, low, kind = 0.030 * size, height - lid, str(rng.choice(list(_LIDS)))
+    size, height, lid_height = uniforms(rng, (0.975, 1.0), (0.072, 0.078), (0.013, 0.016))
+    radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))
     jam = jittered({"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[colour], rng, amount=0.10)
     neck = 0.86 * radius
     radii = (0.0, radius - 0.004, radius, radius, 0.95 * radius, neck, neck, 0.0)
     z = (0.0, 0.0, 0.0045, low - 0.0090, low - 0.0040, low - 0.0010, low + 0.001, low + 0.001)
     jar = Turned(radii, z, sides=22, phase=math.pi / 2)
     cap, inner = 0.93 * radius, height - 0.0010
-    radii = (0.0, cap, cap, cap - 0.0020, 0.82 * cap, 0.78 * cap, 0.0)
-    top = Turned(radii, (low, low, height - 0.0020, height, height, inner, inner), 22, 50.0, wrap=False)
+    lid_radii = (0.0, cap, cap, cap - 0.0020, 0.82 * cap, 0.78 * cap, 0.0)
+    top = Turned(lid_radii, (low, low, height - 0.0020, height, height, inner, inner), 22, 50.0, wrap=False)
     return Draft(
         shape="cylinder",
         description=f"A glass jar of {colour} jam with a lid and a label.",

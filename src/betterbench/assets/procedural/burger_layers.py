@@ -70,8 +70,8 @@ def bun_bottom(rng: np.random.Generator, _colour: str) -> Draft:
     for u, v, size in rng.uniform(0.0, 1.0, (110, 3)).tolist():
         distance, angle = 0.85 * math.sqrt(u), 2.0 * math.pi * v
         centre = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
-        radii = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
-        canvas.ellipse(centre, radii, shaded(crumb, 0.80), 3.0 * v)
+        pore = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
+        canvas.ellipse(centre, pore, shaded(crumb, 0.80), 3.0 * v)
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",

@@ -1,19 +1,13 @@
 """Computer mice and the bar of soap that has the outline of one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.authoring.draft import Draft, grip, part, zone
-from betterbench.assets.authoring.mesh import Mesh, creased, lathe, loft, mapped
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.authoring.registry import generator
-from betterbench.assets.authoring.solids import solid_box
+from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, zone
+from betterbench.assets.authoring.mesh import ABOVE, Mesh, creased, loft
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
 
-# Pictures of things that lie on a desk are drawn as their user at +x sees them: columns along +y, rows up along -x.
-_RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
 _SIDES = 28
 
 
@@ -23,43 +17,35 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
 
     A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
     """
-    length = rng.uniform(0.102, 0.108)
-    width = rng.uniform(0.0605, 0.0630)
-    height = rng.uniform(0.0345, 0.0375)
-    hump = rng.uniform(0.006, 0.016)  # how far behind the middle the back is highest
-    waist = rng.uniform(0.00, 0.07)  # how much the sides are drawn in
-    trim = str(rng.choice(["plain", "grips", "spine", "two-tone"]))
-    extra_button = rng.random() < 0.6
+    length, width, height = uniforms(rng, (0.102, 0.108), (0.0605, 0.0630), (0.0345, 0.0375))
+    # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
+    hump, waist = rng.uniform(0.006, 0.016), rng.uniform(0.00, 0.07)
+    trim, extra_button = str(rng.choice(["plain", "grips", "spine", "two-tone"])), rng.random() < 0.6
     shade = jittered(shaded(PALETTE[colour], 1.06) if colour == "black" else PALETTE[colour], rng)
     accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
-
-    top = _dome(length, width, height, hump=hump, waist=waist)
-    wheel_x = -0.27 * length
-    wheel_z = float(_back(np.array([wheel_x]), length, height, hump)[0]) - 0.0042
-    wheel = (
-        lathe(
-            [(0.0, -0.0034), (0.0070, -0.0034), (0.0080, -0.0018), (0.0080, 0.0018), (0.0070, 0.0034), (0.0, 0.0034)],
-            12,
-        )
-        .rotated("x", math.pi / 2.0)
-        .moved(wheel_x, 0.0, wheel_z)
-    )
-    picture = _shell(shade, accent, length=length, width=width, wheel_x=wheel_x, trim=trim, extra_button=extra_button)
-    half = 0.5 * width - 0.0006
-    collision = (
-        solid_box((-0.30 * length, -half, 0.0), (0.32 * length, half, 0.021)),
-        solid_box((-0.47 * length, -0.66 * half, 0.0005), (0.47 * length, 0.66 * half, 0.0155)),
-        solid_box((-0.22 * length, -0.66 * half, 0.021), (0.34 * length, 0.66 * half, height - 0.003)),
-    )
+    x, half = -0.27 * length, 0.5 * width - 0.0006
+    z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0042
+    radii, levels = (0.0, 0.0070, 0.0080, 0.0080, 0.0070, 0.0), (-0.0034, -0.0034, -0.0018, 0.0018, 0.0034, 0.0034)
+    wheel = Turned(radii, levels, 12, wrap=False).mesh().rotated("x", math.pi / 2.0).moved(x, 0.0, z)
+    picture = _shell(shade, accent, length=length, width=width, wheel_x=x, trim=trim, extra_button=extra_button)
     return Draft(
         shape="irregular",
         description=f"A {colour} cordless computer mouse with two buttons and a scroll wheel.",
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
         mass_kg=0.10,
         parts=(
-            part("shell", top, picture, specular=0.35, shininess=0.45),
+            part(
+                "shell",
+                _dome(length, width, height, hump=hump, waist=waist),
+                picture,
+                view=ABOVE,
+                specular=0.35,
+                shininess=0.45,
+            ),
             part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
-            *collision,
+            solid_span((-0.30 * length, 0.32 * length), half, (0.0, 0.021)),
+            solid_span((-0.47 * length, 0.47 * length), 0.66 * half, (0.0005, 0.0155)),
+            solid_span((-0.22 * length, 0.34 * length), 0.66 * half, (0.021, height - 0.003)),
         ),
         grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
         regions=(zone("base", 0.5 * length, 0.5 * width),),
@@ -98,19 +84,11 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
     side = ring(1.0, 0.0)
     side[:, 2] = 0.006
     levels = ((0.985, 0.58), (0.92, 0.80), (0.78, 0.925), (0.52, 0.985), (0.24, 1.0))
-    mesh = creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
-    return mapped(mesh, _RIGHT, _UP)
+    return creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
 
 
 def _shell(
-    shade: Colour,
-    accent: Colour,
-    *,
-    length: float,
-    width: float,
-    wheel_x: float,
-    trim: str,
-    extra_button: bool,
+    shade: Colour, accent: Colour, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
 ) -> Canvas:
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
@@ -149,42 +127,25 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
     0.11 kg, a used bar, so that it is no heavier in the hand than the mouse it is taken for.
     """
-    length = rng.uniform(0.095, 0.101)
-    width = rng.uniform(0.0585, 0.0615)
-    height = rng.uniform(0.0325, 0.0355)
-    power = float(rng.choice([2.3, 2.8, 3.6]))
-    stamp = str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
+    length, width, height = uniforms(rng, (0.095, 0.101), (0.0585, 0.0615), (0.0325, 0.0355))
+    power, stamp = float(rng.choice([2.3, 2.8, 3.6])), str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
     dish = rng.uniform(0.0012, 0.0022)  # depth of the hollow in which the stamp stands
     shade = jittered({"grey": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[colour], rng)
-    outline = _outline(0.5 * length, 0.5 * width, power, 0.0)
-    levels = (
-        (0.78, 0.0),
-        (0.93, 0.12),
-        (1.0, 0.42),
-        (0.985, 0.62),
-        (0.89, 0.90),
-        (0.80, 1.0),
-        (0.72, 1.0),
-        (0.66, 1.0 - dish / height),
-    )
-    rings = [np.column_stack([share * outline, np.full(_SIDES, level * height)]) for share, level in levels]
-    bar = mapped(creased(loft(rings), 50.0), _RIGHT, _UP)
-    half = 0.5 * width - 0.0006
-    collision = (
-        solid_box((-0.38 * length, -0.66 * half, 0.0), (0.38 * length, 0.66 * half, height - 0.001)),
-        solid_box((-0.28 * length, -half, 0.005), (0.28 * length, half, 0.82 * height)),
-        solid_box((-0.49 * length, -0.5 * half, 0.006), (0.49 * length, 0.5 * half, 0.78 * height)),
-    )
+    outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
+    sides = ((0.78, 0.0), (0.93, 0.12), (1.0, 0.42), (0.985, 0.62), (0.89, 0.90))
+    levels = (*sides, (0.80, 1.0), (0.72, 1.0), (0.66, 1.0 - dish / height))
+    bar = creased(loft([np.column_stack([s * outline, np.full(_SIDES, v * height)]) for s, v in levels]), 50.0)
+    picture = _stamped(rng, shade, stamp=stamp, length=length, width=width)
     return Draft(
         shape="irregular",
         description=f"A {colour} bar of soap with a stamp on its top.",
         tags=("soap", "bar of soap", "soap bar", "bathroom"),
         mass_kg=0.11,
         parts=(
-            part(
-                "bar", bar, _stamped(rng, shade, stamp=stamp, length=length, width=width), specular=0.25, shininess=0.2
-            ),
-            *collision,
+            part("bar", bar, picture, view=ABOVE, specular=0.25, shininess=0.2),
+            solid_span((-0.38 * length, 0.38 * length), 0.66 * half, (0.0, height - 0.001)),
+            solid_span((-0.28 * length, 0.28 * length), half, (0.005, 0.82 * height)),
+            solid_span((-0.49 * length, 0.49 * length), 0.5 * half, (0.006, 0.78 * height)),
         ),
         grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
         regions=(zone("base", 0.5 * length, 0.5 * width),),
@@ -192,30 +153,19 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-# Strokes of the letters that are stamped into soap, in a cell one unit wide and 1.6 units high.
-_LETTERS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
-    "S": (
-        (
-            (0.95, 1.35),
-            (0.7, 1.6),
-            (0.25, 1.6),
-            (0.0, 1.3),
-            (0.2, 0.9),
-            (0.8, 0.7),
-            (1.0, 0.3),
-            (0.75, 0.0),
-            (0.25, 0.0),
-            (0.02, 0.25),
-        ),
-    ),
-    "O": (
-        ((0.5, 0.0), (0.1, 0.3), (0.0, 0.8), (0.1, 1.3), (0.5, 1.6), (0.9, 1.3), (1.0, 0.8), (0.9, 0.3), (0.5, 0.0)),
-    ),
-    "A": (((0.0, 0.0), (0.5, 1.6), (1.0, 0.0)), ((0.2, 0.55), (0.8, 0.55))),
-    "P": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)),),
-    "U": (((0.0, 1.6), (0.0, 0.4), (0.3, 0.0), (0.7, 0.0), (1.0, 0.4), (1.0, 1.6)),),
-    "R": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)), ((0.5, 0.8), (1.0, 0.0))),
-    "E": (((1.0, 0.0), (0.05, 0.0), (0.05, 1.6), (1.0, 1.6)), ((0.05, 0.8), (0.8, 0.8))),
+# Strokes of the letters that are stamped into soap, the x of its points and then their y, in a cell 1 by 1.6.
+_Stroke = tuple[tuple[float, ...], tuple[float, ...]]
+_BOWL: _Stroke = ((0.05, 0.05, 0.7, 1.0, 0.7, 0.05), (0.0, 1.6, 1.6, 1.25, 0.8, 0.8))
+_SNAKE = (0.95, 0.7, 0.25, 0.0, 0.2, 0.8, 1.0, 0.75, 0.25, 0.02)
+_OVAL = (0.5, 0.1, 0.0, 0.1, 0.5, 0.9, 1.0, 0.9, 0.5)
+_LETTERS: dict[str, tuple[_Stroke, ...]] = {
+    "S": ((_SNAKE, (1.35, 1.6, 1.6, 1.3, 0.9, 0.7, 0.3, 0.0, 0.0, 0.25)),),
+    "O": ((_OVAL, (0.0, 0.3, 0.8, 1.3, 1.6, 1.3, 0.8, 0.3, 0.0)),),
+    "A": (((0.0, 0.5, 1.0), (0.0, 1.6, 0.0)), ((0.2, 0.8), (0.55, 0.55))),
+    "P": (_BOWL,),
+    "U": (((0.0, 0.0, 0.3, 0.7, 1.0, 1.0), (1.6, 0.4, 0.0, 0.0, 0.4, 1.6)),),
+    "R": (_BOWL, ((0.5, 1.0), (0.8, 0.0))),
+    "E": (((1.0, 0.05, 0.05, 1.0), (0.0, 0.0, 1.6, 1.6)), ((0.05, 0.8), (0.8, 0.8))),
 }
 
 
@@ -238,16 +188,11 @@ def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: flo
                 canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
                 canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
             continue
-        cell, pitch = 0.0105, 0.0150
+        # The word reads from -y: along the bar from the near to the far end.
+        cell, left = 0.0105, middle[0] + shift
         for k, letter in enumerate(stamp):
-            for stroke in _LETTERS[letter]:
-                # The word reads from -y: along the bar from the near to the far end.
-                points = [
-                    (
-                        middle[0] + 0.8 * cell - cell * v + shift,
-                        middle[1] + pitch * (k - 1.5) + cell * (u - 0.5) + shift,
-                    )
-                    for u, v in stroke
-                ]
+            low = middle[1] + 0.0150 * (k - 1.5) + shift
+            for across, up in _LETTERS[letter]:
+                points = [(left + cell * (0.8 - v), low + cell * (u - 0.5)) for u, v in zip(across, up, strict=True)]
                 canvas.line(points, 0.0023, ink)
     return canvas

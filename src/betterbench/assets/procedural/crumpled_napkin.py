@@ -5,11 +5,9 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.draft import Draft, centred, disc, grip, part
+from betterbench.assets.authoring import Draft, centred, disc, foot, generator, grip_across, part, upright_cylinder
 from betterbench.assets.authoring.mesh import Mesh, creased
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.authoring.registry import generator
-from betterbench.assets.authoring.solids import upright_cylinder
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
@@ -25,17 +23,9 @@ def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
     ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
     roughness = rng.uniform(0.11, 0.16)
     paper = jittered((0.93, 0.93, 0.92) if colour == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
-
     ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
-    shift = centred(ball)
-    ball = ball.moved(*shift)
-    radius = 0.5 * across - 0.0015
-    top = float(ball.vertices[:, 2].max())
-    collision = (
-        CollisionPart("box", (0.013, 0.013, 0.003), (0.0, 0.0, 0.003), friction=_FRICTION),
-        _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
-        _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
-    )
+    ball = ball.moved(*centred(ball))
+    radius, top = 0.5 * across - 0.0015, float(ball.vertices[:, 2].max())
     return Draft(
         shape="irregular",
         description=f"A crumpled {colour} paper napkin.",
@@ -43,17 +33,19 @@ def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
         mass_kg=0.015,
         parts=(
             part("paper", ball, _paper(rng, paper, ink=ink if printed else None), specular=0.02, shininess=0.05),
-            *collision,
+            _rough(foot(0.013, height=0.006)),
+            _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
+            _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
         ),
-        grasps=(grip("body", 0.028, 2.0 * radius, clearance=0.006, symmetric_yaw=True),),
+        grasps=(grip_across(0.028, radius, clearance=0.006),),
         regions=(disc("base", 0.5 * across),),
         parameters={"across_m": across, "height_m": top, "roughness": roughness},
     )
 
 
-def _rough(cylinder: CollisionPart) -> CollisionPart:
-    """Return the cylinder with the friction of paper."""
-    return CollisionPart(cylinder.shape, cylinder.size, cylinder.position, friction=_FRICTION)
+def _rough(solid: CollisionPart) -> CollisionPart:
+    """Return the solid with the friction of paper."""
+    return CollisionPart(solid.shape, solid.size, solid.position, friction=_FRICTION)
 
 
 def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:

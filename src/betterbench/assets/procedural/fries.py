@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring.draft import Draft, grip, part, zone
-from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.authoring.registry import generator
-from betterbench.assets.authoring.solids import solid_box
+from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_span, zone
+from betterbench.assets.authoring.mesh import Mesh, creased, loft, prism
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
 
 # Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
@@ -21,32 +19,26 @@ def fries_box(rng: np.random.Generator, colour: str) -> Draft:
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool centre point.
     """
-    thick, width, height = rng.uniform(0.0390, 0.0415), rng.uniform(0.0600, 0.0640), rng.uniform(0.0780, 0.0840)
-    dip = rng.uniform(0.012, 0.020)
-    shade = jittered(PALETTE[colour], rng)
-    design = str(rng.choice(["stripes", "disc", "smile"]))
-
-    carton = _carton(thick, width, height, dip=dip)
+    thick, width, height = uniforms(rng, (0.0390, 0.0415), (0.0600, 0.0640), (0.0780, 0.0840))
+    dip, half_x, half_y = rng.uniform(0.012, 0.020), thick / 2, width / 2
+    shade, design = jittered(PALETTE[colour], rng), str(rng.choice(["stripes", "disc", "smile"]))
     picture = _print(rng, shade, design=design)
     sticks, dark = _sticks(rng, thick, width, height)
     golden = jittered((0.93, 0.68, 0.20), rng, amount=0.06)
-    collision = (
-        solid_box((-thick / 2, -width / 2, 0.0), (thick / 2, width / 2, height - 0.002)),
-        solid_box((-0.36 * thick, -0.38 * width, height - 0.002), (0.36 * thick, 0.38 * width, 0.100)),
-    )
     return Draft(
         shape="box",
         description=f"A {colour} and white striped carton of French fries.",
         tags=("fries", "french fries", "chips", "food", "carton"),
         mass_kg=0.12,
         parts=(
-            part("carton", carton, picture, specular=0.15),
+            part("carton", _carton(thick, width, height, dip=dip), picture, specular=0.15),
             part("fries", sticks, golden, specular=0.12),
             part("dark_fries", dark, shaded(golden, 0.86), specular=0.12),
-            *collision,
+            solid_span((-half_x, half_x), half_y, (0.0, height - 0.002)),
+            solid_span((-0.36 * thick, 0.36 * thick), 0.38 * width, (height - 0.002, 0.100)),
         ),
         grasps=(grip("body", 0.068, thick, across="x"),),
-        regions=(zone("base", thick / 2, width / 2),),
+        regions=(zone("base", half_x, half_y),),
         parameters={"thickness_m": thick, "width_m": width, "carton_height_m": height, "design": design},
     )
 

@@ -45,11 +45,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
         description=f"A small {colour} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
         tags=("speaker", "loudspeaker", "desktop speaker", "audio"),
         mass_kg=0.35,
-        parts=(
-            *visual,
-            part("lamp", lamp, led, specular=0.6),
-            solid_span((-half, half), 0.5 * width, (0.0, height)),
-        ),
+        parts=(*visual, part("lamp", lamp, led, specular=0.6), solid_span((-half, half), 0.5 * width, (0.0, height))),
         grasps=(
             grip("body", 0.065, width, clearance=0.005),
             grip("depth", 0.065, depth, across="x", clearance=0.005, preference=1),

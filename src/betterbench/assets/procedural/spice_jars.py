@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.lettering import write
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
@@ -17,15 +17,6 @@ JAR_RADIUS_M = 0.0215
 JAR_HEIGHT_M = 0.085
 """Height of every jar with its cap [m]: such jars are 80 to 95 mm high."""
 
-# What every jar and the bottle have in common: 70 g of glass and cap and 50 g of what is inside; one cylinder on a
-# square foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.
-_SOLID = standing(0.0140, (JAR_RADIUS_M, JAR_HEIGHT_M))
-_JAR: dict[str, Any] = {
-    "shape": "cylinder",
-    "mass_kg": 0.12,
-    "grasps": (grip_across(0.062, JAR_RADIUS_M),),
-    "regions": (disc("base", JAR_RADIUS_M), disc("top", 0.0195, JAR_HEIGHT_M)),
-}
 _SIDES = 24
 _GLASS: Colour = (0.66, 0.73, 0.73)
 _NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
@@ -101,16 +92,13 @@ def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
     # The arrows of a push-and-turn cap: a ring with gaps.
     arrows = (np.abs(end - cap.y - 0.0115) < 0.0012) & (np.cos(6.0 * math.pi * cap.x / cap.width) > -0.4)
     cap.paint(arrows, (0.55, 0.56, 0.58))
-    return Draft(
-        description=f"A pharmacy pill bottle with a {colour} ribbed child-proof cap and a printed label.",
-        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle"),
-        parts=(
-            part("body", canvas.mesh(), canvas, specular=0.4, shininess=0.5),
-            part("cap", cap.mesh(), cap),
-            *_SOLID,
-        ),
-        parameters={"radius_m": r, "height_m": JAR_HEIGHT_M, "amber": str(amber), "ribs": float(ribs)},
-        **_JAR,
+    return _bottle(
+        f"A pharmacy pill bottle with a {colour} ribbed child-proof cap and a printed label.",
+        ("pill bottle", "pills", "medicine", "pharmacy", "bottle"),
+        part("body", canvas.mesh(), canvas, specular=0.4, shininess=0.5),
+        part("cap", cap.mesh(), cap),
+        amber=str(amber),
+        ribs=float(ribs),
     )
 
 
@@ -163,16 +151,26 @@ def _jar(
     skirt = knurled.between(start + 0.002, start + shape.cap_height - 0.003)
     knurled.shade(np.where(skirt, 0.90 + 0.10 * np.cos(2.0 * math.pi * 22.0 * knurled.x / (math.pi * 0.02)), 1.0))
     knurled.shade(np.where(knurled.y > knurled.height - 0.62 * r, 0.93, 1.0))
+    body = part("body", canvas.mesh(), canvas, specular=specular, shininess=0.7)
+    top = part("cap", shape.cap.mesh(), knurled, specular=0.35, shininess=0.5)
+    return _bottle(description, tags, body, top, cap_height_m=shape.cap_height)
+
+
+def _bottle(description: str, tags: tuple[str, ...], *visual: VisualPart, **parameters: float | str) -> Draft:
+    """Return what every jar and the pill bottle have in common, around what is seen of one.
+
+    70 g of glass and cap and 50 g of what is inside; one cylinder on a square foot; pads that reach 12 mm below the
+    grasp, and so stay above a hole 35 mm deep.
+    """
     return Draft(
+        shape="cylinder",
         description=description,
         tags=tags,
-        parts=(
-            part("body", canvas.mesh(), canvas, specular=specular, shininess=0.7),
-            part("cap", shape.cap.mesh(), knurled, specular=0.35, shininess=0.5),
-            *_SOLID,
-        ),
-        parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, "cap_height_m": shape.cap_height},
-        **_JAR,
+        mass_kg=0.12,
+        parts=(*visual, *standing(0.0140, (JAR_RADIUS_M, JAR_HEIGHT_M))),
+        grasps=(grip_across(0.062, JAR_RADIUS_M),),
+        regions=(disc("base", JAR_RADIUS_M), disc("top", 0.0195, JAR_HEIGHT_M)),
+        parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, **parameters},
     )
 
 

@@ -1,21 +1,16 @@
 """A wooden block with three numbered holes that jars stand in."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring.draft import Draft, part
+from betterbench.assets.authoring import Draft, generator, part, solid_box, solid_span, zone
 from betterbench.assets.authoring.lettering import write
-from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, creased, loft, mapped, merge, prism, rectangle
 from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
-from betterbench.assets.authoring.registry import generator
-from betterbench.assets.authoring.solids import solid_box
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
-from betterbench.state import Region
 
 CLEARANCE_M = 0.0027
 """Play between a jar and its hole on each side [m]: the task asks for 3 mm a side or less."""
@@ -41,33 +36,22 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     have the same holes: they are the tolerance of the task. They differ in grain, finish and the marks.
     """
     wood = jittered(_WOOD[colour], rng, amount=0.16)
-    style = str(rng.choice(["plate", "burnt", "painted"]))
-    stripe = rng.random() < 0.5
-    plates = {
-        "plate": (0.93, 0.91, 0.85),
-        "burnt": mixed(wood, (0.95, 0.86, 0.70), 0.45),
-        "painted": (0.10, 0.11, 0.13),
-    }
-    plate = plates[style]
+    style, stripe = str(rng.choice(["plate", "burnt", "painted"])), rng.random() < 0.5
+    burnt = mixed(wood, (0.95, 0.86, 0.70), 0.45)
+    plate = {"plate": (0.93, 0.91, 0.85), "burnt": burnt, "painted": (0.10, 0.11, 0.13)}[style]
     ink: Colour = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
-
-    holes = [merge([_cell(index) for index in range(3)])]
-    top = mapped(holes[0], (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-    walls = (
-        solid_box((-_HALF_X, -_HALF_Y, 0.0), (_HALF_X, _HALF_Y, _FLOOR)),
-        solid_box((_APOTHEM, -_HALF_Y, _FLOOR), (_HALF_X, _HALF_Y, _HEIGHT)),
-        solid_box((-_HALF_X, -_HALF_Y, _FLOOR), (-_APOTHEM, _HALF_Y, _HEIGHT)),
-        *(
-            solid_box((-_APOTHEM, low, _FLOOR), (_APOTHEM, high, _HEIGHT))
-            for low, high in (
-                (-_HALF_Y, -PITCH_M - _APOTHEM),
-                (-PITCH_M + _APOTHEM, -_APOTHEM),
-                (_APOTHEM, PITCH_M - _APOTHEM),
-                (PITCH_M + _APOTHEM, _HALF_Y),
-            )
-        ),
+    gaps = (
+        (-_HALF_Y, -PITCH_M - _APOTHEM),
+        (-PITCH_M + _APOTHEM, -_APOTHEM),
+        (_APOTHEM, PITCH_M - _APOTHEM),
+        (PITCH_M + _APOTHEM, _HALF_Y),
     )
-    corners = tuple(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4))
+    walls = (
+        solid_span((-_HALF_X, _HALF_X), _HALF_Y, (0.0, _FLOOR)),
+        solid_span((_APOTHEM, _HALF_X), _HALF_Y, (_FLOOR, _HEIGHT)),
+        solid_span((-_HALF_X, -_APOTHEM), _HALF_Y, (_FLOOR, _HEIGHT)),
+        *(solid_box((-_APOTHEM, low, _FLOOR), (_APOTHEM, high, _HEIGHT)) for low, high in gaps),
+    )
     return Draft(
         shape="box",
         description=f"A {colour} wooden spice rack with three numbered holes in a row.",
@@ -76,13 +60,13 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
         densities=(1.0,) * len(walls),
         parts=(
             part("block", _outside(), _grain(rng, wood, stripe=stripe), specular=0.15),
-            part("top", top, _top(rng, wood), specular=0.15),
-            part("marks", _marks(), _digits(plate, ink), specular=0.2),
+            part("top", merge([_cell(index) for index in range(3)]), _top(rng, wood), view=ABOVE, specular=0.15),
+            part("marks", _marks(), _digits(plate, ink)),
             *walls,
-            *corners,
+            *(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4)),
         ),
         regions=tuple(
-            Region(f"hole_{number}", (0.0, (number - 2) * PITCH_M, _FLOOR), (0.004, 0.004, _DEPTH))
+            zone(f"hole_{number}", 0.004, 0.004, _FLOOR, y=(number - 2) * PITCH_M, half_z=_DEPTH)
             for number in (1, 2, 3)
         ),
         parameters={
@@ -158,12 +142,9 @@ def _marks() -> Mesh:
     plates = []
     for index in range(3):
         y = (index - 1) * PITCH_M
-        front = mapped(box((0.0008, 0.030, 0.028), (_HALF_X, y, 0.0200), corner=0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        above = mapped(
-            box((0.0084, 0.0150, 0.0008), (0.5 * (_APOTHEM + _RIM + _HALF_X - _EDGE), y, _HEIGHT)),
-            (0.0, 1.0, 0.0),
-            (-1.0, 0.0, 0.0),
-        )
+        front = mapped(box((0.0008, 0.030, 0.028), (_HALF_X, y, 0.0200)), *FRONT)
+        middle = 0.5 * (_APOTHEM + _RIM + _HALF_X - _EDGE)
+        above = mapped(box((0.0084, 0.0150, 0.0008), (middle, y, _HEIGHT)), *ABOVE)
         for plate in (front, above):
             uv = np.stack([(index + plate.uv[:, 0]) / 3.0, plate.uv[:, 1]], axis=1)
             plates.append(Mesh(plate.vertices, plate.faces, uv))
