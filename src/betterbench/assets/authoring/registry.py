@@ -53,7 +53,7 @@ def generator(
     """
     if not category or not colours or looks < 1:
         raise InvalidInputError(
-            f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", colours='
+            f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", ...)'
         )
 
     def register(make: Generator) -> Generator:
@@ -85,7 +85,8 @@ def unregister(category: str) -> None:
 
 def _origin(make: Generator) -> str:
     """Return the file and the name of a generator, for a person to find it."""
-    return f"{make.__qualname__} in {make.__code__.co_filename}"
+    code = getattr(make, "__code__", None)
+    return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
 
 
 def categories() -> tuple[str, ...]:
