@@ -2,7 +2,7 @@
 
 from betterbench.assets import procedural  # noqa: F401  (imported for what it registers)
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.authoring import build, categories, colours, looks
+from betterbench.assets.authoring.registry import build, categories, colours, looks
 
 __all__ = [
     "Asset",

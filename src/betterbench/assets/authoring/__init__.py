@@ -11,8 +11,6 @@ from betterbench.assets.authoring.mesh import (
     FRONT,
     Mesh,
     box,
-    chamfered,
-    lathe,
     loft,
     mapped,
     merge,
@@ -23,7 +21,7 @@ from betterbench.assets.authoring.mesh import (
     sweep,
 )
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
-from betterbench.assets.authoring.registry import build, categories, colours, generator, looks, unregister
+from betterbench.assets.authoring.registry import generator, unregister
 from betterbench.assets.authoring.solids import (
     foot,
     leaning_box,
@@ -49,11 +47,7 @@ __all__ = [
     "Turned",
     "block",
     "box",
-    "build",
-    "categories",
     "centred",
-    "chamfered",
-    "colours",
     "disc",
     "foot",
     "generator",
@@ -61,10 +55,8 @@ __all__ = [
     "grip",
     "grip_across",
     "jittered",
-    "lathe",
     "leaning_box",
     "loft",
-    "looks",
     "mapped",
     "merge",
     "mixed",

@@ -1,7 +1,5 @@
 """The glaze of hollow tableware: mugs and cups."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

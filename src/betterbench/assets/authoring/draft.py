@@ -1,7 +1,5 @@
 """What a generator returns, and the words in which it describes an object: parts, grasps and regions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Fittings of appliances: instruments, control panels, grilles, outlets, tubes and marks, each with its picture."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Letters and digits for prints, drawn as strokes: an alphabet of as many signs as the library has words to print."""
 
-from __future__ import annotations
-
 from betterbench.assets.authoring.paint import Canvas, Colour
 
 Stroke = tuple[tuple[float, float], ...]

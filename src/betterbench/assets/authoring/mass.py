@@ -1,7 +1,5 @@
 """Mass, centre of mass and inertia of a body made of simple solids."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

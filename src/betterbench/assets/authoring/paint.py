@@ -1,7 +1,5 @@
 """Pictures for visual parts, drawn with numpy: bands, discs, waves, noise. Nothing is loaded from a file."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -227,11 +225,7 @@ def shaded(colour: Colour, factor: float) -> Colour:
 
 def mixed(a: Colour, b: Colour, fraction: float) -> Colour:
     """Return the colour at ``fraction`` of the way from ``a`` to ``b``."""
-    return (
-        a[0] + (b[0] - a[0]) * fraction,
-        a[1] + (b[1] - a[1]) * fraction,
-        a[2] + (b[2] - a[2]) * fraction,
-    )
+    return (a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction, a[2] + (b[2] - a[2]) * fraction)
 
 
 def jittered(colour: Colour, rng: np.random.Generator, *, amount: float = 0.08) -> Colour:

@@ -1,7 +1,5 @@
 """The register of generators: a category is one decorated function; everything else is derived from it."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 from collections.abc import Callable, Sequence

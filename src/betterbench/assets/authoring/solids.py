@@ -1,7 +1,5 @@
 """Collision shapes: convex solids, and the walls of hollow things made of them."""
 
-from __future__ import annotations
-
 import math
 
 from betterbench.assets.asset import CollisionPart

@@ -1,7 +1,5 @@
 """Solids of revolution: one profile gives the mesh, the picture wrapped around it and the collision shapes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -115,11 +115,7 @@ def _piece(
         part("collar", collar, shaded(metal, 0.92), specular=0.9, shininess=0.8),
     ]
     if rivets:
-        angle, dots = 2.0 * math.pi * np.arange(8) / 8, []
-        for x in (start + 0.026, _HALF - 0.022):
-            outline = np.stack([x + 0.0024 * np.cos(angle), 0.0024 * np.sin(angle), np.full(8, t - 0.001)], axis=1)
-            dots.append(prism([outline, outline + np.array([0.0, 0.0, 0.0013])]))
-        parts.append(part("rivets", merge(dots), metal, specular=0.9, shininess=0.8))
+        parts.append(_rivets(metal, start + 0.026, _HALF - 0.022))
     colour, kind = name.split()
     tip, middle = -_HALF + (0.004 if rim is None else 0.014), _HALF - 0.5 * _HANDLE
     return Draft(
@@ -140,3 +136,12 @@ def _piece(
         regions=(zone("base", _HALF, reach), zone("handle", 0.5 * _HANDLE, w, 0.5 * t, x=middle, half_z=0.5 * t)),
         parameters={**sizes, "rivets": str(rivets)},
     )
+
+
+def _rivets(metal: Colour, *x: float) -> VisualPart:
+    """Return the heads of rivets on top of the handle at positions along x [m]."""
+    angle, z, dots = 2.0 * math.pi * np.arange(8) / 8, _THICKNESS - 0.001, []
+    for at in x:
+        outline = np.stack([at + 0.0024 * np.cos(angle), 0.0024 * np.sin(angle), np.full(8, z)], axis=1)
+        dots.append(prism([outline, outline + np.array([0.0, 0.0, 0.0013])]))
+    return part("rivets", merge(dots), metal, specular=0.9, shininess=0.8)

@@ -43,9 +43,7 @@ _KNOB_AWAY = 0.053
 _KNOB_SIDE, _KNOB_HEIGHT = 0.070, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
 
-TRAVEL_M = 0.15
-FRICTION_N = 1.5
-DAMPING_N_S_M = 4.0
+_SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_n_s_m": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,12 +215,7 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
             zone("knob", kx, ky, _KNOB_HEIGHT, x=knob_x, y=knob_y, half_z=kz),
             zone("front", 0.001, _PANEL_HALF_Y, 0.5 * _PANEL_HEIGHT, x=_FRONT, half_z=0.5 * _PANEL_HEIGHT),
         ),
-        parameters={
-            "travel_m": TRAVEL_M,
-            "friction_n": FRICTION_N,
-            "damping_n_s_m": DAMPING_N_S_M,
-            "front": style.front,
-        },
+        parameters={**_SLIDE, "front": style.front},
     )
 
 

@@ -50,6 +50,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
         Turned((0.0, 0.0048, 0.0048, 0.0), (-end, -end, end, end), 10, wrap=False).mesh().rotated("x", math.pi / 2.0)
     )
     middle = rotate(from_axis_angle((0.0, -lean, 0.0)), (0.0, 0.0, 0.5 * reach))
+    sizes = {"depth_m": depth, "width_m": width, "height_m": height, "lean_degrees": math.degrees(lean)}
     deck_picture = _deck(metal, size_m=deck_size, dark_keys=dark_keys)
     shown = _desktop(rng, size_m=screen_size, wallpaper=wallpaper)
     return Draft(
@@ -74,13 +75,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
             zone("left", 0.035, 0.035, x=x, y=-half_y - _GAP, half_z=0.02),
             zone("behind", 0.035, 0.035, x=back + x - _BEHIND, half_z=0.02),
         ),
-        parameters={
-            "depth_m": depth,
-            "width_m": width,
-            "height_m": height,
-            "lean_degrees": math.degrees(lean),
-            "wallpaper": wallpaper,
-        },
+        parameters={**sizes, "wallpaper": wallpaper},
     )
 
 
