@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from betterbench.assets import build, categories, colours, looks
+from betterbench.assets import build, categories, colors, looks
 from betterbench.assets.authoring import generator, unregister
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
@@ -32,7 +32,7 @@ never meet anything but the jars in its holes."""
 THIN_M, LIP_M = 0.008, 0.003
 """Least thickness that a jaw takes [m]: of a body, and of the upright lip of a plate, which both pads press flat."""
 PAD_M = PAD_HALF_SIZE[2]
-"""Distance by which the pads reach below the tool centre point [m]."""
+"""Distance by which the pads reach below the tool center point [m]."""
 MOUNTED = ("lower_drawer", "upper_drawer")
 """Things that hang in rails instead of standing. The origin is that of their box without the knob."""
 TABLE = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [1, 1, 0.02], "pos": [0, 0, -0.02], "condim": 4}
@@ -49,10 +49,10 @@ def world():
 def keeps_its_budgets(asset):
     assert 0 < asset.face_count <= FACE_BUDGET
     assert 0 < len(asset.collision) <= GEOM_EXCEPTIONS.get(asset.category, GEOM_BUDGET)
-    assert asset.licence
+    assert asset.license
     assert asset.source
     assert asset.description
-    assert asset.colour in colours(asset.category)
+    assert asset.color in colors(asset.category)
     for part in asset.visual:
         assert part.faces.max() < len(part.vertices)
         assert part.texture is None or max(part.texture.pixels.shape) <= 256
@@ -67,8 +67,8 @@ def has_the_inertia_of_a_body(asset):
     radius = math.sqrt(moments[2] / asset.mass_kg)
     assert 0.1 * min(asset.size_m) < radius < math.hypot(*asset.size_m)
     low, high = np.array([-0.5, -0.5, 0.0]), np.array([0.5, 0.5, 1.0])
-    assert np.all(np.array(asset.centre_of_mass) >= low * asset.size_m)
-    assert np.all(np.array(asset.centre_of_mass) <= high * asset.size_m)
+    assert np.all(np.array(asset.center_of_mass) >= low * asset.size_m)
+    assert np.all(np.array(asset.center_of_mass) <= high * asset.size_m)
 
 
 def has_a_box_that_holds_what_is_seen_and_touched(asset):
@@ -102,7 +102,7 @@ def has_grasps_that_fit_a_parallel_jaw(asset):
         assert 0.005 < z < asset.size_m[2]
         down = Pose((0.0, 0.0, 0.0), grasp.pose.quaternion).apply((0.0, 0.0, 1.0))
         assert down[2] < -0.99, "the gripper comes from above"
-        assert asset.size_m[2] - z < 0.049, "the hand, 45 mm above the tool centre point, must clear the object"
+        assert asset.size_m[2] - z < 0.049, "the hand, 45 mm above the tool center point, must clear the object"
         if grasp.name == "rim":
             assert z - PAD_M > asset.region("floor").position[2], "the inner pad must clear the floor"
 
@@ -114,12 +114,12 @@ def stands_where_it_is_put(asset):
     assert -1e-3 < pose.position[2] < 1e-3
 
 
-def looks_differ_and_colours_do_not_change_the_shape(category):
+def looks_differ_and_colors_do_not_change_the_shape(category):
     assert len(looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in looks(category)}) == len(looks(category))
-    shapes = {build(category, colour=colour).size_m for colour in colours(category)}
+    shapes = {build(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
-    assert build(category) is build(category, look=0, colour=colours(category)[0])
+    assert build(category) is build(category, look=0, color=colors(category)[0])
 
 
 CONTRACTS = (
@@ -140,7 +140,7 @@ def check_category(category):
                 contract(asset)
             except AssertionError as error:
                 raise AssertionError(f"{asset.identity}: {contract.__name__}: {error}") from error
-    looks_differ_and_colours_do_not_change_the_shape(category)
+    looks_differ_and_colors_do_not_change_the_shape(category)
 
 
 @pytest.mark.parametrize("category", categories())
@@ -161,7 +161,7 @@ def test_unknown_names_are_answered_with_the_closest_known_ones():
     with pytest.raises(UnknownNameError, match="burger"):
         build("burgers")
     with pytest.raises(UnknownNameError, match="red"):
-        build("mug", colour="redd")
+        build("mug", color="redd")
     with pytest.raises(InvalidInputError, match="look"):
         build("mug", look=99)
 
@@ -170,8 +170,8 @@ NEW = """
 import numpy as np
 from betterbench.assets.authoring import Draft, block, generator
 
-@generator("{category}", colours=("red",))
-def {name}(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("{category}", colors=("red",))
+def {name}(rng: np.random.Generator, _color: str) -> Draft:
     return Draft(
         shape="box",
         description="A box.",
@@ -193,7 +193,7 @@ def test_a_file_of_the_user_registers_its_own_asset(tmp_path):
     try:
         load(tmp_path / "mine.py", NEW.format(category="carton", name="carton"))
         assert "carton" in categories()
-        assert colours("carton") == ("red",)
+        assert colors("carton") == ("red",)
         check_category("carton")
         with pytest.raises(UnknownNameError, match=r"Did you mean 'carton'"):
             build("cartons")
@@ -211,12 +211,12 @@ def test_two_generators_of_one_name_are_one_clear_error(tmp_path):
     assert build("mug").content_hash() == before
 
 
-def test_a_generator_needs_a_name_a_colour_and_a_look():
-    for wrong in ({"category": "", "colours": ("red",)}, {"category": "x", "colours": ()}):
+def test_a_generator_needs_a_name_a_color_and_a_look():
+    for wrong in ({"category": "", "colors": ("red",)}, {"category": "x", "colors": ()}):
         with pytest.raises(InvalidInputError, match="a name, a color and a look"):
             generator(**wrong)
     with pytest.raises(InvalidInputError, match="a name, a color and a look"):
-        generator("x", colours=("red",), looks=0)
+        generator("x", colors=("red",), looks=0)
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "adding-an-asset.md"
@@ -369,7 +369,7 @@ def test_a_stack_stays_as_it_was_built(stack, look):
 @pytest.mark.parametrize("jar", ["spice_jar", "plain_jar", "pill_bottle"])
 @pytest.mark.parametrize("hole", ["hole_1", "hole_2", "hole_3"])
 def test_a_jar_dropped_a_little_beside_its_hole_ends_on_its_floor(jar, hole):
-    """2 mm off the middle, towards the next hole, the outside and both corners between; 5 mm above the rack."""
+    """2 mm off the middle, toward the next hole, the outside and both corners between; 5 mm above the rack."""
     rack, asset = build("spice_rack"), build(jar, look=2)
     x, y, z = rack.region(hole).position
     for angle in (0.0, 0.25 * math.pi, 0.5 * math.pi, 1.25 * math.pi):
@@ -431,26 +431,26 @@ def test_a_look_alike_has_the_size_of_what_it_resembles(fake, real):
 
 
 def shade(asset):
-    """Mean colour of what is seen, weighted by area, each in [0, 1]."""
+    """Mean color of what is seen, weighted by area, each in [0, 1]."""
     total, weight = np.zeros(3), 0.0
     for part in asset.visual:
         corners = part.vertices[part.faces]
         area = (
             0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
         )
-        colour = np.array(part.rgba[:3])
+        color = np.array(part.rgba[:3])
         if part.texture is not None:
-            colour = colour * part.texture.pixels.reshape(-1, 3).mean(axis=0) / 255.0
-        total, weight = total + area * colour, weight + area
+            color = color * part.texture.pixels.reshape(-1, 3).mean(axis=0) / 255.0
+        total, weight = total + area * color, weight + area
     return total / weight
 
 
 @pytest.mark.parametrize(
-    ("fake", "real", "colour"), [("tumbler", "cup", "blue"), ("shallow_bowl", "plate_medium", "red")]
+    ("fake", "real", "color"), [("tumbler", "cup", "blue"), ("shallow_bowl", "plate_medium", "red")]
 )
-def test_a_look_alike_has_the_colour_of_what_it_resembles(fake, real, colour):
-    """Its hue comes from the same word: nearer to the real thing of this colour than the real thing of any other."""
+def test_a_look_alike_has_the_color_of_what_it_resembles(fake, real, color):
+    """Its hue comes from the same word: nearer to the real thing of this color than the real thing of any other."""
     for look in looks(fake):
-        own = shade(build(fake, look=look, colour=colour))
-        away = {c: float(np.linalg.norm(own - shade(build(real, look=look, colour=c)))) for c in colours(real)}
-        assert min(away, key=lambda c: away[c]) == colour, f"look {look}: {away}"
+        own = shade(build(fake, look=look, color=color))
+        away = {c: float(np.linalg.norm(own - shade(build(real, look=look, color=c)))) for c in colors(real)}
+        assert min(away, key=lambda c: away[c]) == color, f"look {look}: {away}"

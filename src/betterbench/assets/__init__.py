@@ -2,7 +2,7 @@
 
 from betterbench.assets import procedural  # noqa: F401  (imported for what it registers)
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.authoring.registry import build, categories, colours, looks
+from betterbench.assets.authoring.registry import build, categories, colors, looks
 
 __all__ = [
     "Asset",
@@ -12,6 +12,6 @@ __all__ = [
     "VisualPart",
     "build",
     "categories",
-    "colours",
+    "colors",
     "looks",
 ]

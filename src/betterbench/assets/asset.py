@@ -31,13 +31,13 @@ class Texture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisualPart:
-    """One coloured mesh of an asset.
+    """One colored mesh of an asset.
 
     Attributes:
         name: Name within the asset.
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
-        rgba: Colour, each in [0, 1]; multiplied with the texture if there is one.
+        rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
         texture: Optional picture.
@@ -62,7 +62,7 @@ class CollisionPart:
         shape: Primitive type, or "hull" for the convex hull of ``vertices``.
         size: MuJoCo's half sizes of the primitive [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
             sphere (radius, 0, 0); ellipsoid (a, b, c); ignored for a hull.
-        position: Centre in the object frame [m].
+        position: Center in the object frame [m].
         quaternion: Rotation in the object frame (w, x, y, z).
         vertices: (n, 3) points of a hull in the object frame [m].
         friction: Sliding, torsional [m] and rolling [m] coefficients.
@@ -82,7 +82,7 @@ class Grasp:
 
     Attributes:
         name: What is taken ("handle", "body", "rim").
-        pose: Pose ``T_object_tcp`` of the tool centre point when the jaw closes; its z axis is the approach direction,
+        pose: Pose ``T_object_tcp`` of the tool center point when the jaw closes; its z axis is the approach direction,
             its y axis the direction in which the fingers open.
         width_m: Thickness of what is between the pads [m].
         clearance_m: Free distance that the open jaw needs on each side [m].
@@ -100,50 +100,50 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asset:
-    """A 3-D object ready for simulation. The origin is the centre of the bottom face of its resting bounding box, z up.
+    """A 3-D object ready for simulation. The origin is the center of the bottom face of its resting bounding box, z up.
 
     Attributes:
         category: What it is ("mug").
         look: Number of the look within the generator's family.
-        colour: Colour word a person would use.
+        color: Color word a person would use.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
         tags: Search words.
         size_m: Extents of the bounding box [m].
         mass_kg: Mass [kg].
-        centre_of_mass: In the object frame [m].
-        inertia: Principal-frame-free inertia about the centre of mass (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-        visual: Coloured meshes; at most 600 faces in all.
+        center_of_mass: In the object frame [m].
+        inertia: Principal-frame-free inertia about the center of mass (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        visual: Colored meshes; at most 600 faces in all.
         collision: Convex geometries; at most about 12.
         grasps: Ways to take it.
         regions: Named places on it (opening, ring, handle, top).
         source: Where it comes from.
-        licence: Licence identifier.
+        license: License identifier.
         parameters: The numbers that the generator chose, for the record.
     """
 
     category: str
     look: int
-    colour: str
+    color: str
     shape: str
     description: str
     tags: tuple[str, ...]
     size_m: Vector
     mass_kg: float
-    centre_of_mass: Vector
+    center_of_mass: Vector
     inertia: tuple[float, float, float, float, float, float]
     visual: tuple[VisualPart, ...]
     collision: tuple[CollisionPart, ...]
     grasps: tuple[Grasp, ...] = ()
     regions: tuple[Region, ...] = ()
     source: str = "betterbench procedural library"
-    licence: str = "Apache-2.0"
+    license: str = "Apache-2.0"
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def identity(self) -> str:
         """Name that two equal assets share ("mug-red#3")."""
-        return f"{self.category}-{self.colour}#{self.look}"
+        return f"{self.category}-{self.color}#{self.look}"
 
     @property
     def face_count(self) -> int:
@@ -170,7 +170,7 @@ class Asset:
         """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
         digest = hashlib.sha256()
         digest.update(
-            repr((self.identity, self.size_m, self.mass_kg, self.centre_of_mass, self.inertia, self.grasps)).encode()
+            repr((self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)).encode()
         )
         digest.update(repr(self.regions).encode())
         for part in self.visual:

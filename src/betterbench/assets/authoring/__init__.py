@@ -5,7 +5,7 @@ beyond it follows from the draft in one place, the registry.
 """
 
 from betterbench.assets.authoring.ceramics import glazed
-from betterbench.assets.authoring.draft import Draft, block, centred, disc, grip, grip_across, part, zone
+from betterbench.assets.authoring.draft import Draft, block, centered, disc, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import (
     ABOVE,
     FRONT,
@@ -20,7 +20,7 @@ from betterbench.assets.authoring.mesh import (
     span,
     sweep,
 )
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.registry import generator, unregister
 from betterbench.assets.authoring.solids import (
     foot,
@@ -41,13 +41,13 @@ __all__ = [
     "FRONT",
     "PALETTE",
     "Canvas",
-    "Colour",
+    "Color",
     "Draft",
     "Mesh",
     "Turned",
     "block",
     "box",
-    "centred",
+    "centered",
     "disc",
     "foot",
     "generator",

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, mixed, shaded
 from betterbench.assets.authoring.turned import Turned
 
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
@@ -18,12 +18,12 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
 def glazed(
     rng: np.random.Generator,
     vessel: Turned,
-    shade: Colour,
+    shade: Color,
     decoration: str,
     *,
     rows: tuple[int, int, int, int, int],
-    lining: Colour | None,
-    ink: Colour | None = None,
+    lining: Color | None,
+    ink: Color | None = None,
     bands: Mapping[str, Sequence[tuple[float, float]]] = BANDS,
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
@@ -38,7 +38,7 @@ def glazed(
         rows: Numbers of the points of the profile where the unglazed foot ends, where the wall begins, where the rim
             begins, where the inside begins and where its floor begins.
         lining: Color of the inside; that of the outside if not given.
-        ink: Color of the decoration; if not given, cream on dark glazes and a grey blue on light ones.
+        ink: Color of the decoration; if not given, cream on dark glazes and a gray blue on light ones.
         bands: What is painted for a decoration, see :data:`BANDS`.
         shadow: Brightness of the inside below the rim, and what it has lost at the floor.
         unglazed: Brightness of the foot.
@@ -47,7 +47,7 @@ def glazed(
     span = rim - wall
     canvas = vessel.canvas(shade)
     if ink is None:
-        ink = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["grey"], 0.3)
+        ink = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.3)
     for low, high in bands.get(decoration, ()):
         canvas.band(wall + low * span, min(wall + high * span, inner), ink)
     if decoration == "speckled":
@@ -55,8 +55,8 @@ def glazed(
     elif decoration == "dots":
         for k in range(9):
             for row in range(2):
-                centre = ((k + 0.5 * row) * canvas.width / 8.0, wall + (0.42 + 0.30 * row) * span)
-                canvas.ellipse(centre, (0.0030, 0.0030), ink)
+                center = ((k + 0.5 * row) * canvas.width / 8.0, wall + (0.42 + 0.30 * row) * span)
+                canvas.ellipse(center, (0.0030, 0.0030), ink)
     if lining is not None:
         canvas.paint(canvas.y > inner, lining)
     canvas.shadow(inner, floor, *shadow)

@@ -9,15 +9,15 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp, Texture, VisualPart
 from betterbench.assets.authoring.mesh import Mesh, box, mapped
-from betterbench.assets.authoring.paint import Canvas, Colour
+from betterbench.assets.authoring.paint import Canvas, Color
 from betterbench.assets.authoring.solids import solid_box
-from betterbench.geometry import Pose, Vector, multiply, normalise
+from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.state import Region
 
-JAW_OPENS_ALONG_Y = normalise((0.0, 1.0, 0.0, 0.0))
+JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
 """Tool frame of a jaw that comes from above: z down (approach), y the direction in which the fingers open."""
 
-JAW_OPENS_ALONG_X = normalise(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
+JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
 """The same jaw, turned so that its fingers open along x of the object."""
 
 
@@ -55,7 +55,7 @@ class Draft:
 def part(
     name: str,
     mesh: Mesh,
-    paint: Colour | Canvas,
+    paint: Color | Canvas,
     *,
     view: tuple[Vector, Vector] | None = None,
     specular: float = 0.2,
@@ -73,13 +73,13 @@ def part(
         shininess: Sharpness of highlights in [0, 1].
     """
     texture = None
-    colour: Colour = (1.0, 1.0, 1.0)
+    color: Color = (1.0, 1.0, 1.0)
     mesh = mesh if view is None else mapped(mesh, *view)
     if isinstance(paint, Canvas):
         texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
     else:
-        colour = paint
-    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in colour)
+        color = paint
+    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in color)
     vertices = _frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
     faces = _frozen(mesh.faces.astype(np.int32))
     return VisualPart(name, vertices, faces, (r, g, b, 1.0), specular, shininess, texture)
@@ -96,7 +96,7 @@ def block(
     name: str,
     low: Vector,
     high: Vector,
-    paint: Colour | Canvas,
+    paint: Color | Canvas,
     *,
     bevel: float = 0.0,
     corner: float = 0.0,
@@ -179,8 +179,8 @@ def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
     return zone(name, radius, radius, z, x=x)
 
 
-def centred(*meshes: Mesh) -> Vector:
-    """Return the shift [m] that moves the centre of the bottom face of the bounding box to the origin."""
+def centered(*meshes: Mesh) -> Vector:
+    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
     points = np.concatenate([m.vertices for m in meshes])
     low, high = points.min(axis=0), points.max(axis=0)
     return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

@@ -1,6 +1,6 @@
 """Letters and digits for prints, drawn as strokes: an alphabet of as many signs as the library has words to print."""
 
-from betterbench.assets.authoring.paint import Canvas, Colour
+from betterbench.assets.authoring.paint import Canvas, Color
 
 Stroke = tuple[tuple[float, float], ...]
 
@@ -30,20 +30,20 @@ _ADVANCE = 0.86
 
 
 def write(
-    canvas: Canvas, text: str, centre: tuple[float, float], *, height: float, ink: Colour, weight: float = 0.16
+    canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Color, weight: float = 0.16
 ) -> None:
     """Write a word on a picture.
 
     Args:
         canvas: Where to write.
         text: Word of the signs that exist (upper case).
-        centre: Middle of the word, in the units of the canvas.
+        center: Middle of the word, in the units of the canvas.
         height: Height of a capital.
-        ink: Colour of the strokes.
+        ink: Color of the strokes.
         weight: Thickness of the strokes as a share of the height.
     """
-    left = centre[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
-    low = centre[1] - 0.5 * height
+    left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
+    low = center[1] - 0.5 * height
     for index, sign in enumerate(text):
         start = left + index * _ADVANCE * height
         for stroke in _SIGNS[sign]:

@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia of a body made of simple solids."""
+"""Mass, center of mass and inertia of a body made of simple solids."""
 
 import math
 from collections.abc import Sequence
@@ -19,12 +19,12 @@ class MassProperties:
 
     Attributes:
         mass_kg: Mass [kg].
-        centre_of_mass: In the object frame [m].
-        inertia: About the centre of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        center_of_mass: In the object frame [m].
+        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
     """
 
     mass_kg: float
-    centre_of_mass: Vector
+    center_of_mass: Vector
     inertia: Inertia
 
 
@@ -49,7 +49,7 @@ def volume_of(part: CollisionPart) -> float:
 
 
 def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
-    """Return the principal moments of a primitive about its own centre and axes [kg m^2]."""
+    """Return the principal moments of a primitive about its own center and axes [kg m^2]."""
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
@@ -88,10 +88,10 @@ def mass_properties(
     if weights.sum() <= 0.0:
         raise InvalidInputError("densities", "no part has any mass", "Give at least one positive density")
     masses = mass_kg * weights / weights.sum()
-    centres = np.array([p.position for p in parts])
-    centre = masses @ centres / mass_kg
+    centers = np.array([p.position for p in parts])
+    center = masses @ centers / mass_kg
     total = np.zeros((3, 3))
-    for part, mass, offset in zip(parts, masses.tolist(), centres - centre, strict=True):
+    for part, mass, offset in zip(parts, masses.tolist(), centers - center, strict=True):
         axes = np.array([rotate(part.quaternion, axis) for axis in np.eye(3).tolist()]).T
         total += axes @ np.diag(_own_inertia(part, mass)) @ axes.T
         total += mass * (float(offset @ offset) * np.eye(3) - np.outer(offset, offset))
@@ -99,5 +99,5 @@ def mass_properties(
     # A product of inertia far below rounding is zero by symmetry.
     scale = max(six[:3])
     ixx, iyy, izz, ixy, ixz, iyz = (0.0 if abs(v) < 1e-9 * scale else float(f"{v:.9g}") for v in six)
-    x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in centre)
+    x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in center)
     return MassProperties(mass_kg, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))

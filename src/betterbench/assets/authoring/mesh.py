@@ -2,7 +2,7 @@
 
 A loft joins rings of points by strips of triangles. A lathe, a bevelled box, a swept tube and a takeaway box are all
 lofts. Vertices are shared where the surface is round and duplicated where it has an edge, so a renderer that averages
-normals over shared vertices shows both as they should look. All lengths are metres, all coordinates are in the object
+normals over shared vertices shows both as they should look. All lengths are meters, all coordinates are in the object
 frame.
 """
 
@@ -56,7 +56,7 @@ class Mesh:
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
     def domed(self, radius: float, top: float, rise: float) -> Mesh:
-        """Return a dome with a picture laid on it from above that is stretched outwards, where the dome is steep.
+        """Return a dome with a picture laid on it from above that is stretched outward, where the dome is steep.
 
         Args:
             radius: Radius of the dome [m].
@@ -164,10 +164,10 @@ def loft(
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
-            with the direction from ring to ring points outwards.
+            with the direction from ring to ring points outward.
         u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
         v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
-        caps: Whether to close the first and the last ring by a fan around its centre.
+        caps: Whether to close the first and the last ring by a fan around its center.
 
     Returns:
         The mesh; neither welded nor creased.
@@ -228,7 +228,7 @@ def lathe(
     """Turn a profile about the vertical axis.
 
     Args:
-        profile: Points (radius, z) [m] from the bottom on the outside upwards; a radius of zero closes the surface.
+        profile: Points (radius, z) [m] from the bottom on the outside upward; a radius of zero closes the surface.
         segments: Number of sides (even when ``wrap`` is set).
         crease_degrees: Angle above which an edge is drawn sharp.
         wrap: True to wrap a picture around each half, see :func:`mirrored_u`; else the picture is one column.
@@ -282,7 +282,7 @@ def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, st
 
 def box(
     size: tuple[float, float, float],
-    centre: tuple[float, float, float],
+    center: tuple[float, float, float],
     *,
     bevel: float = 0.0,
     corner: float = 0.0,
@@ -292,7 +292,7 @@ def box(
 
     Args:
         size: Extents [m].
-        centre: Centre [m].
+        center: Center [m].
         bevel: Width of the bevel of the top and bottom edges [m].
         corner: Radius of the vertical edges [m].
         steps: Segments per rounded vertical edge.
@@ -306,7 +306,7 @@ def box(
         rectangle(hx - inset, hy - inset, z, corner=max(corner - inset, 0.3 * corner), steps=steps)
         for z, inset in heights
     ]
-    return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*centre)
+    return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*center)
 
 
 def span(
@@ -319,12 +319,12 @@ def span(
     steps: int = 1,
 ) -> Mesh:
     """Return a :func:`box` that is symmetric about y = 0, between two positions along x and two heights [m]."""
-    size, centre = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
-    return box(size, centre, bevel=bevel, corner=corner, steps=steps)
+    size, center = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
+    return box(size, center, bevel=bevel, corner=corner, steps=steps)
 
 
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
-    """Loft rings and close both ends by triangles between the points of a convex ring, without a centre point."""
+    """Loft rings and close both ends by triangles between the points of a convex ring, without a center point."""
     side = loft(rings, caps=(False, False))
     n = len(rings[0])
     last = (len(rings) - 1) * n
@@ -409,10 +409,10 @@ def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float)
         bevel: Width of the bevel of both rims [m].
     """
     points = np.column_stack([x, z])
-    centre = points.mean(axis=0)
-    away = points - centre
+    center = points.mean(axis=0)
+    away = points - center
     reach = np.linalg.norm(away, axis=1, keepdims=True)
-    inner = centre + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
+    inner = center + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
     sides = ((half_y, inner), (half_y - bevel, points), (-half_y + bevel, points), (-half_y, inner))
     rings = [np.column_stack([flat[:, 0], np.full(len(flat), y), flat[:, 1]]) for y, flat in sides]
     return prism(rings, crease_degrees=35.0)
@@ -430,7 +430,7 @@ def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float
     Args:
         mesh: Any mesh.
         right: Direction in the object frame along which the picture's columns run.
-        up: Direction along which its rows run upwards.
+        up: Direction along which its rows run upward.
 
     Returns:
         The mesh whose texture coordinates fill [0, 1] in both directions.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-Colour = tuple[float, float, float]
+Color = tuple[float, float, float]
 
 # Each picture is drawn at this many times its size and averaged down, which smooths its edges.
 _OVERSAMPLING = 2
@@ -17,19 +17,19 @@ class Canvas:
 
     Attributes:
         x: (height, width) horizontal coordinate of each sample [m or any unit of the caller].
-        y: (height, width) vertical coordinate of each sample, upwards.
+        y: (height, width) vertical coordinate of each sample, upward.
         width: Extent covered horizontally.
         height: Extent covered vertically.
     """
 
-    def __init__(self, width: float, height: float, pixels: tuple[int, int], colour: Colour) -> None:
+    def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Color) -> None:
         """Fill a canvas.
 
         Args:
             width: Extent covered horizontally.
             height: Extent covered vertically.
             pixels: Size of the finished picture (width, height), at most 256 a side.
-            colour: Background, each in [0, 1].
+            color: Background, each in [0, 1].
         """
         columns, rows = pixels[0] * _OVERSAMPLING, pixels[1] * _OVERSAMPLING
         x = (np.arange(columns) + 0.5) / columns * width
@@ -37,7 +37,7 @@ class Canvas:
         self.x, self.y = np.meshgrid(x, y)
         self.width, self.height = width, height
         self._image = np.empty((rows, columns, 3))
-        self._image[:] = colour
+        self._image[:] = color
 
     @property
     def radius(self) -> np.ndarray:
@@ -53,13 +53,13 @@ class Canvas:
         """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
         return (np.abs(self.x - x) < reach_x) & (np.abs(self.y - y) < reach_y)
 
-    def paint(self, mask: np.ndarray, colour: Colour, *, strength: float = 1.0) -> None:
-        """Blend a colour in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
+    def paint(self, mask: np.ndarray, color: Color, *, strength: float = 1.0) -> None:
+        """Blend a color in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
         if mask.dtype == np.bool_:
-            self._image[mask] = self._image[mask] * (1.0 - strength) + np.asarray(colour) * strength
+            self._image[mask] = self._image[mask] * (1.0 - strength) + np.asarray(color) * strength
             return
         weight = (mask * strength)[..., None]
-        self._image = self._image * (1.0 - weight) + np.asarray(colour) * weight
+        self._image = self._image * (1.0 - weight) + np.asarray(color) * weight
 
     def shade(self, factor: np.ndarray) -> None:
         """Multiply all channels by ``factor``, an array of the shape of ``x``."""
@@ -74,34 +74,34 @@ class Canvas:
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
-    def band(self, low: float, high: float, colour: Colour) -> None:
+    def band(self, low: float, high: float, color: Color) -> None:
         """Paint a horizontal band from ``low`` to ``high``."""
-        self.paint((self.y >= low) & (self.y < high), colour)
+        self.paint((self.y >= low) & (self.y < high), color)
 
-    def ellipse(self, centre: tuple[float, float], radii: tuple[float, float], colour: Colour, turn: float = 0) -> None:
+    def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Color, turn: float = 0) -> None:
         """Paint a filled ellipse, turned by ``turn`` [rad]."""
         # Only the samples within the larger radius are looked at: pictures with hundreds of pores stay cheap.
         reach = max(radii)
-        columns = np.flatnonzero(np.abs(self.x[0] - centre[0]) <= reach)
-        rows = np.flatnonzero(np.abs(self.y[:, 0] - centre[1]) <= reach)
+        columns = np.flatnonzero(np.abs(self.x[0] - center[0]) <= reach)
+        rows = np.flatnonzero(np.abs(self.y[:, 0] - center[1]) <= reach)
         if not columns.size or not rows.size:
             return
         window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        inside = _in_ellipse(self.x[window], self.y[window], centre, radii, turn)
-        self._image[window][inside] = colour
+        inside = _in_ellipse(self.x[window], self.y[window], center, radii, turn)
+        self._image[window][inside] = color
 
-    def inside_ellipse(self, centre: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
+    def inside_ellipse(self, center: tuple[float, float], radii: tuple[float, float], turn: float = 0.0) -> np.ndarray:
         """Return the mask of a filled ellipse."""
-        return _in_ellipse(self.x, self.y, centre, radii, turn)
+        return _in_ellipse(self.x, self.y, center, radii, turn)
 
-    def line(self, points: Sequence[tuple[float, float]], width: float, colour: Colour, strength: float = 1) -> None:
+    def line(self, points: Sequence[tuple[float, float]], width: float, color: Color, strength: float = 1) -> None:
         """Paint a polyline of the given width."""
         mask = np.zeros_like(self.x, dtype=bool)
         for (ax, ay), (bx, by) in itertools.pairwise(points):
             length = (bx - ax) ** 2 + (by - ay) ** 2
             t = np.clip(((self.x - ax) * (bx - ax) + (self.y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
             mask |= np.hypot(self.x - ax - t * (bx - ax), self.y - ay - t * (by - ay)) <= 0.5 * width
-        self.paint(mask, colour, strength=strength)
+        self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
         """Multiply by smooth noise around 1.
@@ -126,7 +126,7 @@ class Canvas:
         self,
         rng: np.random.Generator,
         count: int,
-        colour: Colour,
+        color: Color,
         *,
         radius: tuple[float, float],
         rows: tuple[float, float],
@@ -137,14 +137,14 @@ class Canvas:
         Args:
             rng: Source of places and sizes.
             count: Number of spots.
-            colour: Their color.
+            color: Their color.
             radius: Smallest and largest radius.
             rows: Lowest and highest middle of a spot.
             stretch: How many times as wide as high they are.
         """
         for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
             r = radius[0] + (radius[1] - radius[0]) * size
-            self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), colour)
+            self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
 
     def pixels(self) -> np.ndarray:
         """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
@@ -155,11 +155,11 @@ class Canvas:
 
 
 def _in_ellipse(
-    x: np.ndarray, y: np.ndarray, centre: tuple[float, float], radii: tuple[float, float], turn: float
+    x: np.ndarray, y: np.ndarray, center: tuple[float, float], radii: tuple[float, float], turn: float
 ) -> np.ndarray:
     """Return which of the samples at ``x`` and ``y`` lie in an ellipse."""
     c, s = math.cos(turn), math.sin(turn)
-    dx, dy = x - centre[0], y - centre[1]
+    dx, dy = x - center[0], y - center[1]
     inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
     return inside
 
@@ -192,8 +192,8 @@ def scattered(
             yield x, y
 
 
-# Colours by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
-PALETTE: dict[str, Colour] = {
+# Colors by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
+PALETTE: dict[str, Color] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),
     "white": (0.90, 0.89, 0.86),
@@ -201,7 +201,7 @@ PALETTE: dict[str, Colour] = {
     "yellow": (0.92, 0.74, 0.08),
     "orange": (0.90, 0.42, 0.05),
     "black": (0.09, 0.09, 0.10),
-    "grey": (0.45, 0.46, 0.48),
+    "gray": (0.45, 0.46, 0.48),
     "silver": (0.70, 0.71, 0.73),
     "cream": (0.86, 0.80, 0.66),
     "brown": (0.72, 0.42, 0.15),
@@ -210,24 +210,24 @@ PALETTE: dict[str, Colour] = {
 }
 
 
-STEEL: Colour = (0.74, 0.75, 0.77)
-BUN: Colour = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
-CHROME: Colour = (0.80, 0.81, 0.83)
+STEEL: Color = (0.74, 0.75, 0.77)
+BUN: Color = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
+CHROME: Color = (0.80, 0.81, 0.83)
 
 
-def shaded(colour: Colour, factor: float) -> Colour:
-    """Return a colour made darker (factor < 1) or lighter (factor > 1, towards white)."""
+def shaded(color: Color, factor: float) -> Color:
+    """Return a color made darker (factor < 1) or lighter (factor > 1, toward white)."""
     if factor <= 1.0:
-        return (colour[0] * factor, colour[1] * factor, colour[2] * factor)
+        return (color[0] * factor, color[1] * factor, color[2] * factor)
     lift = 1.0 - 1.0 / factor
-    return (colour[0] + (1 - colour[0]) * lift, colour[1] + (1 - colour[1]) * lift, colour[2] + (1 - colour[2]) * lift)
+    return (color[0] + (1 - color[0]) * lift, color[1] + (1 - color[1]) * lift, color[2] + (1 - color[2]) * lift)
 
 
-def mixed(a: Colour, b: Colour, fraction: float) -> Colour:
-    """Return the colour at ``fraction`` of the way from ``a`` to ``b``."""
+def mixed(a: Color, b: Color, fraction: float) -> Color:
+    """Return the color at ``fraction`` of the way from ``a`` to ``b``."""
     return (a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction, a[2] + (b[2] - a[2]) * fraction)
 
 
-def jittered(colour: Colour, rng: np.random.Generator, *, amount: float = 0.08) -> Colour:
-    """Return a slightly lighter or darker shade of a colour; its hue stays."""
-    return shaded(colour, 1.0 + float(rng.uniform(-amount, amount)))
+def jittered(color: Color, rng: np.random.Generator, *, amount: float = 0.08) -> Color:
+    """Return a slightly lighter or darker shade of a color; its hue stays."""
+    return shaded(color, 1.0 + float(rng.uniform(-amount, amount)))

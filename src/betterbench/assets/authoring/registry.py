@@ -20,7 +20,7 @@ class _Entry:
     """A registered generator."""
 
     make: Generator
-    colours: tuple[str, ...]
+    colors: tuple[str, ...]
     looks: int
     family: str
 
@@ -29,7 +29,7 @@ _REGISTER: dict[str, _Entry] = {}
 
 
 def generator(
-    category: str, *, colours: Sequence[str], looks: int = 8, family: str | None = None
+    category: str, *, colors: Sequence[str], looks: int = 8, family: str | None = None
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from whatever file it is imported.
 
@@ -38,7 +38,7 @@ def generator(
 
     Args:
         category: Name of the category ("mug").
-        colours: Colour words it can be made in; the first is the default.
+        colors: Color words it can be made in; the first is the default.
         looks: Number of looks; each is the same function with another random generator.
         family: Categories of one family draw the same random numbers for a look, so that what belongs together
             (a cabinet and its drawers, the plates of a set) matches; the category alone if not given.
@@ -49,7 +49,7 @@ def generator(
     Raises:
         InvalidInputError: If there is no color or no look, or if another function has registered the category.
     """
-    if not category or not colours or looks < 1:
+    if not category or not colors or looks < 1:
         raise InvalidInputError(
             f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", ...)'
         )
@@ -63,7 +63,7 @@ def generator(
                 f"{_origin(make)} registers it, and so does {_origin(known.make)}",
                 "Give one of them another name",
             )
-        _REGISTER[category] = _Entry(make, tuple(colours), looks, family or category)
+        _REGISTER[category] = _Entry(make, tuple(colors), looks, family or category)
         _build.cache_clear()
         return make
 
@@ -100,13 +100,13 @@ def _entry(category: str) -> _Entry:
         raise UnknownNameError("asset category", category, _REGISTER) from None
 
 
-def colours(category: str) -> tuple[str, ...]:
-    """Return the colours a category can be made in, the default first.
+def colors(category: str) -> tuple[str, ...]:
+    """Return the colors a category can be made in, the default first.
 
     Raises:
         UnknownNameError: If there is no such category.
     """
-    return _entry(category).colours
+    return _entry(category).colors
 
 
 def looks(category: str) -> range:
@@ -118,25 +118,25 @@ def looks(category: str) -> range:
     return range(_entry(category).looks)
 
 
-def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
-    """Make an asset. The same arguments give the same bits in every process; the colour never changes the shape.
+def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
+    """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
     Args:
         category: Name of the category.
         look: Number of the look, see :func:`looks`.
-        colour: Colour word, see :func:`colours`; the category's first colour if not given.
+        color: Color word, see :func:`colors`; the category's first color if not given.
 
     Returns:
         The asset.
 
     Raises:
-        UnknownNameError: If the category or the colour is not known.
+        UnknownNameError: If the category or the color is not known.
         InvalidInputError: If there is no such look.
     """
     entry = _entry(category)
-    chosen = entry.colours[0] if colour is None else colour
-    if chosen not in entry.colours:
-        raise UnknownNameError(f"colour of {category}", chosen, entry.colours)
+    chosen = entry.colors[0] if color is None else color
+    if chosen not in entry.colors:
+        raise UnknownNameError(f"color of {category}", chosen, entry.colors)
     if look not in range(entry.looks):
         raise InvalidInputError(
             f"look of {category}", f"{look!r} does not exist", f"Use a number from 0 to {entry.looks - 1}"
@@ -145,11 +145,11 @@ def build(category: str, *, look: int = 0, colour: str | None = None) -> Asset:
 
 
 @functools.lru_cache(maxsize=512)
-def _build(category: str, look: int, colour: str) -> Asset:
+def _build(category: str, look: int, color: str) -> Asset:
     """Make an asset from arguments that are known to be good."""
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
-    draft = entry.make(np.random.default_rng(seed), colour)
+    draft = entry.make(np.random.default_rng(seed), color)
     visual = tuple(p for p in draft.parts if isinstance(p, VisualPart))
     collision = tuple(p for p in draft.parts if isinstance(p, CollisionPart))
     if not visual or not collision:
@@ -160,13 +160,13 @@ def _build(category: str, look: int, colour: str) -> Asset:
     return Asset(
         category=category,
         look=look,
-        colour=colour,
+        color=color,
         shape=draft.shape,
         description=draft.description,
-        tags=(*draft.tags, colour),
+        tags=(*draft.tags, color),
         size_m=(x, y, z),
         mass_kg=body.mass_kg,
-        centre_of_mass=body.centre_of_mass,
+        center_of_mass=body.center_of_mass,
         inertia=body.inertia,
         visual=visual,
         collision=collision,

@@ -37,15 +37,15 @@ def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[Collisi
 
 
 def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
-    """Return an upright ellipsoid of revolution on the object's axis with its centre at height ``z`` [m]."""
+    """Return an upright ellipsoid of revolution on the object's axis with its center at height ``z`` [m]."""
     return CollisionPart("ellipsoid", (radius, radius, half_height), (0.0, 0.0, z))
 
 
 def solid_box(low: Vector, high: Vector) -> CollisionPart:
     """Return the axis-aligned box between two opposite corners [m]."""
     half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
-    centre = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
-    return CollisionPart("box", half, centre)
+    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
+    return CollisionPart("box", half, center)
 
 
 def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
@@ -53,9 +53,9 @@ def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) ->
     return solid_box((x[0], -half_y, z[0]), (x[1], half_y, z[1]))
 
 
-def leaning_box(half: Vector, centre: Vector, lean: float) -> CollisionPart:
-    """Return a box with half sizes and a centre [m], turned about the object's y axis by ``lean`` [rad]."""
-    return CollisionPart("box", half, centre, from_axis_angle((0.0, lean, 0.0)))
+def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
+    """Return a box with half sizes and a center [m], turned about the object's y axis by ``lean`` [rad]."""
+    return CollisionPart("box", half, center, from_axis_angle((0.0, lean, 0.0)))
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
@@ -76,11 +76,11 @@ def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean:
     """Return eight equal boxes around a vertical axis: the wall of a hollow round thing.
 
     Args:
-        half: Half sizes of a board along the radius, along the circumference and upwards [m].
+        half: Half sizes of a board along the radius, along the circumference and upward [m].
         away: Distance of the middle of a board from the axis [m].
         z: Height of the middle of a board [m].
         x: Position of the axis along x [m].
-        lean: How far a board is turned about the circumference [rad]; positive leans its upper end outwards.
+        lean: How far a board is turned about the circumference [rad]; positive leans its upper end outward.
     """
     tilt = from_axis_angle((0.0, lean, 0.0))
     return [

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length
-from betterbench.assets.authoring.paint import Canvas, Colour
+from betterbench.assets.authoring.paint import Canvas, Color
 from betterbench.assets.authoring.solids import standing
 
 
@@ -15,7 +15,7 @@ class Turned:
     """A profile turned about the vertical axis.
 
     Attributes:
-        radii: Radius of each point of the profile [m], from the bottom on the outside upwards; a radius of zero closes
+        radii: Radius of each point of the profile [m], from the bottom on the outside upward; a radius of zero closes
             the surface.
         heights: Height of each point of the profile [m].
         sides: Number of sides.
@@ -49,18 +49,18 @@ class Turned:
         """Return the mesh with its axis along +x, its lower end at ``x`` and its middle at height ``z`` [m]."""
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
-    def canvas(self, colour: Colour, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
-        """Start a picture for the surface, upwards along the profile.
+    def canvas(self, color: Color, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
+        """Start a picture for the surface, upward along the profile.
 
         Args:
-            colour: Background.
+            color: Background.
             pixels: Size of the picture (width, height).
             width: Extent of the picture across [m]; if not given, half of the largest circumference, or 1 for a
                 picture of one column.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0
-        return Canvas(width, self.rows[-1], pixels, colour)
+        return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
         """Return the upright cylinder around the solid, standing on a square foot.

@@ -6,13 +6,13 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, part, zone
 from betterbench.assets.authoring.mesh import mapped, slab
-from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Colour, jittered, shaded
+from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Color, jittered, shaded
 from betterbench.assets.authoring.solids import leaning_box, solid_box
 
 
 def _painted_wood(
     rng: np.random.Generator,
-    shade: Colour,
+    shade: Color,
     *,
     rings: float,
     waves: tuple[float, float, float],
@@ -27,7 +27,7 @@ def _painted_wood(
         rings: How strongly the year rings show.
         waves: Number of year rings, and height and number of their waves.
         amount: Strength of the grain.
-        cells: Number of fibres.
+        cells: Number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves
@@ -36,18 +36,18 @@ def _painted_wood(
     return canvas
 
 
-@generator("block", colours=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
-def toy_block(rng: np.random.Generator, colour: str) -> Draft:
+@generator("block", colors=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
+def toy_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted cube or cuboid of beech (700 kg/m^3) with bevelled edges."""
     x, y, z = sorted((float(e) for e in rng.uniform(0.034, 0.058, 3)), reverse=True)
     if rng.random() < 0.4:
         x = z = y
     bevel = rng.uniform(0.0018, 0.0035)
-    wood = _painted_wood(rng, jittered(PALETTE[colour], rng), rings=0.03, waves=(9.0, 0.35, 5.0), amount=0.05, cells=24)
+    wood = _painted_wood(rng, jittered(PALETTE[color], rng), rings=0.03, waves=(9.0, 0.35, 5.0), amount=0.05, cells=24)
     low, high, axes = (-x / 2, -y / 2, 0.0), (x / 2, y / 2, z), ((0.8, 0.6, 0.0), (-0.35, 0.35, 0.87))
     return Draft(
         shape="box",
-        description=f"A {colour} wooden toy block.",
+        description=f"A {color} wooden toy block.",
         tags=("block", "cube", "cuboid", "wood", "toy"),
         mass_kg=round(700.0 * x * y * z, 4),
         parts=block("block", low, high, wood, bevel=bevel, corner=bevel, view=axes, specular=0.25),
@@ -57,8 +57,8 @@ def toy_block(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("stapler_block", colours=("black", "red", "blue"))
-def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
+@generator("stapler_block", colors=("black", "red", "blue"))
+def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden wedge with the size and outline of a stapler: no gap, no metal, bevelled edges.
 
     Beech of 700 kg/m^3 would weigh 0.15 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so
@@ -67,7 +67,7 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     length, width, height = rng.uniform(0.121, 0.128), rng.uniform(0.0345, 0.0365), rng.uniform(0.053, 0.057)
     rear, front = height * rng.uniform(0.48, 0.60), height * rng.uniform(0.86, 1.0)
     bevel = rng.uniform(0.0020, 0.0032)
-    shade = jittered(shaded(PALETTE[colour], 1.25) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.25) if color == "black" else PALETTE[color], rng)
     half, side = 0.5 * length, 0.5 * width
     ridge = half - 0.030
     wood = _painted_wood(rng, shade, rings=0.05, waves=(11.0, 0.4, 4.0), amount=0.07, cells=26)
@@ -80,7 +80,7 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     along = 0.5 * (ridge + half) / math.cos(slope) - 0.5 * math.tan(slope) * plate
     return Draft(
         shape="irregular",
-        description=f"A {colour} wooden block with the outline of a stapler.",
+        description=f"A {color} wooden block with the outline of a stapler.",
         tags=("block", "wedge", "wooden block", "toy"),
         mass_kg=0.22,
         parts=(
@@ -96,19 +96,19 @@ def stapler_block(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("round_block", colours=("brown", "red", "green", "yellow", "blue"))
-def round_block(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a wooden round block with the size of a burger; in brown it has the colour of the bun.
+@generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
+def round_block(rng: np.random.Generator, color: str) -> Draft:
+    """Make a wooden round block with the size of a burger; in brown it has the color of the bun.
 
     Beech of 700 kg/m^3 weighs 0.13 kg at this size.
     """
     radius, height, bevel = rng.uniform(0.0325, 0.0340), rng.uniform(0.0480, 0.0540), rng.uniform(0.0018, 0.0032)
-    shade = jittered(BUN if colour == "brown" else PALETTE[colour], rng, amount=0.10)
+    shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
     radii = (0.0, radius - bevel, radius, radius, radius - bevel, 0.0)
     solid = Turned(radii, (0.0, 0.0, bevel, height - bevel, height, height), sides=28, crease_degrees=35.0)
     _, under, _, edge, top, _ = solid.rows
     canvas = solid.canvas(shade, (64, 256))
-    # End grain: year rings on both flat faces, long fibres on the side.
+    # End grain: year rings on both flat faces, long fibers on the side.
     flat = (canvas.y > top) | (canvas.y < under)
     year = rng.uniform(0.0035, 0.0055)
     canvas.shade(np.where(flat, 0.95 + 0.05 * np.sin(2.0 * math.pi * (canvas.y - top) / year), 1.0))
@@ -116,7 +116,7 @@ def round_block(rng: np.random.Generator, colour: str) -> Draft:
     canvas.paint(canvas.between(edge, top), shaded(shade, 1.25))
     return Draft(
         shape="round",
-        description=f"A {colour} round wooden block with flat faces and bevelled edges.",
+        description=f"A {color} round wooden block with flat faces and bevelled edges.",
         tags=("block", "round block", "cylinder", "wood", "toy"),
         mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
         parts=(part("block", solid.mesh(), canvas, specular=0.25), *solid.filled(0.021)),

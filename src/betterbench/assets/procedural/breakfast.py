@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, spheroid, standing
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, scattered, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, scattered, shaded, uniforms
 
-_PALE: Colour = (0.92, 0.91, 0.87)
-_GREY_BLUE = mixed(PALETTE["blue"], PALETTE["grey"], 0.2)
+_PALE: Color = (0.92, 0.91, 0.87)
+_GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 
 
-@generator("cereal_bowl", colours=("white", "blue", "green"))
-def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
+@generator("cereal_bowl", colors=("white", "blue", "green"))
+def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 
     A small bowl of 0.25 kg filled with 0.2 kg of cereal and milk. It is too wide for a jaw and filled to the rim, so
@@ -21,7 +21,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     size, stand, height, below = uniforms(rng, (0.98, 1.0), (0.030, 0.034), (0.0485, 0.0520), (0.009, 0.012))
     radius, level = 0.060 * size, height - below
     cereal, striped = str(rng.choice(["rings", "flakes", "balls"])), rng.random() < 0.5
-    glaze = jittered(mixed(PALETTE[colour], (0.9, 0.9, 0.9), 0.10), rng)
+    glaze = jittered(mixed(PALETTE[color], (0.9, 0.9, 0.9), 0.10), rng)
     inside = radius - 0.0035 - 0.10 * (height - level)
     outer = (0.0, stand, stand + 0.001, 0.76 * radius, 0.93 * radius, radius)
     edge, low = height - 0.0010, level - 0.002
@@ -31,7 +31,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     canvas = bowl.canvas(glaze, (8, 128))
     if striped:
         for share in (0.50, 0.70):
-            ink = _PALE if colour != "white" else _GREY_BLUE
+            ink = _PALE if color != "white" else _GRAY_BLUE
             canvas.band(wall + share * (rim - wall), wall + (share + 0.11) * (rim - wall), ink)
     canvas.brighten(0.80, rim)
     canvas.shade(np.where(canvas.y > inner, 0.88, 1.0))
@@ -39,7 +39,7 @@ def cereal_bowl(rng: np.random.Generator, colour: str) -> Draft:
     milk = Turned((0.0, reach, reach, 0.0), (level - 0.003, level - 0.003, level, level), wrap=False)
     return Draft(
         shape="round",
-        description=f"A {colour} bowl of cereal with milk.",
+        description=f"A {color} bowl of cereal with milk.",
         tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware"),
         mass_kg=0.45,
         parts=(
@@ -76,15 +76,15 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> Canvas:
     return canvas
 
 
-@generator("salt_shaker", colours=("white", "silver"))
-def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
+@generator("salt_shaker", colors=("white", "silver"))
+def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a salt shaker of white porcelain or brushed steel with a pierced chrome top.
 
     A shaker of this size, half full, weighs about 0.12 kg.
     """
     size, height, neck, waist = uniforms(rng, (0.97, 1.0), (0.073, 0.077), (0.018, 0.022), (0.80, 1.0))
     radius, shoulder, facets = 0.020 * size, height - neck, rng.random() < 0.4
-    shade = jittered(PALETTE[colour], rng, amount=0.05)
+    shade = jittered(PALETTE[color], rng, amount=0.05)
     narrow = 0.88 * waist * radius
     body = Turned(
         (0.0, radius - 0.0015, radius, 0.5 * (1.0 + waist) * radius, narrow, 0.0),
@@ -113,7 +113,7 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
         picture.ellipse((1.0 + x, 1.0 + y), (0.095, 0.095), (0.08, 0.08, 0.09))
     return Draft(
         shape="cylinder",
-        description=f"A {colour} salt shaker with a pierced chrome top.",
+        description=f"A {color} salt shaker with a pierced chrome top.",
         tags=("salt", "salt shaker", "shaker", "condiment", "tableware"),
         mass_kg=0.12,
         parts=(
@@ -127,18 +127,18 @@ def salt_shaker(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-_LIDS: dict[str, Colour] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.20), "white": (0.92, 0.92, 0.91)}
+_LIDS: dict[str, Color] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.20), "white": (0.92, 0.92, 0.91)}
 
 
-@generator("jam_jar", colours=("red", "orange"))
-def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a jar of jam with a screw lid and a label; the colour is that of the jam.
+@generator("jam_jar", colors=("red", "orange"))
+def jam_jar(rng: np.random.Generator, color: str) -> Draft:
+    """Make a jar of jam with a screw lid and a label; the color is that of the jam.
 
     A jar of 0.12 l, full, weighs about 0.25 kg.
     """
     size, height, lid_height = uniforms(rng, (0.975, 1.0), (0.072, 0.078), (0.013, 0.016))
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))
-    jam = jittered({"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[colour], rng, amount=0.10)
+    jam = jittered({"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[color], rng, amount=0.10)
     neck = 0.86 * radius
     radii = (0.0, radius - 0.004, radius, radius, 0.95 * radius, neck, neck, 0.0)
     z = (0.0, 0.0, 0.0045, low - 0.0090, low - 0.0040, low - 0.0010, low + 0.001, low + 0.001)
@@ -148,12 +148,12 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     top = Turned(lid_radii, (low, low, height - 0.0020, height, height, inner, inner), 22, 50.0, wrap=False)
     return Draft(
         shape="cylinder",
-        description=f"A glass jar of {colour} jam with a lid and a label.",
+        description=f"A glass jar of {color} jam with a lid and a label.",
         tags=("jam", "jam jar", "marmalade", "jar", "breakfast"),
         mass_kg=0.25,
         parts=(
             part("jar", jar.mesh(), _jam(rng, jar, jam), specular=0.8, shininess=0.8),
-            part("lid", top.mesh().seen_from_above(cap), _lid(kind, colour, jam), specular=0.4, shininess=0.5),
+            part("lid", top.mesh().seen_from_above(cap), _lid(kind, color, jam), specular=0.4, shininess=0.5),
             *standing(0.64 * radius, (radius, low - 0.005), (cap, height)),
         ),
         grasps=(grip_across(0.45 * height, radius, clearance=min(0.012, 0.039 - radius)),),
@@ -162,7 +162,7 @@ def jam_jar(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _jam(rng: np.random.Generator, jar: Turned, jam: Colour) -> Canvas:
+def _jam(rng: np.random.Generator, jar: Turned, jam: Color) -> Canvas:
     """Draw jam in glass behind a label with a fruit."""
     canvas = jar.canvas(jam, (192, 128))
     x, y, width = canvas.x, canvas.y, canvas.width
@@ -184,27 +184,27 @@ def _jam(rng: np.random.Generator, jar: Turned, jam: Colour) -> Canvas:
     return canvas
 
 
-def _lid(kind: str, colour: str, jam: Colour) -> Canvas:
+def _lid(kind: str, color: str, jam: Color) -> Canvas:
     """Draw a lid from above: checked cloth, or metal with a ring."""
     canvas = Canvas(2.0, 2.0, (128, 128), _LIDS[kind])
     if kind == "gingham":
         for along in (canvas.x, canvas.y):
-            canvas.paint((along % 0.36) < 0.18, jam if colour == "red" else (0.20, 0.42, 0.26), strength=0.55)
+            canvas.paint((along % 0.36) < 0.18, jam if color == "red" else (0.20, 0.42, 0.26), strength=0.55)
     else:
         canvas.paint((canvas.radius > 0.50) & (canvas.radius < 0.58), shaded(_LIDS[kind], 0.75))
     return canvas
 
 
-@generator("egg_cup", colours=("white", "yellow"))
-def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a footed egg cup with a boiled egg in it; the colour is that of the cup.
+@generator("egg_cup", colors=("white", "yellow"))
+def egg_cup(rng: np.random.Generator, color: str) -> Draft:
+    """Make a footed egg cup with a boiled egg in it; the color is that of the cup.
 
     A hen's egg weighs 60 g, a porcelain cup the same; the egg does not come out.
     """
     size, share, lip = uniforms(rng, (0.97, 1.0), (0.82, 0.92), (0.040, 0.043))
     height, stem = uniforms(rng, (0.0685, 0.0715), (0.36, 0.46))
     radius, banded = 0.026 * size, rng.random() < 0.5
-    stand, glaze = radius * share, jittered(PALETTE[colour], rng, amount=0.05)
+    stand, glaze = radius * share, jittered(PALETTE[color], rng, amount=0.05)
     shell = mixed((0.95, 0.91, 0.84), (0.80, 0.54, 0.34), 0.25 + 0.75 * rng.random())
     stem_r, edge, floor = stem * radius, lip - 0.0008, lip - 0.0030
     low = (0.0, stand, stand, stem_r, stem_r, 0.78 * radius, 0.97 * radius)
@@ -212,7 +212,7 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     cup = Turned((*low, radius, radius - 0.0012, radius - 0.0035, 0.0), z, 20, 50.0, wrap=False)
     rows, canvas = cup.rows, cup.canvas(glaze, (8, 128))
     if banded:
-        ink = _GREY_BLUE if colour == "white" else (0.93, 0.92, 0.88)
+        ink = _GRAY_BLUE if color == "white" else (0.93, 0.92, 0.88)
         canvas.band(rows[7] - 0.0075, rows[7] - 0.0035, ink)
         canvas.band(rows[1], rows[2] + 0.001, ink)
     canvas.shade(np.where(canvas.y > rows[8], 0.75, 1.0))
@@ -225,7 +225,7 @@ def egg_cup(rng: np.random.Generator, colour: str) -> Draft:
     spots.spots(rng, 26, shaded(shell, 0.82), radius=(0.010, 0.024), rows=(0.0, 2.0))
     return Draft(
         shape="irregular",
-        description=f"A boiled egg in a {colour} egg cup.",
+        description=f"A boiled egg in a {color} egg cup.",
         tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware"),
         mass_kg=0.12,
         parts=(

@@ -6,13 +6,13 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import BUN, Canvas, Colour, jittered, mixed, scattered, shaded
+from betterbench.assets.authoring.paint import BUN, Canvas, Color, jittered, mixed, scattered, shaded
 
-_CRUMB: Colour = (0.90, 0.74, 0.46)
+_CRUMB: Color = (0.90, 0.74, 0.46)
 
 
-@generator("burger", colours=("brown",))
-def burger(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("burger", colors=("brown",))
+def burger(rng: np.random.Generator, _color: str) -> Draft:
     """Make a burger: bun, patty, cheese, tomato, lettuce, bun with sesame.
 
     A small hamburger is 65 to 70 mm wide before it is bitten and weighs about 0.15 to 0.2 kg; this one fits an 80 mm
@@ -94,7 +94,7 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
     return Turned(radii, (*z, high), 18, 55.0, wrap=False).mesh().domed(radius, high, rise)
 
 
-def _crust(rng: np.random.Generator, bun: Colour, *, seeds: int) -> Canvas:
+def _crust(rng: np.random.Generator, bun: Color, *, seeds: int) -> Canvas:
     """Draw the crust of the bun from above: browned in the middle, pale at the edge, with sesame seeds."""
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = canvas.radius

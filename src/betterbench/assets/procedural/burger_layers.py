@@ -1,8 +1,8 @@
 """The layers of a cheeseburger one by one, and the kitchen sponge that looks like its cheese.
 
-Every layer stands on four fixed corners a fraction of a millimetre below its round or square body and ends in a flat
+Every layer stands on four fixed corners a fraction of a millimeter below its round or square body and ends in a flat
 top, so that a stack has few contacts and keeps still. Layers are thicker than food would be: a jaw reaches 12 mm below
-its centre and cannot take anything lower than 10 mm from a table.
+its center and cannot take anything lower than 10 mm from a table.
 """
 
 import math
@@ -23,11 +23,11 @@ from betterbench.assets.authoring import (
     zone,
 )
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism, rectangle
-from betterbench.assets.authoring.paint import BUN, Canvas, Colour, jittered, mixed, scattered, shaded
+from betterbench.assets.authoring.paint import BUN, Canvas, Color, jittered, mixed, scattered, shaded
 from betterbench.assets.authoring.solids import solid_box
 
-_CRUMB: Colour = (0.95, 0.82, 0.56)
-# Height of the jaw's centre for slices [m].
+_CRUMB: Color = (0.95, 0.82, 0.56)
+# Height of the jaw's center for slices [m].
 _SLICE_GRIP = 0.010
 
 
@@ -46,8 +46,8 @@ def _slab(side: float, low: float, high: float, *, corner: float, bevel: float, 
     return prism(rings, crease_degrees=crease)
 
 
-@generator("bun_bottom", colours=("brown",))
-def bun_bottom(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("bun_bottom", colors=("brown",))
+def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     """Make the lower half of a bun, its cut face up.
 
     Half a bun of 80 mm weighs 30 g; 60 g let it stand still while a burger is built on it.
@@ -69,9 +69,9 @@ def bun_bottom(rng: np.random.Generator, _colour: str) -> Draft:
     canvas.grain(rng, cells=(26, 26), amount=0.030)
     for u, v, size in rng.uniform(0.0, 1.0, (110, 3)).tolist():
         distance, angle = 0.85 * math.sqrt(u), 2.0 * math.pi * v
-        centre = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
+        center = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
         pore = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
-        canvas.ellipse(centre, pore, shaded(crumb, 0.80), 3.0 * v)
+        canvas.ellipse(center, pore, shaded(crumb, 0.80), 3.0 * v)
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",
@@ -83,8 +83,8 @@ def bun_bottom(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-@generator("patty", colours=("brown",))
-def patty(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("patty", colors=("brown",))
+def patty(rng: np.random.Generator, _color: str) -> Draft:
     """Make a grilled patty of minced beef.
 
     A patty of 70 mm by 20 mm holds 75 cm^3 and weighs about 0.1 kg raw or 0.08 kg grilled.
@@ -126,8 +126,8 @@ def patty(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-@generator("cheese_slice", colours=("yellow",))
-def cheese_slice(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("cheese_slice", colors=("yellow",))
+def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick square slice of cheese with rounded corners.
 
     Cheese of 62 by 62 by 12 mm weighs 45 g when solid; 30 g are used for one with holes.
@@ -166,8 +166,8 @@ def cheese_slice(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-@generator("sponge", colours=("yellow",))
-def sponge(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("sponge", colors=("yellow",))
+def sponge(rng: np.random.Generator, _color: str) -> Draft:
     """Make a kitchen sponge with a green scouring underside, as wide and as yellow as the cheese slice.
 
     A cut cellulose sponge of this size weighs 5 g dry; damp as it lies beside a sink it weighs 20 g.
@@ -204,8 +204,8 @@ def sponge(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-@generator("lettuce_leaf", colours=("green",))
-def lettuce_leaf(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("lettuce_leaf", colors=("green",))
+def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     """Make a round frilly stack of lettuce leaves.
 
     A few leaves of 65 mm weigh 10 to 20 g. They touch as a flat disc of their own thickness.
@@ -245,7 +245,7 @@ def lettuce_leaf(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-def _veins(rng: np.random.Generator, shade: Colour) -> Canvas:
+def _veins(rng: np.random.Generator, shade: Color) -> Canvas:
     """Draw a leaf from above: pale in the middle, dark at the edge, with nine bent veins."""
     canvas = Canvas(2.0, 2.0, (160, 160), shade)
     r = canvas.radius
@@ -262,8 +262,8 @@ def _veins(rng: np.random.Generator, shade: Colour) -> Canvas:
     return canvas
 
 
-@generator("bun_top", colours=("brown",))
-def bun_top(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("bun_top", colors=("brown",))
+def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     """Make the domed upper half of a bun, with sesame on most looks.
 
     Half a bun of 72 mm weighs 25 to 30 g; 50 g keep it where it is put.
@@ -294,8 +294,8 @@ def bun_top(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-def _sesame(rng: np.random.Generator, crust: Colour, *, seeds: int) -> Canvas:
-    """Draw the crust from above: brown on the crown, pale towards the cut, strewn with seeds."""
+def _sesame(rng: np.random.Generator, crust: Color, *, seeds: int) -> Canvas:
+    """Draw the crust from above: brown on the crown, pale toward the cut, strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = canvas.radius
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.7))

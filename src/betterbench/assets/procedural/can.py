@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.mesh import Mesh, prism
-from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Color, jittered, mixed, shaded
 
 # Radius of the standard 330 ml can [m].
 CAN_RADIUS = 0.033
@@ -14,15 +14,15 @@ CAN_RADIUS = 0.033
 DESIGNS = ("wave", "disc", "stripes", "diamond")
 
 
-@generator("can", colours=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
-def can(rng: np.random.Generator, colour: str) -> Draft:
+@generator("can", colors=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
+def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
-    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminium
+    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminum
     and 0.33 l of drink).
     """
     height, shoulder, design = rng.uniform(0.1125, 0.1175), rng.uniform(0.010, 0.013), str(rng.choice(DESIGNS))
-    shell, shade = can_shell(height, shoulder), jittered(PALETTE[colour], rng, amount=0.06)
+    shell, shade = can_shell(height, shoulder), jittered(PALETTE[color], rng, amount=0.06)
     angle, top = np.arange(10) * (2.0 * math.pi / 10), shell.heights[-1]
 
     def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
@@ -32,7 +32,7 @@ def can(rng: np.random.Generator, colour: str) -> Draft:
 
     return Draft(
         shape="cylinder",
-        description=f"A full {colour} soda can with a printed label and a pull tab.",
+        description=f"A full {color} soda can with a printed label and a pull tab.",
         tags=("can", "soda", "drink", "beverage", "metal"),
         mass_kg=0.35,
         parts=(
@@ -60,13 +60,13 @@ def can_shell(height: float, shoulder: float) -> Turned:
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
-def draw_label(rng: np.random.Generator, shell: Turned, shade: Colour, *, design: str) -> Canvas:
+def draw_label(rng: np.random.Generator, shell: Turned, shade: Color, *, design: str) -> Canvas:
     """Draw half of a can from the bottom over the print to the lid.
 
     Args:
         rng: Source of the sheen.
         shell: See :func:`can_shell`.
-        shade: Colour of the print.
+        shade: Color of the print.
         design: One of :data:`DESIGNS`.
     """
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))

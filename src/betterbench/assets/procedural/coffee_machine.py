@@ -9,18 +9,18 @@ from betterbench.assets.authoring.paint import PALETTE, jittered, uniforms
 _TRAY, _RING = 0.0115, 0.0425  # height of the tray, radius of the ring on it [m]
 
 
-@generator("coffee_machine", colours=("black", "silver", "cream", "red", "blue"))
-def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
+@generator("coffee_machine", colors=("black", "silver", "cream", "red", "blue"))
+def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
     """Make a C-shaped coffee machine of 3.5 kg; its front looks along +x. It is a fixture and cannot be grasped.
 
-    A mug comes down with its handle towards +x: the nozzle is 19 mm behind the ring's centre, 126 mm above the tray.
+    A mug comes down with its handle toward +x: the nozzle is 19 mm behind the ring's center, 126 mm above the tray.
     """
     width, wall_depth, reach, height = uniforms(rng, (0.186, 0.204), (0.088, 0.096), (0.078, 0.082), (0.266, 0.284))
     more, tray, short, head = uniforms(rng, (0.010, 0.022), (0.120, 0.150), (0.009, 0.011), (0.025, 0.0295))
     tip, under, side, tray_side = _TRAY + 0.126, _TRAY + 0.138, width / 2, tray / 2
     deep, top = reach + 0.0490, under + rng.uniform(0.046, 0.058)
     face, corner = str(rng.choice(["gauge", "display"])), float(rng.choice([0.010, 0.022]))
-    mark, shade = PALETTE["yellow"] if rng.random() < 0.5 else (0.35, 0.88, 0.22), jittered(PALETTE[colour], rng)
+    mark, shade = PALETTE["yellow"] if rng.random() < 0.5 else (0.35, 0.88, 0.22), jittered(PALETTE[color], rng)
     dark = (0.13, 0.13, 0.14) if sum(shade) > 0.6 else (0.20, 0.20, 0.22)
     front = 0.5 * (wall_depth + deep)
     wall, back, tank, tank_top = front - deep, -front, 0.030 - front, height + more
@@ -34,7 +34,7 @@ def coffee_machine(rng: np.random.Generator, colour: str) -> Draft:
     sizes: dict[str, float | str] = {"width_m": width, "depth_m": 2 * front, "height_m": height, "ring_reach_m": reach}
     return Draft(
         shape="irregular",
-        description=f"A {colour} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
+        description=f"A {color} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
         tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture"),
         mass_kg=3.5,
         parts=(

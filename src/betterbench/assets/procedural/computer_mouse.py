@@ -6,13 +6,13 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, Mesh, creased, loft
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 _SIDES = 28
 
 
-@generator("computer_mouse", colours=("black", "white", "grey", "blue"))
-def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
+@generator("computer_mouse", colors=("black", "white", "gray", "blue"))
+def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
@@ -21,7 +21,7 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
     hump, waist = rng.uniform(0.006, 0.016), rng.uniform(0.00, 0.07)
     trim, extra_button = str(rng.choice(["plain", "grips", "spine", "two-tone"])), rng.random() < 0.6
-    shade = jittered(shaded(PALETTE[colour], 1.06) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.06) if color == "black" else PALETTE[color], rng)
     accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
     x, half = -0.27 * length, 0.5 * width - 0.0006
     z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0042
@@ -30,7 +30,7 @@ def computer_mouse(rng: np.random.Generator, colour: str) -> Draft:
     picture = _shell(shade, accent, length=length, width=width, wheel_x=x, trim=trim, extra_button=extra_button)
     return Draft(
         shape="irregular",
-        description=f"A {colour} cordless computer mouse with two buttons and a scroll wheel.",
+        description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
         mass_kg=0.10,
         parts=(
@@ -88,7 +88,7 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
 
 
 def _shell(
-    shade: Colour, accent: Colour, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
+    shade: Color, accent: Color, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
 ) -> Canvas:
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
@@ -120,8 +120,8 @@ def _shell(
     return canvas
 
 
-@generator("soap_bar", colours=("grey", "white", "green"))
-def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
+@generator("soap_bar", colors=("gray", "white", "green"))
+def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     """Make a bar of soap with about the size and outline of a computer mouse.
 
     A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
@@ -130,7 +130,7 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     length, width, height = uniforms(rng, (0.095, 0.101), (0.0585, 0.0615), (0.0325, 0.0355))
     power, stamp = float(rng.choice([2.3, 2.8, 3.6])), str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
     dish = rng.uniform(0.0012, 0.0022)  # depth of the hollow in which the stamp stands
-    shade = jittered({"grey": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[colour], rng)
+    shade = jittered({"gray": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
     outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
     sides = ((0.78, 0.0), (0.93, 0.12), (1.0, 0.42), (0.985, 0.62), (0.89, 0.90))
     levels = (*sides, (0.80, 1.0), (0.72, 1.0), (0.66, 1.0 - dish / height))
@@ -138,7 +138,7 @@ def soap_bar(rng: np.random.Generator, colour: str) -> Draft:
     picture = _stamped(rng, shade, stamp=stamp, length=length, width=width)
     return Draft(
         shape="irregular",
-        description=f"A {colour} bar of soap with a stamp on its top.",
+        description=f"A {color} bar of soap with a stamp on its top.",
         tags=("soap", "bar of soap", "soap bar", "bathroom"),
         mass_kg=0.11,
         parts=(
@@ -169,7 +169,7 @@ _LETTERS: dict[str, tuple[_Stroke, ...]] = {
 }
 
 
-def _stamped(rng: np.random.Generator, shade: Colour, *, stamp: str, length: float, width: float) -> Canvas:
+def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: float, width: float) -> Canvas:
     """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)

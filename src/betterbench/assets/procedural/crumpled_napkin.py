@@ -5,16 +5,16 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import Draft, centred, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
 from betterbench.assets.authoring.mesh import Mesh, creased
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
 
 
-@generator("crumpled_napkin", colours=("white", "cream"))
-def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
+@generator("crumpled_napkin", colors=("white", "cream"))
+def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper napkin crumpled to a ball.
 
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
@@ -22,13 +22,13 @@ def crumpled_napkin(rng: np.random.Generator, colour: str) -> Draft:
     across, high, printed = rng.uniform(0.059, 0.064), rng.uniform(0.050, 0.056), rng.random() < 0.45
     ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
     roughness = rng.uniform(0.11, 0.16)
-    paper = jittered((0.93, 0.93, 0.92) if colour == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
+    paper = jittered((0.93, 0.93, 0.92) if color == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
     ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
-    ball = ball.moved(*centred(ball))
+    ball = ball.moved(*centered(ball))
     radius, top = 0.5 * across - 0.0015, float(ball.vertices[:, 2].max())
     return Draft(
         shape="irregular",
-        description=f"A crumpled {colour} paper napkin.",
+        description=f"A crumpled {color} paper napkin.",
         tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
         mass_kg=0.015,
         parts=(
@@ -109,8 +109,8 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
 
 
-def _paper(rng: np.random.Generator, paper: Colour, *, ink: Colour | None) -> Canvas:
-    """Draw paper whose row is the depth of the fold: grey at the bottom of a crease, bright on a ridge."""
+def _paper(rng: np.random.Generator, paper: Color, *, ink: Color | None) -> Canvas:
+    """Draw paper whose row is the depth of the fold: gray at the bottom of a crease, bright on a ridge."""
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
     if ink is not None:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, centred, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, uniforms
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_shell, draw_label
@@ -13,24 +13,24 @@ _SIDES = 18
 _CAN = can_shell(0.115, 0.0115)  # before it was crushed
 
 
-@generator("crushed_can", colours=("red", "silver", "blue", "green"))
-def crushed_can(rng: np.random.Generator, colour: str) -> Draft:
+@generator("crushed_can", colors=("red", "silver", "blue", "green"))
+def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that was stamped down along its axis: folded, skewed, half as high, a little wider.
 
-    The empty can is 13 to 14 g of aluminium. It is given 20 g, for a rest of drink in it.
+    The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it.
     """
     height, folds, lobes = rng.uniform(0.050, 0.058), int(rng.choice([3, 3, 4])), int(rng.choice([4, 5]))
     skew, tilt = rng.uniform(0.0025, 0.0045), math.radians(rng.uniform(6.0, 13.0))  # of the top
-    design, shade = str(rng.choice(DESIGNS)), jittered(PALETTE[colour], rng, amount=0.06)
+    design, shade = str(rng.choice(DESIGNS)), jittered(PALETTE[color], rng, amount=0.06)
     mesh = _folded(rng, height, folds=folds, lobes=lobes, skew=skew, tilt=tilt)
-    mesh = mesh.moved(*centred(mesh))
+    mesh = mesh.moved(*centered(mesh))
     canvas = draw_label(rng, _CAN, shade, design=design)
     _scratch(rng, canvas, folds=folds)
     across = float(min(np.ptp(mesh.vertices[:, 0]), np.ptp(mesh.vertices[:, 1])))
     radius, top = 0.5 * min(across, 0.070) - 0.0008, float(mesh.vertices[:, 2].max())
     return Draft(
         shape="irregular",
-        description=f"A crushed, empty {colour} soda can.",
+        description=f"A crushed, empty {color} soda can.",
         tags=("crushed can", "can", "empty can", "metal", "trash"),
         mass_kg=0.020,
         parts=(

@@ -6,15 +6,15 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, glazed, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import Mesh, sweep
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import round_wall, solid_box, upright_cylinder
 
-_WALL, _COLOURS = 0.0028, ("blue", "red", "white", "yellow")
+_WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
 _BANDS = {"band": ((0.58, 0.80),), "rim": ((0.92, 2.0), (0.02, 0.07))}
 
 
-@generator("cup", colours=_COLOURS)
-def cup(rng: np.random.Generator, colour: str) -> Draft:
+@generator("cup", colors=_COLORS)
+def cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a tea cup that narrows to its foot; its small handle points along +x.
 
     A porcelain cup of 0.15 l is 62 to 70 mm wide, 60 to 65 mm high and weighs 0.14 to 0.18 kg.
@@ -24,12 +24,12 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     belly, loop, thickness = uniforms(rng, (0.955, 0.985), (0.0165, 0.0195), (0.0075, 0.0090))
     decoration, pale = str(rng.choice(["plain", "band", "rim", "dots"])), rng.random() < 0.6
     radius, axis, half = 0.034 * size, -0.5 * loop, 0.5 * thickness
-    shade = jittered(PALETTE[colour], rng)
+    shade = jittered(PALETTE[color], rng)
     inner, wide = radius - _WALL, belly * radius
     outside = (0.0, base, base + 0.0008, 0.90 * radius, wide, radius, radius - 0.0008)
     z = (0.0, 0.0, 0.0045, 0.0140, 0.0235, height - 0.0010, height, height - 0.0010, 0.0240, 0.0130, 0.0075)
     shell = Turned((*outside, inner, wide - _WALL, 0.86 * radius - _WALL, 0.0), z, sides=22)
-    ink = (0.93, 0.92, 0.88) if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["grey"], 0.2)
+    ink = (0.93, 0.92, 0.88) if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
     look = {"lining": (0.90, 0.89, 0.85) if pale else None, "ink": ink}
     glaze = glazed(
         rng, shell, shade, decoration, rows=(2, 3, 5, 7, 9), bands=_BANDS, shadow=(0.86, 0.36), unglazed=0.80, **look
@@ -37,7 +37,7 @@ def cup(rng: np.random.Generator, colour: str) -> Draft:
     apothem, foot, out = 0.5 * (1.0 + belly) * radius, 0.66 * base, axis + radius + loop
     return Draft(
         shape="cylinder",
-        description=f"A {colour} breakfast cup with a small handle.",
+        description=f"A {color} breakfast cup with a small handle.",
         tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
         mass_kg=0.16,
         # The loop is mostly air and the solid foot stands for a thin floor.
@@ -79,9 +79,9 @@ def _ear(radius: float, loop: float, height: float, half: float) -> Mesh:
     return sweep(x, (*z, low + 0.006, low), section, crease_degrees=55.0)
 
 
-@generator("tumbler", colours=_COLOURS)
-def tumbler(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a straight tumbler of coloured plastic, ribbed or faceted, without a handle.
+@generator("tumbler", colors=_COLORS)
+def tumbler(rng: np.random.Generator, color: str) -> Draft:
+    """Make a straight tumbler of colored plastic, ribbed or faceted, without a handle.
 
     A tumbler of 0.25 l in acrylic is about 65 mm wide and 85 mm high and weighs 0.1 to 0.2 kg. Its collision shape is
     filled: nothing is put into it, and a jaw can then take it at any yaw with the same width.
@@ -89,7 +89,7 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     size, share, height = uniforms(rng, (0.985, 1.0), (0.91, 0.96), (0.082, 0.088))
     radius, pattern, wall = 0.033 * size, str(rng.choice(["facets", "ribs", "rings"])), 0.0026
     base, faceted = radius * share, pattern == "facets"
-    shade = jittered(mixed(PALETTE[colour], (0.85, 0.90, 0.95), 0.12), rng)
+    shade = jittered(mixed(PALETTE[color], (0.85, 0.90, 0.95), 0.12), rng)
     glass = Turned(
         (0.0, base - 0.002, base, radius, radius - 0.5 * wall, radius - wall, base - wall, 0.0),
         (0.0, 0.0, 0.003, height - 0.0008, height, height - 0.0008, 0.010, 0.010),
@@ -100,7 +100,7 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     edge = radius * (math.cos(math.pi / 12) if faceted else 1.0) - wall
     return Draft(
         shape="cylinder",
-        description=f"A {colour} tumbler with {pattern}.",
+        description=f"A {color} tumbler with {pattern}.",
         tags=("tumbler", "glass", "beaker", "drinkware", "tableware"),
         mass_kg=0.15,
         parts=(
@@ -113,8 +113,8 @@ def tumbler(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _glass(rng: np.random.Generator, glass: Turned, shade: Colour, *, pattern: str) -> Canvas:
-    """Draw coloured glass: dark at the thick foot, bright at the rim, pale streaks where it catches the light."""
+def _glass(rng: np.random.Generator, glass: Turned, shade: Color, *, pattern: str) -> Canvas:
+    """Draw colored glass: dark at the thick foot, bright at the rim, pale streaks where it catches the light."""
     _, _, foot, rim, _, inside, floor, _ = glass.rows
     canvas = glass.canvas(shade, (256, 256))
     x, y, width = canvas.x, canvas.y, canvas.width

@@ -8,26 +8,26 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, VisualPart
 from betterbench.assets.authoring import Draft, generator, grip, part, rod, solid_span, zone
 from betterbench.assets.authoring.mesh import creased, loft, merge, prism
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, shaded, uniforms
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, shaded, uniforms
 
 _HALF = 0.080  # half the length of a piece [m]
 _HANDLE = 0.085  # length of the handle [m]; it ends at +x
 _WIDTH, _THICKNESS = 0.014, 0.013
 _GRIP_HEIGHT = 0.0105
 
-_METAL: dict[str, Colour] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
-_HANDLES: tuple[Colour, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
+_METAL: dict[str, Color] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
+_HANDLES: tuple[Color, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
 
 
-@generator("fork", colours=("silver", "yellow"))
-def fork(rng: np.random.Generator, colour: str) -> Draft:
+@generator("fork", colors=("silver", "yellow"))
+def fork(rng: np.random.Generator, color: str) -> Draft:
     """Make a table fork that lies along x, its four tines at -x; yellow is brass.
 
-    A dessert fork is 0.16 m long and weighs 40 to 60 g with a moulded handle. The handle is thicker than that of plain
-    steel cutlery: a jaw reaches 12 mm below its centre, so it cannot take anything lower than 10 mm from a table.
+    A dessert fork is 0.16 m long and weighs 40 to 60 g with a molded handle. The handle is thicker than that of plain
+    steel cutlery: a jaw reaches 12 mm below its center, so it cannot take anything lower than 10 mm from a table.
     """
     half_width, tines, tine = uniforms(rng, (0.0150, 0.0170), (0.034, 0.040), (0.0019, 0.0022))  # tine: half its width
-    metal = jittered(_METAL[colour], rng, amount=0.04)
+    metal = jittered(_METAL[color], rng, amount=0.04)
     root, pitch = -_HALF + tines, 2.0 * (half_width - tine) / 3.0
     shoulder = min(root + 0.014, -0.030)
     wide = [(root - 0.002, half_width, 0.0004, 0.0042), (root + 0.004, half_width, 0.0, 0.0042)]
@@ -38,48 +38,48 @@ def fork(rng: np.random.Generator, colour: str) -> Draft:
     prongs = [rod(prong, y=k * pitch, crease_degrees=40.0) for k in (-1.5, -0.5, 0.5, 1.5)]
     head = part("head", merge([palm, *prongs]), metal, specular=0.9, shininess=0.8)
     sizes = {"head_width_m": 2 * half_width, "tine_length_m": tines}
-    return _piece(rng, f"{colour} fork", metal, [head], reach=half_width, head_end=shoulder, sizes=sizes)
+    return _piece(rng, f"{color} fork", metal, [head], reach=half_width, head_end=shoulder, sizes=sizes)
 
 
-@generator("spoon", colours=("silver", "yellow"))
-def spoon(rng: np.random.Generator, colour: str) -> Draft:
+@generator("spoon", colors=("silver", "yellow"))
+def spoon(rng: np.random.Generator, color: str) -> Draft:
     """Make a table spoon that lies along x, its bowl at -x; yellow is brass.
 
-    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a moulded handle; its handle is that of the fork.
+    A dessert spoon is 0.16 m long and weighs 40 to 60 g with a molded handle; its handle is that of the fork.
     """
     half_width, half_length, depth = uniforms(rng, (0.0160, 0.0175), (0.0250, 0.0280), (0.0085, 0.0105))
-    metal, centre = jittered(_METAL[colour], rng, amount=0.04), -_HALF + half_length
+    metal, center = jittered(_METAL[color], rng, amount=0.04), -_HALF + half_length
     angle = 2.0 * math.pi * np.arange(18) / 18
-    # Egg-shaped: blunt towards the tip, pointed towards the neck.
+    # Egg-shaped: blunt toward the tip, pointed toward the neck.
     x = np.cos(angle)
     y = np.sin(angle) * (1.0 - 0.16 * x)
     under = ((0.45, 0.0, 0.0), (0.76, 0.18 * depth, 0.0), (0.95, 0.62 * depth, 0.0), (1.0, depth, 0.0))
     inside = ((0.93, 0.66 * depth + 0.0010, 0.0012), (0.72, 0.24 * depth + 0.0012, 0.0010), (0.38, 0.0018, 0.0))
     rings = [
-        np.stack([centre + (s * half_length - e) * x, (s * half_width - e) * y, np.full(18, z)], axis=1)
+        np.stack([center + (s * half_length - e) * x, (s * half_width - e) * y, np.full(18, z)], axis=1)
         for s, z, e in (*under, (1.0, depth + 0.0004, 0.0012), *inside)
     ]
     bowl = creased(loft(rings, v=(0.0, 0.15, 0.32, 0.48, 0.54, 0.66, 0.82, 0.95)), 60.0)
     canvas = Canvas(1.0, 1.0, (8, 64), metal)
     canvas.shade(np.where(canvas.y > 0.56, 0.62 + 0.30 * np.clip((canvas.y - 0.56) / 0.40, 0.0, 1.0), 1.0))
     canvas.paint(canvas.between(0.46, 0.56), shaded(metal, 1.4))
-    end, tail = centre + half_length, (-0.002, 0.0034, 0.0042, 0.0088)
+    end, tail = center + half_length, (-0.002, 0.0034, 0.0042, 0.0088)
     start = (end - 0.004, 0.0046, depth - 0.0036, depth - 0.0002)
     neck = rod([start, (end + 0.006, 0.0036, 0.0046, 0.0090), tail], chamfer=0.0012)
     head = [
         part("bowl", bowl, canvas, specular=0.8, shininess=0.8),
         part("neck", neck, metal, specular=0.9, shininess=0.8),
     ]
-    rim = CollisionPart("ellipsoid", (half_length, half_width, 0.45 * depth), (centre, 0.0, 0.56 * depth))
+    rim = CollisionPart("ellipsoid", (half_length, half_width, 0.45 * depth), (center, 0.0, 0.56 * depth))
     sizes = {"bowl_width_m": 2 * half_width, "bowl_length_m": 2 * half_length}
-    middle = centre + 0.45 * half_length
-    return _piece(rng, f"{colour} spoon", metal, head, reach=0.55 * half_width, head_end=middle, sizes=sizes, rim=rim)
+    middle = center + 0.45 * half_length
+    return _piece(rng, f"{color} spoon", metal, head, reach=0.55 * half_width, head_end=middle, sizes=sizes, rim=rim)
 
 
 def _piece(
     rng: np.random.Generator,
     name: str,
-    metal: Colour,
+    metal: Color,
     head: list[VisualPart],
     *,
     reach: float,
@@ -92,7 +92,7 @@ def _piece(
     Args:
         rng: Source of the handle.
         name: What it is, with its color.
-        metal: Colour of the metal.
+        metal: Color of the metal.
         head: Visual parts of head and neck.
         reach: Half the width on which the head stands [m].
         head_end: The x at which the head leaves the table [m].
@@ -100,7 +100,7 @@ def _piece(
         rim: What the head has above its standing surface, if that is wider.
     """
     plastic = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
-    rivets, swell = rng.random() < 0.6, rng.uniform(0.0, 0.0012)  # the handle narrows towards the head by the swell
+    rivets, swell = rng.random() < 0.6, rng.uniform(0.0, 0.0012)  # the handle narrows toward the head by the swell
     start, w, t = _HALF - _HANDLE, 0.5 * _WIDTH, _THICKNESS
     low = [(start, w - swell - 0.0015, 0.0016, t - 0.0022), (start + 0.003, w - swell, 0.0, t - 0.0006)]
     high = [(_HALF - 0.0015, w - 0.0016, 0.0, t - 0.0018), (_HALF, w - 0.0040, 0.0022, t - 0.0045)]
@@ -116,11 +116,11 @@ def _piece(
     ]
     if rivets:
         parts.append(_rivets(metal, start + 0.026, _HALF - 0.022))
-    colour, kind = name.split()
+    color, kind = name.split()
     tip, middle = -_HALF + (0.004 if rim is None else 0.014), _HALF - 0.5 * _HANDLE
     return Draft(
         shape="irregular",
-        description=f"A {colour} {kind} with a moulded handle.",
+        description=f"A {color} {kind} with a molded handle.",
         tags=(kind, "cutlery", "flatware", "tableware"),
         mass_kg=0.05,
         # Steel through the whole length: the handle is mostly plastic around its tang.
@@ -138,7 +138,7 @@ def _piece(
     )
 
 
-def _rivets(metal: Colour, *x: float) -> VisualPart:
+def _rivets(metal: Color, *x: float) -> VisualPart:
     """Return the heads of rivets on top of the handle at positions along x [m]."""
     angle, z, dots = 2.0 * math.pi * np.arange(8) / 8, _THICKNESS - 0.001, []
     for at in x:

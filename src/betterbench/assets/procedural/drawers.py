@@ -14,10 +14,10 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_box, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, mapped, span
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
-_COLOURS = ("white", "brown", "grey")
-_PAINT: dict[str, Colour] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "grey": (0.45, 0.47, 0.50)}
+_COLORS = ("white", "brown", "gray")
+_PAINT: dict[str, Color] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "gray": (0.45, 0.47, 0.50)}
 
 # The carcass [m].
 _HALF_X, _HALF_Y, _HEIGHT = 0.110, 0.120, 0.170
@@ -38,7 +38,7 @@ _FRONT = 0.5 * (_REAR + _INSIDE_X + _PANEL)
 
 # The knob [m].
 _KNOB = (0.016, 0.020, 0.030)
-# From the panel: a hand 65 mm thick, centred on the knob, clears the panel by 20 mm, the wrist above it by 8 mm.
+# From the panel: a hand 65 mm thick, centered on the knob, clears the panel by 20 mm, the wrist above it by 8 mm.
 _KNOB_AWAY = 0.053
 _KNOB_SIDE, _KNOB_HEIGHT = 0.070, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
@@ -51,27 +51,27 @@ class _Style:
     """What the carcass and the drawers of one look have in common.
 
     Attributes:
-        shade: Colour of the boards.
+        shade: Color of the boards.
         wood: True for visible grain.
         grain_seed: Number that the grain follows from.
         front: How the front panel is worked: "plain", "frame", "groove" or "band".
-        metal: Colour of the knob.
+        metal: Color of the knob.
     """
 
-    shade: Colour
+    shade: Color
     wood: bool
     grain_seed: int
     front: str
-    metal: Colour
+    metal: Color
 
     @staticmethod
-    def draw(rng: np.random.Generator, colour: str) -> _Style:
-        """Draw a style; the same numbers are drawn for every colour."""
-        shade = jittered(_PAINT[colour], rng, amount=0.12 if colour == "brown" else 0.06)
+    def draw(rng: np.random.Generator, color: str) -> _Style:
+        """Draw a style; the same numbers are drawn for every color."""
+        shade = jittered(_PAINT[color], rng, amount=0.12 if color == "brown" else 0.06)
         front = str(rng.choice(["plain", "frame", "groove", "band"]))
-        knobs: tuple[Colour, ...] = ((0.16, 0.16, 0.17), (0.74, 0.57, 0.24), (0.66, 0.67, 0.69), (0.36, 0.22, 0.12))
+        knobs: tuple[Color, ...] = ((0.16, 0.16, 0.17), (0.74, 0.57, 0.24), (0.66, 0.67, 0.69), (0.36, 0.22, 0.12))
         metal = knobs[int(rng.integers(len(knobs)))]
-        return _Style(shade, colour == "brown", int(rng.integers(2**31)), front, metal)
+        return _Style(shade, color == "brown", int(rng.integers(2**31)), front, metal)
 
     def surface(self, width: float, height: float, pixels: tuple[int, int]) -> Canvas:
         """Return a picture of a board of this style, its grain along the width."""
@@ -108,14 +108,14 @@ def _linings() -> Mesh:
     return merge(sheets)
 
 
-@generator("drawer_cabinet", colours=_COLOURS, family="drawers")
-def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
+@generator("drawer_cabinet", colors=_COLORS, family="drawers")
+def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
 
     Its volume of 1.9 l of particle board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and
     "lower" are the frames of the closed drawers.
     """
-    style = _Style.draw(rng, colour)
+    style = _Style.draw(rng, color)
     inner, x = _HEIGHT - 2.0 * _BOARD, (-_HALF_X, _HALF_X)
     # Seen are a top and a bottom that stand over the sides by their bevel, and boards between them.
     top = span(x, _HALF_Y, (_HEIGHT - _BOARD, _HEIGHT), bevel=0.0016)
@@ -129,8 +129,8 @@ def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
     side_view = ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     return Draft(
         shape="box",
-        description=f"A small {colour} desk cabinet with two openings for drawers.",
-        tags=("drawer cabinet", "cabinet", "desk organiser", "furniture"),
+        description=f"A small {color} desk cabinet with two openings for drawers.",
+        tags=("drawer cabinet", "cabinet", "desk organizer", "furniture"),
         mass_kg=1.2,
         parts=(
             part("top", top, style.surface(0.24, 0.22, (160, 144)), view=ABOVE, specular=0.15),
@@ -147,22 +147,22 @@ def drawer_cabinet(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("upper_drawer", colours=_COLOURS, family="drawers")
-def upper_drawer(rng: np.random.Generator, colour: str) -> Draft:
+@generator("upper_drawer", colors=_COLORS, family="drawers")
+def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
     """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y."""
-    return _drawer(rng, colour, side=1.0, place="upper")
+    return _drawer(rng, color, side=1.0, place="upper")
 
 
-@generator("lower_drawer", colours=_COLOURS, family="drawers")
-def lower_drawer(rng: np.random.Generator, colour: str) -> Draft:
+@generator("lower_drawer", colors=_COLORS, family="drawers")
+def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
     """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y."""
-    return _drawer(rng, colour, side=-1.0, place="lower")
+    return _drawer(rng, color, side=-1.0, place="lower")
 
 
-def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -> Draft:
+def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
     """Make a drawer: a box with a front panel and a knob on a stem.
 
-    Its origin is the centre of the bottom face of the bounding box without the knob, its front looks along +x, along
+    Its origin is the center of the bottom face of the bounding box without the knob, its front looks along +x, along
     which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the knob make
     0.5 kg.
 
@@ -173,11 +173,11 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
 
     Args:
         rng: Source of the looks.
-        colour: Colour word.
+        color: Color word.
         side: +1 for a knob at +y, -1 for one at -y.
         place: Word for its place in the cabinet.
     """
-    style = _Style.draw(rng, colour)
+    style = _Style.draw(rng, color)
     back, half_y, panel = -_FRONT, _INSIDE_HALF_Y + _WALL, _FRONT - _PANEL  # panel: its inner face
     knob_x, knob_y = _FRONT + _KNOB_AWAY, side * _KNOB_SIDE
     kx, ky, kz = (0.5 * s for s in _KNOB)
@@ -193,7 +193,7 @@ def _drawer(rng: np.random.Generator, colour: str, *, side: float, place: str) -
     inside = 0.5 * (_RIM - _FLOOR)
     return Draft(
         shape="box",
-        description=f"The {place} drawer of a {colour} desk cabinet, open at the top, with a knob on its front.",
+        description=f"The {place} drawer of a {color} desk cabinet, open at the top, with a knob on its front.",
         tags=("drawer", f"{place} drawer", "desk drawer", "container"),
         mass_kg=0.5,
         parts=(
@@ -232,7 +232,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
 
 
 def _front(style: _Style) -> Canvas:
-    """Draw the front panel: its grain, how it is worked, and a fine dark edge that parts it from its neighbours."""
+    """Draw the front panel: its grain, how it is worked, and a fine dark edge that parts it from its neighbors."""
     width, height = 2.0 * _PANEL_HALF_Y, _PANEL_HEIGHT
     canvas = style.surface(width, height, (256, 88))
     x, y = canvas.x, canvas.y

@@ -6,23 +6,23 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip, part, standing, sweep
 from betterbench.assets.authoring.mesh import tube_section
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 
-@generator("drink_cup", colours=("blue", "red", "green", "yellow", "white", "orange"))
-def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a lidded paper cup with a short bent straw that leans along +x; the colour is that of the print.
+@generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"))
+def drink_cup(rng: np.random.Generator, color: str) -> Draft:
+    """Make a lidded paper cup with a short bent straw that leans along +x; the color is that of the print.
 
     A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
-    Franka hand that holds the cup below the lid (45 mm above the tool centre point), the straw too; the straw cannot be
+    Franka hand that holds the cup below the lid (45 mm above the tool center point), the straw too; the straw cannot be
     touched.
     """
     lid, narrower, wall = uniforms(rng, (0.0322, 0.0330), (0.0045, 0.0070), (0.0940, 0.1000))
     top = lid - 0.0022
     base, lid_top = top - narrower, wall + 0.0100
-    design, shade = str(rng.choice(["wave", "band", "dots", "stripes"])), jittered(PALETTE[colour], rng)
+    design, shade = str(rng.choice(["wave", "band", "dots", "stripes"])), jittered(PALETTE[color], rng)
     cup = Turned((0.0, base - 0.0008, base, top, 0.0), (0.0, 0.0, 0.0015, wall, wall + 0.001))
     radii = (0.0, lid - 0.001, lid, lid - 0.0035, lid - 0.0050, lid - 0.0085, lid - 0.0095, 0.0)
     low, inner = wall - 0.002, lid_top - 0.0030
@@ -37,14 +37,14 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     body = ((0.5 * (base + held) - 0.0004, 0.060), (held, wall - 0.002))
     return Draft(
         shape="cylinder",
-        description=f"A {colour} paper cup with a soft drink, a plastic lid and a straw.",
+        description=f"A {color} paper cup with a soft drink, a plastic lid and a straw.",
         tags=("drink", "cup", "soda", "soft drink", "paper cup"),
         mass_kg=0.27,
         densities=(1.0, 1.0, 1.0, 0.1, 0.1),
         parts=(
             part("cup", cup.mesh(), _print(rng, cup, shade, design=design)),
             part("lid", cover.mesh(), plastic, specular=0.5, shininess=0.5),
-            part("straw", straw, (0.90, 0.18, 0.16) if colour != "red" else (0.95, 0.95, 0.95), specular=0.4),
+            part("straw", straw, (0.90, 0.18, 0.16) if color != "red" else (0.95, 0.95, 0.95), specular=0.4),
             *standing(0.66 * base, *body, (lid - 0.001, wall + 0.003), (lid - 0.005, lid_top)),
         ),
         grasps=(grip("body", _GRIP, 2.0 * held, clearance=0.007),),
@@ -53,7 +53,7 @@ def drink_cup(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _print(rng: np.random.Generator, cup: Turned, shade: Colour, *, design: str) -> Canvas:
+def _print(rng: np.random.Generator, cup: Turned, shade: Color, *, design: str) -> Canvas:
     """Draw the paper wall."""
     low, high = cup.rows[2], cup.rows[3]
     span, paper = high - low, (0.94, 0.93, 0.90)
@@ -72,9 +72,9 @@ def _print(rng: np.random.Generator, cup: Turned, shade: Colour, *, design: str)
     elif design == "dots":
         for row in range(7):
             for column in range(6):
-                centre = ((column + 0.5 * (row % 2)) / 5.0 * width, low + (0.10 + 0.135 * row) * span)
+                center = ((column + 0.5 * (row % 2)) / 5.0 * width, low + (0.10 + 0.135 * row) * span)
                 radius = 0.0062 - 0.00065 * row
-                canvas.ellipse(centre, (radius, radius), accent)
+                canvas.ellipse(center, (radius, radius), accent)
     else:
         canvas.paint((np.abs((x / width * 7.0 + 0.5) % 1.0 - 0.5) < 0.22) & (y < low + 0.90 * span), accent)
     canvas.band(low + 0.955 * span, high, mixed(shade, paper, 0.6))

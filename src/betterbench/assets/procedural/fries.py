@@ -6,28 +6,28 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_span, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, prism
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 # Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
 
 
-@generator("fries_box", colours=("red", "yellow", "blue", "green"))
-def fries_box(rng: np.random.Generator, colour: str) -> Draft:
+@generator("fries_box", colors=("red", "yellow", "blue", "green"))
+def fries_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a striped carton of fries; its wide face looks along +x, the jaw closes along x.
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
-    below the underside of a Franka hand, 45 mm above the tool centre point.
+    below the underside of a Franka hand, 45 mm above the tool center point.
     """
     thick, width, height = uniforms(rng, (0.0390, 0.0415), (0.0600, 0.0640), (0.0780, 0.0840))
     dip, half_x, half_y = rng.uniform(0.012, 0.020), thick / 2, width / 2
-    shade, design = jittered(PALETTE[colour], rng), str(rng.choice(["stripes", "disc", "smile"]))
+    shade, design = jittered(PALETTE[color], rng), str(rng.choice(["stripes", "disc", "smile"]))
     picture = _print(rng, shade, design=design)
     sticks, dark = _sticks(rng, thick, width, height)
     golden = jittered((0.93, 0.68, 0.20), rng, amount=0.06)
     return Draft(
         shape="box",
-        description=f"A {colour} and white striped carton of French fries.",
+        description=f"A {color} and white striped carton of French fries.",
         tags=("fries", "french fries", "chips", "food", "carton"),
         mass_kg=0.12,
         parts=(
@@ -48,7 +48,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)
     half_x, half_y = thick / 2, width / 2
-    bulge = 1.0 - 0.30 * y**2  # the wide faces bow outwards
+    bulge = 1.0 - 0.30 * y**2  # the wide faces bow outward
     front = np.stack([half_x * bulge, half_y * y], axis=1)
     outline = np.concatenate([front, -front])
     scoop = height - dip * (1.0 - y**2) ** 0.8
@@ -70,7 +70,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 
 
-def _print(rng: np.random.Generator, shade: Colour, *, design: str) -> Canvas:
+def _print(rng: np.random.Generator, shade: Color, *, design: str) -> Canvas:
     """Draw the stripes and the sign on the front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y

@@ -7,11 +7,11 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, Turned, disc, foot, generator, grip, grip_across, part, spheroid, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, prism, sweep, tube_section
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import solid_box
 
 # Color of the skin, and of the skin around the stalk, where the sun does not reach.
-_APPLES: dict[str, tuple[Colour, Colour]] = {
+_APPLES: dict[str, tuple[Color, Color]] = {
     "red": ((0.70, 0.055, 0.06), (0.80, 0.52, 0.16)),
     "green": ((0.42, 0.62, 0.11), (0.52, 0.60, 0.20)),
     "yellow": ((0.92, 0.72, 0.16), (0.66, 0.62, 0.18)),
@@ -37,8 +37,8 @@ def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z:
     return blade.rotated("y", lift).rotated("z", turn).moved(z=z)
 
 
-@generator("apple", colours=("red", "green", "yellow"))
-def apple(rng: np.random.Generator, colour: str) -> Draft:
+@generator("apple", colors=("red", "green", "yellow"))
+def apple(rng: np.random.Generator, color: str) -> Draft:
     """Make an apple with shoulders, a stalk in its dimple and five faint lobes.
 
     A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; small ones are used because the jaw opens to
@@ -49,15 +49,15 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     leafy, blush, radius = rng.random() < 0.4, rng.uniform(0.15, 0.9), _APPLE_RADIUS * size
     levels = (0.060, 0.020, 0.0, 0.100, 0.300, 0.540, 0.720, 0.885, 0.990, 0.985, 0.880, 0.830)
     shares = (0.0, 0.20, 0.40, 0.72, 0.955, 1.0, 0.965, 0.830, 0.560, 0.330, 0.130, 0.0)
-    # Slender apples narrow towards the calyx.
+    # Slender apples narrow toward the calyx.
     radii = [s * radius * (waist if level < 0.35 else 1.0) for s, level in zip(shares, levels, strict=True)]
     solid = Turned(radii, [level * height for level in levels], 18, 80.0, phase=math.pi / 2)
-    skin = jittered(_APPLES[colour][0], rng)
+    skin = jittered(_APPLES[color][0], rng)
     body = solid.mesh()
     angle = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
     low = np.clip(1.0 - 3.0 * body.vertices[:, 2] / height, 0.0, 1.0)
     body = body.scaled_across(1.0 - lobes * low * (1.0 + np.cos(5.0 * angle)))
-    picture = _apple_skin(rng, solid, skin, colour=colour, blush=blush)
+    picture = _apple_skin(rng, solid, skin, color=color, blush=blush)
     root = 0.83 * height - 0.001
     stem = sweep(
         (0.0, 0.25 * lean, lean), (root, root + 0.5 * stalk, root + stalk), tube_section(0.0017, 5), crease_degrees=80.0
@@ -71,7 +71,7 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
         parts.append(part("leaf", leaf, jittered((0.22, 0.45, 0.10), rng), specular=0.3))
     return Draft(
         shape="round",
-        description=f"A {colour} apple.",
+        description=f"A {color} apple.",
         tags=("apple", "fruit", "food"),
         mass_kg=0.17,
         parts=(*parts, *_round_collision(radius, height)),
@@ -81,12 +81,12 @@ def apple(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Colour, *, colour: str, blush: float) -> Canvas:
+def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Color, *, color: str, blush: float) -> Canvas:
     """Draw the skin from the calyx to the stalk: streaks, a sunny side, pale pores, russet around the stalk."""
     canvas = solid.canvas(skin, width=math.pi * _APPLE_RADIUS)
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height
     shoulder, cavity = solid.rows[8], solid.rows[9]
-    if colour == "red":
+    if color == "red":
         # Streaks from pole to pole where the paler ground shows through, more on the side away from the sun.
         shadow = np.clip(1.3 * np.abs(x / width - 0.62) - 0.12, 0.0, 1.0) * blush
         for _ in range(46):
@@ -95,22 +95,22 @@ def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Colour, *, colour
             streak = (np.abs(x - at) < thick) & canvas.between(low, high)
             canvas.paint(streak * np.clip(0.15 + shadow, 0.0, 0.6), (0.86, 0.50, 0.18))
     else:
-        u, v, du, dv = (0.68, 0.60, 0.17, 0.20) if colour == "yellow" else (0.35, 0.62, 0.22, 0.22)
+        u, v, du, dv = (0.68, 0.60, 0.17, 0.20) if color == "yellow" else (0.35, 0.62, 0.22, 0.22)
         sun = np.exp(-(((x - u * width) / (du * width)) ** 2 + ((y - v * whole) / (dv * whole)) ** 2))
-        canvas.paint(sun, (0.86, 0.30, 0.12) if colour == "yellow" else (0.70, 0.72, 0.22), strength=0.55 * blush)
+        canvas.paint(sun, (0.86, 0.30, 0.12) if color == "yellow" else (0.70, 0.72, 0.22), strength=0.55 * blush)
     canvas.grain(rng, cells=(14, 8), amount=0.04)
-    pore = mixed(skin, (0.96, 0.90, 0.66), 0.62) if colour != "yellow" else shaded(skin, 0.72)
+    pore = mixed(skin, (0.96, 0.90, 0.66), 0.62) if color != "yellow" else shaded(skin, 0.72)
     canvas.spots(rng, 150, pore, radius=(0.00035, 0.00075), rows=(0.16 * whole, 0.78 * whole))
     rays = 0.0045 * np.sin(2.0 * math.pi * x / width * 7.0) + 0.002 * np.sin(2.0 * math.pi * x / width * 17.0)
-    canvas.paint(np.clip((y + rays - shoulder + 0.002) / 0.010, 0.0, 1.0), _APPLES[colour][1], strength=0.85)
+    canvas.paint(np.clip((y + rays - shoulder + 0.002) / 0.010, 0.0, 1.0), _APPLES[color][1], strength=0.85)
     canvas.paint(np.clip((y - cavity) / 0.012, 0.0, 1.0), (0.30, 0.20, 0.08), strength=0.75)
     canvas.paint(np.clip(1.0 - y / solid.rows[2], 0.0, 1.0), (0.25, 0.17, 0.08), strength=0.8)
     canvas.brighten(0.84, 0.45 * whole)
     return canvas
 
 
-@generator("orange", colours=("orange",))
-def orange(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("orange", colors=("orange",))
+def orange(rng: np.random.Generator, _color: str) -> Draft:
     """Make an orange with a dimpled peel and the green scar of its stalk.
 
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
@@ -150,8 +150,8 @@ def orange(rng: np.random.Generator, _colour: str) -> Draft:
     )
 
 
-@generator("lemon", colours=("yellow",))
-def lemon(rng: np.random.Generator, _colour: str) -> Draft:
+@generator("lemon", colors=("yellow",))
+def lemon(rng: np.random.Generator, _color: str) -> Draft:
     """Make a lemon that lies on its side along x, its nipple at +x.
 
     A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, leaning_box, merge, part, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, box, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 # Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
@@ -17,15 +17,15 @@ ROWS: tuple[tuple[float, ...], ...] = (
     (*(1.0,) * 13, 1.0),
     (*(0.93,) * 15,),
 )
-_KEYS: dict[str, dict[str, Colour]] = {
+_KEYS: dict[str, dict[str, Color]] = {
     "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
     "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
-    "grey": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
+    "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
 }
 
 
-@generator("keyboard", colours=("black", "white", "grey"))
-def keyboard(rng: np.random.Generator, colour: str) -> Draft:
+@generator("keyboard", colors=("black", "white", "gray"))
+def keyboard(rng: np.random.Generator, color: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
     A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
@@ -35,8 +35,8 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     half_x, half_y = 0.5 * depth, 0.5 * width
     lip, style = float(rng.choice([0.0, 0.0, 0.009])), str(rng.choice(["same", "two-tone", "contrast"]))
     accent = (None, PALETTE["orange"], PALETTE["red"], PALETTE["green"])[int(rng.integers(4))]
-    case = jittered(shaded(PALETTE[colour], 1.05) if colour == "black" else PALETTE[colour], rng)
-    keys, slope = _KEYS[colour][style], math.atan2(far - near, 2.0 * half_x)
+    case = jittered(shaded(PALETTE[color], 1.05) if color == "black" else PALETTE[color], rng)
+    keys, slope = _KEYS[color][style], math.atan2(far - near, 2.0 * half_x)
 
     def top(x: np.ndarray | float) -> np.ndarray:
         """Return the height of the case at x [m]."""
@@ -53,7 +53,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
         x = high_x - (row + 0.5) * pitch
         slab = box((0.90 * pitch, size[0], key_height + 0.002), (0.0, 0.0, 0.5 * key_height - 0.001), bevel=0.0008)
         slabs.append(slab.rotated("y", slope).moved(x, 0.0, float(top(x))))
-    picture = Canvas(*size, (256, 128), shaded(case, 0.55) if colour != "white" else (0.62, 0.62, 0.63))
+    picture = Canvas(*size, (256, 128), shaded(case, 0.55) if color != "white" else (0.62, 0.62, 0.63))
     edges = shaded(keys, 0.80) if style == "two-tone" else None
     draw_keys(picture, (0.0, 0.0), size, keys, accent=accent, edges=edges)
     visual = [
@@ -68,7 +68,7 @@ def keyboard(rng: np.random.Generator, colour: str) -> Draft:
     lid = (half_x / math.cos(slope) - 0.001, half_y, plate)
     return Draft(
         shape="box",
-        description=f"A compact {colour} computer keyboard with six rows of keys.",
+        description=f"A compact {color} computer keyboard with six rows of keys.",
         tags=("keyboard", "computer keyboard", "desk", "typing"),
         mass_kg=0.50,
         parts=(
@@ -85,10 +85,10 @@ def draw_keys(
     canvas: Canvas,
     corner: tuple[float, float],
     size_m: tuple[float, float],
-    keys: Colour,
+    keys: Color,
     *,
-    accent: Colour | None = None,
-    edges: Colour | None = None,
+    accent: Color | None = None,
+    edges: Color | None = None,
 ) -> None:
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
@@ -96,9 +96,9 @@ def draw_keys(
         canvas: The picture; its lower edge is the user's side.
         corner: Lower left corner of the field [m].
         size_m: Width and depth of the field [m].
-        keys: Colour of the key caps.
-        accent: Colour of the escape and the enter key, if they stand out.
-        edges: Colour of the wide keys at the edge and of the far row, if they stand out.
+        keys: Color of the key caps.
+        accent: Color of the escape and the enter key, if they stand out.
+        edges: Color of the wide keys at the edge and of the far row, if they stand out.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1
@@ -118,6 +118,6 @@ def draw_keys(
             inner = (x > 2.0 * gap) & (x < share - 2.0 * gap) & (y > 2.6 * gap) & (y < pitch - 1.6 * gap)
             canvas.paint(inner, mixed(shade, (1.0, 1.0, 1.0), 0.06))
             if unit <= 1.3:
-                centre = (left + 0.42 * share, low + 0.60 * pitch)
-                canvas.ellipse(centre, (0.13 * pitch, 0.15 * pitch), mixed(shade, legend, 0.75))
+                center = (left + 0.42 * share, low + 0.60 * pitch)
+                canvas.ellipse(center, (0.13 * pitch, 0.15 * pitch), mixed(shade, legend, 0.75))
             left += share

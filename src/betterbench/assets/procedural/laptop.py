@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, generator, leaning_box, part, solid_span, span, zone
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, mapped, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.procedural.keyboard import draw_keys
 from betterbench.geometry import from_axis_angle, rotate
 
@@ -16,8 +16,8 @@ _GAP = 0.075  # between the side of the laptop and the middle of the zone beside
 _BEHIND = 0.065  # between the back edge of the screen and the middle of the zone behind it
 
 
-@generator("laptop", colours=("silver", "black"))
-def laptop(rng: np.random.Generator, colour: str) -> Draft:
+@generator("laptop", colors=("silver", "black"))
+def laptop(rng: np.random.Generator, color: str) -> Draft:
     """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
 
     A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
@@ -27,10 +27,10 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     lean, half_x, half_y = math.radians(lean), 0.5 * depth, 0.5 * width
     height, corner = rng.uniform(0.148, 0.152), rng.uniform(0.006, 0.012)
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
-    dark_keys = bool(colour == "black" or rng.random() < 0.6)
-    metal = jittered(shaded(PALETTE[colour], 1.10) if colour == "black" else PALETTE[colour], rng, amount=0.06)
+    dark_keys = bool(color == "black" or rng.random() < 0.6)
+    metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
 
-    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centred at x = 0.
+    # The hinge is the far upper edge of the base; the lid turns about it. First the base is centered at x = 0.
     hinge_x, hinge_z = -0.5 * depth + 0.006, _BASE - 0.001
     reach = (height - hinge_z - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
     back = hinge_x - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)
@@ -55,7 +55,7 @@ def laptop(rng: np.random.Generator, colour: str) -> Draft:
     shown = _desktop(rng, size_m=screen_size, wallpaper=wallpaper)
     return Draft(
         shape="box",
-        description=f"An open {colour} laptop with a lit screen.",
+        description=f"An open {color} laptop with a lit screen.",
         tags=("laptop", "notebook", "computer", "desk"),
         mass_kg=1.3,
         densities=(1.0, 1.1),
@@ -86,7 +86,7 @@ def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float,
     return prism([np.column_stack([np.full(len(flat), at), flat[:, 0], up]) for at in x])
 
 
-def _deck(metal: Colour, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
+def _deck(metal: Color, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
     """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)

@@ -5,16 +5,16 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import Draft, centred, generator, merge, open_box, part, zone
+from betterbench.assets.authoring import Draft, centered, generator, merge, open_box, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import hinged_box
 
 _WALL, _FLOOR, _LIP = 0.005, 0.006, 0.003
 
 
-@generator("lunchbox", colours=("blue", "green", "red"))
-def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
+@generator("lunchbox", colors=("blue", "green", "red"))
+def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     """Make an open lunchbox; its latch looks along +x and its lid leans back over the -x side.
 
     The inside is about 0.20 m (x) by 0.25 m (y). The lid is opened by about 120 degrees, so that nothing is above the
@@ -25,7 +25,7 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
     opened, depth = math.radians(rng.uniform(117.0, 124.0)), rng.uniform(0.014, 0.018)  # of the lid
     latches, motif = int(rng.choice([1, 2])), str(rng.choice(["fruit", "stripes", "dots", "star"]))
-    shade = jittered(mixed(PALETTE[colour], (1.0, 1.0, 1.0), 0.06), rng)
+    shade = jittered(mixed(PALETTE[color], (1.0, 1.0, 1.0), 0.06), rng)
     lining = mixed(shade, (0.93, 0.93, 0.91), float(rng.choice([0.25, 0.75])))
     trim = ((0.93, 0.92, 0.88), (0.95, 0.70, 0.12), (0.20, 0.21, 0.24))[int(rng.integers(3))]
     ox, oy = half_x + _WALL, half_y + _WALL
@@ -36,14 +36,14 @@ def lunchbox(rng: np.random.Generator, colour: str) -> Draft:
     clip, front = (0.008, 0.034, 0.030), ox + _LIP + 0.003
     clips = merge([box(clip, (front, y, height - 0.017), bevel=0.002, corner=0.002) for y in at])
     knuckles = merge([box((0.010, 0.040, 0.012), (-ox - 0.003, y, height - 0.002)) for y in (-0.5 * oy, 0.5 * oy)])
-    x, inside = centred(tray, lid, clips, knuckles)[0], 0.5 * (height - _FLOOR)
+    x, inside = centered(tray, lid, clips, knuckles)[0], 0.5 * (height - _FLOOR)
     picture = _lining(rng, shade, lining, trim, motif=motif)
     leaf = hinged_box((0.5 * length, lid_half, 0.5 * depth), (0.5 * length, 0.5 * depth), *hinge)
     leaf_x, _, leaf_z = leaf.position
     lean = (math.cos(0.5 * opened), 0.0, -math.sin(0.5 * opened), 0.0)
     return Draft(
         shape="box",
-        description=f"An open {colour} plastic lunchbox with a hinged lid.",
+        description=f"An open {color} plastic lunchbox with a hinged lid.",
         tags=("lunchbox", "lunch box", "box", "container", "plastic"),
         mass_kg=0.5,
         densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15),
@@ -85,7 +85,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
     return creased(loft(rings, v=(0.02, 0.06, 0.42, 0.46, 0.50, 0.54, 0.60, 0.90, 0.97)), 40.0)
 
 
-def _shell(shade: Colour, lining: Colour) -> Canvas:
+def _shell(shade: Color, lining: Color) -> Canvas:
     """Draw the tray from its underside over the lip to the floor, with the inside in its own shadow."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
@@ -104,8 +104,8 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
     return mapped(closed, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _lining(rng: np.random.Generator, shade: Colour, lining: Colour, trim: Colour, *, motif: str) -> Canvas:
-    """Draw the inner side of the lid: a border, a moulded panel and a printed motif."""
+def _lining(rng: np.random.Generator, shade: Color, lining: Color, trim: Color, *, motif: str) -> Canvas:
+    """Draw the inner side of the lid: a border, a molded panel and a printed motif."""
     width, height = 0.266, 0.213
     canvas = Canvas(width, height, (192, 160), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * height

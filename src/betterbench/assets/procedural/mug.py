@@ -10,8 +10,8 @@ from betterbench.assets.authoring.solids import foot, round_wall, solid_box
 _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, height of the handle's top [m]
 
 
-@generator("mug", colours=("red", "blue", "white", "green", "yellow", "black", "grey"))
-def mug(rng: np.random.Generator, colour: str) -> Draft:
+@generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"))
+def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug; its handle points along +x.
 
     A stoneware mug of 0.3 l is 70 to 75 mm wide and 80 to 90 mm high and weighs 0.25 to 0.35 kg; the light end is used,
@@ -22,7 +22,7 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     taper, bar = float(rng.choice([1.0, 1.0, 0.95, 0.91])), rng.uniform(0.0545, 0.0570)  # bar: its x from the axis
     thick, depth, low = rng.uniform(0.0110, 0.0125), rng.uniform(0.0080, 0.0092), rng.uniform(0.010, 0.018)
     decoration, pale = str(rng.choice(["plain", "band", "rim", "stripes", "speckled"])), rng.random() < 0.4
-    shade, base, half, end = jittered(PALETTE[colour], rng), radius * taper, thick / 2, bar + depth / 2
+    shade, base, half, end = jittered(PALETTE[color], rng), radius * taper, thick / 2, bar + depth / 2
     axis, out = -0.5 * (bar + 0.5 * depth - radius), 0.5 * (end - radius)
     radii = (0.0, base - 0.004, base, radius, radius - 0.0012, radius - _WALL, base - _WALL, 0.0)
     shell = Turned(radii, (0.0, 0.0, 0.004, height - 0.0025, height, height - 0.0012, _FLOOR + 0.004, _FLOOR))
@@ -35,7 +35,7 @@ def mug(rng: np.random.Generator, colour: str) -> Draft:
     sizes: dict[str, float | str] = {"radius_m": radius, "height_m": height, "taper": taper, "bar_distance_m": bar}
     return Draft(
         shape="cylinder",
-        description=f"A {colour} ceramic coffee mug with a C-shaped handle.",
+        description=f"A {color} ceramic coffee mug with a C-shaped handle.",
         tags=("mug", "cup", "coffee", "drinkware"),
         mass_kg=0.25,
         parts=(

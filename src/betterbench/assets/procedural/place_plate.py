@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, standing, zone
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 
 _RADIUS, _HEIGHT = 0.095, 0.018
 _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate from its own [m]
 
 
-@generator("place_plate", colours=("white", "blue", "cream"))
-def place_plate(rng: np.random.Generator, colour: str) -> Draft:
+@generator("place_plate", colors=("white", "blue", "cream"))
+def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; whoever eats sits at +x.
 
     A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
@@ -21,22 +21,22 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
     stand = rng.uniform(0.050, 0.057)
     well = stand + rng.uniform(0.004, 0.012)
     decoration = str(rng.choice(["bands", "dots", "leaves", "petals"]))
-    base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if colour == "blue" else PALETTE[colour]
+    base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if color == "blue" else PALETTE[color]
     glaze = jittered(base, rng, amount=0.05)
-    inks = (mixed(PALETTE["blue"], PALETTE["grey"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
+    inks = (mixed(PALETTE["blue"], PALETTE["gray"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
     drawn = inks[int(rng.integers(len(inks)))]
-    ink = (0.92, 0.93, 0.93) if colour == "blue" else drawn
+    ink = (0.92, 0.93, 0.93) if color == "blue" else drawn
     radii = (0.0, stand, stand + 0.003, _RADIUS, _RADIUS - 0.0008, well + 0.003, well - 0.003, 0.0)
     z = (0.0, 0.0, 0.0040, _HEIGHT - 0.0010, _HEIGHT, 0.0088, 0.0070, 0.0064)
     plate = Turned(radii, z, sides=36, crease_degrees=50.0, wrap=False).mesh().seen_from_above(_RADIUS)
     picture = _glaze(rng, glaze, ink, decoration=decoration, well=well / _RADIUS)
-    # Eight inclined boards follow the rim from the edge of the well outwards.
+    # Eight inclined boards follow the rim from the edge of the well outward.
     (inner, low), (outer, high) = (well - 0.002, 0.0052), (0.0905, 0.0158)
     slope, half = math.atan2(high - low, outer - inner), 0.5 * math.hypot(outer - inner, high - low)
     board = (half, outer * math.tan(math.pi / 8), 0.0018)
     return Draft(
         shape="round",
-        description=f"A {colour} breakfast plate with a decorated rim.",
+        description=f"A {color} breakfast plate with a decorated rim.",
         tags=("plate", "breakfast plate", "dish", "tableware"),
         mass_kg=0.55,
         parts=(
@@ -55,7 +55,7 @@ def place_plate(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _glaze(rng: np.random.Generator, glaze: Colour, ink: Colour, *, decoration: str, well: float) -> Canvas:
+def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: str, well: float) -> Canvas:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)

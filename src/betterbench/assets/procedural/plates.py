@@ -7,7 +7,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, round_wall, upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.geometry import Pose, from_yaw, multiply
 
 FOOT_HEIGHT_M = 0.012
@@ -21,45 +21,45 @@ RIM_M = 0.036
 
 _LIP = 0.004
 _GRIP_BELOW_RIM = 0.006  # the pads then reach 18 mm down the lip and end 2 mm above the floor
-_COLOURS = ("white", "red", "blue", "green", "yellow")
+_COLORS = ("white", "red", "blue", "green", "yellow")
 _MEDIUM_RADIUS = 0.074
 
 
-@generator("plate_large", colours=_COLOURS, family="plate")
-def plate_large(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_large", colors=_COLORS, family="plate")
+def plate_large(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate at the bottom of a stack: 176 mm across, 0.30 kg.
 
     Dessert plates of stoneware have diameters of 170 to 210 mm and weigh 0.3 to 0.4 kg. This one is only stood on.
     """
-    return _plate(rng, colour, "large", radius=0.088, mass_kg=0.30)
+    return _plate(rng, color, "large", radius=0.088, mass_kg=0.30)
 
 
-@generator("plate_medium", colours=("red", "white", "blue", "green", "yellow"), family="plate")
-def plate_medium(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_medium", colors=("red", "white", "blue", "green", "yellow"), family="plate")
+def plate_medium(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate in the middle of a stack: 148 mm across, 0.15 kg.
 
     Melamine side plates (1.5 g/cm^3, 3 to 4 mm thick) of 150 mm weigh 0.10 to 0.16 kg. Held at its rim, a plate of
     this size tilts by 3 degrees with 0.15 kg and by more than 20 with 0.25 kg.
     """
-    return _plate(rng, colour, "medium", radius=_MEDIUM_RADIUS, mass_kg=0.15)
+    return _plate(rng, color, "medium", radius=_MEDIUM_RADIUS, mass_kg=0.15)
 
 
-@generator("plate_small", colours=("blue", "white", "red", "green", "yellow"), family="plate")
-def plate_small(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plate_small", colors=("blue", "white", "red", "green", "yellow"), family="plate")
+def plate_small(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip."""
-    return _plate(rng, colour, "small", radius=0.060, mass_kg=0.12)
+    return _plate(rng, color, "small", radius=0.060, mass_kg=0.12)
 
 
-def _plate(rng: np.random.Generator, colour: str, size: str, *, radius: float, mass_kg: float) -> Draft:
+def _plate(rng: np.random.Generator, color: str, size: str, *, radius: float, mass_kg: float) -> Draft:
     """Make a plate: a foot, a flat floor, an upright lip."""
-    glaze, r, foot = _Glaze(rng, colour), radius, 0.55 * radius
+    glaze, r, foot = _Glaze(rng, color), radius, 0.55 * radius
     edge, low = RIM_M - 0.0012, FOOT_HEIGHT_M
     outside = (0.0, foot, foot + 0.0015, r - 0.0030, r, r, r - 0.5 * _LIP)
     z = (0.0, 0.0, low, low + 0.0008, low + 0.0045, edge, RIM_M, edge, FLOOR_M + 0.0004, FLOOR_M)
     plate = Turned((*outside, r - _LIP, r - _LIP - 0.0022, 0.0), z, sides=28)
     return Draft(
         shape="round",
-        description=f"A {size} round {colour} plate with an upright lip.",
+        description=f"A {size} round {color} plate with an upright lip.",
         tags=("plate", f"{size} plate", "dinner plate", "tableware", "crockery"),
         mass_kg=mass_kg,
         # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
@@ -78,14 +78,14 @@ def _plate(rng: np.random.Generator, colour: str, size: str, *, radius: float, m
     )
 
 
-@generator("shallow_bowl", colours=("red", "white", "blue"), family="plate")
-def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
+@generator("shallow_bowl", colors=("red", "white", "blue"), family="plate")
+def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a shallow bowl of the medium plate's diameter: from above a plate, from the side clearly none.
 
     A melamine bowl of 150 mm weighs 0.12 to 0.2 kg. The collision shape is the upright upper wall, a disc under the
     hollow and the foot, so that a plate that is wrongly stood in the bowl rests on its floor.
     """
-    glaze = _Glaze(rng, colour)
+    glaze = _Glaze(rng, color)
     r, rim, floor, foot = _MEDIUM_RADIUS, 0.045, 0.0125, 0.034
     outside = (0.0, foot, foot + 0.001, 0.052, 0.0665, 0.0728, r, r - 0.5 * _LIP)
     rising, falling = (0.0, 0.0, 0.0045, 0.0090, 0.0185, 0.0300, rim - 0.0012), (0.0300, 0.0185, floor + 0.0006, floor)
@@ -93,7 +93,7 @@ def shallow_bowl(rng: np.random.Generator, colour: str) -> Draft:
     bowl = Turned(radii, (*rising, rim, rim - 0.0012, *falling), crease_degrees=44.0)
     return Draft(
         shape="round",
-        description=f"A shallow {colour} bowl with a curved wall.",
+        description=f"A shallow {color} bowl with a curved wall.",
         tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery"),
         mass_kg=0.17,
         densities=(0.33, *(1.0,) * 9),
@@ -129,13 +129,13 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 class _Glaze:
     """The glaze of a set of tableware: one look gives one design to every piece of it."""
 
-    def __init__(self, rng: np.random.Generator, colour: str) -> None:
-        self.colour: Colour = jittered(PALETTE[colour], rng, amount=0.07)
+    def __init__(self, rng: np.random.Generator, color: str) -> None:
+        self.color: Color = jittered(PALETTE[color], rng, amount=0.07)
         self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
-        # The line on white ware is grey, sand or a pale blue.
+        # The line on white ware is gray, sand or a pale blue.
         tints = ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))
-        white = colour == "white"
-        self._light = tints[int(rng.integers(3))] if white else shaded(self.colour, rng.uniform(1.5, 1.9))
+        white = color == "white"
+        self._light = tints[int(rng.integers(3))] if white else shaded(self.color, rng.uniform(1.5, 1.9))
         self._rng = rng
 
     def draw(self, piece: Turned, *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
@@ -149,14 +149,14 @@ class _Glaze:
             floor: Where the floor begins.
         """
         foot, crest, lip, well = (piece.rows[k] for k in (wall, rim, inner, floor))
-        canvas = piece.canvas(self.colour, (64, 256), width=1.0)
+        canvas = piece.canvas(self.color, (64, 256), width=1.0)
         y, end = canvas.y, canvas.height
         if self.design == "speckled":
-            ink = mixed(self.colour, self._light, 0.75)
+            ink = mixed(self.color, self._light, 0.75)
             canvas.spots(self._rng, 90, ink, radius=(0.0006, 0.0013), rows=(0.0, end), stretch=6.0)
         # The floor catches more light in its middle; a turned ring shows where the foot is.
         away = (end - y) / (end - well)
-        canvas.paint(y > well, shaded(self.colour, 1.14), strength=0.8)
+        canvas.paint(y > well, shaded(self.color, 1.14), strength=0.8)
         canvas.shade(np.where(y > well, 1.0 - 0.10 * np.clip(away - 0.55, 0.0, 1.0) / 0.45, 1.0))
         canvas.shade(np.where(np.abs(away - 0.62) < 0.012, 0.86, 1.0))
         rings = {"ring": ((0.78, 0.035),), "two lines": ((0.84, 0.016), (0.92, 0.016))}

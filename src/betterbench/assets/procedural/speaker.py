@@ -5,13 +5,13 @@ import numpy as np
 from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, span, zone
 from betterbench.assets.authoring.mesh import box
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 _PROUD = 0.0036  # how far a driver stands out of the front
 
 
-@generator("speaker", colours=("black", "grey", "white", "blue"))
-def speaker(rng: np.random.Generator, colour: str) -> Draft:
+@generator("speaker", colors=("black", "gray", "white", "blue"))
+def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers look along +x.
 
     Small powered USB loudspeakers are 65 to 70 mm wide and deep, about 100 mm high, and weigh 0.3 to 0.4 kg each.
@@ -20,7 +20,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     corner, two_way = rng.uniform(0.006, 0.012), rng.random() < 0.65
     cone = ((0.16, 0.16, 0.17), (0.72, 0.60, 0.34), (0.62, 0.63, 0.65), (0.70, 0.40, 0.18))[int(rng.integers(4))]
     led = ((0.25, 0.95, 0.35), (0.25, 0.60, 1.0), (1.0, 0.62, 0.15))[int(rng.integers(3))]
-    shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.08) if color == "black" else PALETTE[color], rng)
     rim = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.66, 0.67, 0.70), 0.55)
     half, front = 0.5 * depth, 0.5 * depth - _PROUD
     cabinet = span((-half, front), 0.5 * width, (0.0, height), bevel=0.0035, corner=corner, steps=3)
@@ -42,7 +42,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
     lamp = box((0.0022, 0.0042, 0.0042), (front, 0.30 * width, (0.60 if two_way else 0.86) * height), bevel=0.0006)
     return Draft(
         shape="box",
-        description=f"A small {colour} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
+        description=f"A small {color} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
         tags=("speaker", "loudspeaker", "desktop speaker", "audio"),
         mass_kg=0.35,
         parts=(*visual, part("lamp", lamp, led, specular=0.6), solid_span((-half, half), 0.5 * width, (0.0, height))),
@@ -56,7 +56,7 @@ def speaker(rng: np.random.Generator, colour: str) -> Draft:
 
 
 def _driver(
-    name: str, radius: float, x: float, z: float, *, rim: Colour, cone: Colour, sides: int, specular: float
+    name: str, radius: float, x: float, z: float, *, rim: Color, cone: Color, sides: int, specular: float
 ) -> VisualPart:
     """Return a driver that looks along +x: rim, rubber surround, cone that falls back, dust cap."""
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)

@@ -9,7 +9,7 @@ from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.lettering import write
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
 """Radius of every jar [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it."""
@@ -18,59 +18,59 @@ JAR_HEIGHT_M = 0.085
 """Height of every jar with its cap [m]: such jars are 80 to 95 mm high."""
 
 _SIDES = 24
-_GLASS: Colour = (0.66, 0.73, 0.73)
+_GLASS: Color = (0.66, 0.73, 0.73)
 _NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
-_CONTENT: dict[str, Colour] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
-_PRINT: dict[str, Colour] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
-# Caps in colours that no spice has, so that the word for what is inside never names a cap.
+_CONTENT: dict[str, Color] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
+_PRINT: dict[str, Color] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
+# Caps in colors that no spice has, so that the word for what is inside never names a cap.
 _CAPS = [PALETTE.get(c, (0.58, 0.38, 0.20)) for c in ("green", "blue", "wood", "silver", "yellow", "purple")]
 
 
-@generator("spice_jar", colours=("white", "black", "red"), family="spice jar")
-def spice_jar(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a glass spice jar; its colour is that of what is inside: white salt, black pepper, red paprika.
+@generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
+def spice_jar(rng: np.random.Generator, color: str) -> Draft:
+    """Make a glass spice jar; its color is that of what is inside: white salt, black pepper, red paprika.
 
     The glass is drawn rather than transparent, because one transparent part doubles the cost of every picture of
-    depth. Within a look the three spices have caps of three different colours.
+    depth. Within a look the three spices have caps of three different colors.
     """
     shape = _Shape(rng)
     order = rng.permutation(len(_CAPS))
-    cap = jittered(_CAPS[int(order[tuple(_NAMES).index(colour)])], rng, amount=0.06)
-    fill, content, name = rng.uniform(0.050, 0.055), _CONTENT[colour], _NAMES[colour].lower()
+    cap = jittered(_CAPS[int(order[tuple(_NAMES).index(color)])], rng, amount=0.06)
+    fill, content, name = rng.uniform(0.050, 0.055), _CONTENT[color], _NAMES[color].lower()
     canvas = _Wrap(*shape.profile, _GLASS)
     up = canvas.height_on_wall
     canvas.paint((up > 0.003) & (up < fill), content)
-    canvas.grain(rng, cells=(60, 80), amount=0.10 if colour == "black" else 0.03)
+    canvas.grain(rng, cells=(60, 80), amount=0.10 if color == "black" else 0.03)
     # The thick foot of the glass, and the gleam of its round sides.
     canvas.paint(up < 0.003, mixed(_GLASS, content, 0.25))
     for share, thick, strength in ((0.2, 0.0011, 0.35), (0.85, 0.0007, 0.25)):
         canvas.paint(np.abs(canvas.x - share * canvas.width) < thick, (1.0, 1.0, 1.0), strength=strength)
-    _label(canvas, rng, colour)
-    description = f"A small glass spice jar of {name} with a {colour} label and a screw cap."
+    _label(canvas, rng, color)
+    description = f"A small glass spice jar of {name} with a {color} label and a screw cap."
     return _jar(shape, canvas, cap, description, ("spice jar", "jar", "spice", name, "glass"), specular=0.7)
 
 
-@generator("plain_jar", colours=("white", "black", "red"), family="spice jar")
-def plain_jar(rng: np.random.Generator, colour: str) -> Draft:
+@generator("plain_jar", colors=("white", "black", "red"), family="spice jar")
+def plain_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart."""
-    shape, name = _Shape(rng), _NAMES[colour].lower()
+    shape, name = _Shape(rng), _NAMES[color].lower()
     canvas = _Wrap(*shape.profile, shaded((0.52, 0.53, 0.55), rng.uniform(0.86, 1.06)))
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
     canvas.grain(rng, cells=(3, 90), amount=0.025)
-    _label(canvas, rng, colour)
-    description = f"A plain steel spice jar with a grey cap and a {colour} label that says {name}."
+    _label(canvas, rng, color)
+    description = f"A plain steel spice jar with a gray cap and a {color} label that says {name}."
     tags = ("spice jar", "jar", "spice", "plain", name, "steel")
     return _jar(shape, canvas, (0.33, 0.34, 0.36), description, tags, specular=0.6)
 
 
-@generator("pill_bottle", colours=("white",))
-def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
+@generator("pill_bottle", colors=("white",))
+def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     """Make a pharmacy bottle with a ribbed child-proof cap, of a spice jar's size.
 
     Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The heavy end is used, so that
     it feels like the jar it is taken for.
     """
-    white, amber = PALETTE[colour], rng.random() < 0.5
+    white, amber = PALETTE[color], rng.random() < 0.5
     body = jittered((0.86, 0.42, 0.08) if amber else white, rng, amount=0.05)
     ink = ((0.05, 0.50, 0.24), (0.75, 0.08, 0.10), (0.06, 0.30, 0.62))[int(rng.integers(3))]
     cap_height, ribs = rng.uniform(0.0195, 0.0235), int(rng.integers(26, 36))
@@ -93,7 +93,7 @@ def pill_bottle(rng: np.random.Generator, colour: str) -> Draft:
     arrows = (np.abs(end - cap.y - 0.0115) < 0.0012) & (np.cos(6.0 * math.pi * cap.x / cap.width) > -0.4)
     cap.paint(arrows, (0.55, 0.56, 0.58))
     return _bottle(
-        f"A pharmacy pill bottle with a {colour} ribbed child-proof cap and a printed label.",
+        f"A pharmacy pill bottle with a {color} ribbed child-proof cap and a printed label.",
         ("pill bottle", "pills", "medicine", "pharmacy", "bottle"),
         part("body", canvas.mesh(), canvas, specular=0.4, shininess=0.5),
         part("cap", cap.mesh(), cap),
@@ -110,10 +110,10 @@ class _Wrap(Canvas):
         height_on_wall: (height, width) height of each sample above the foot [m], as far as the wall is upright.
     """
 
-    def __init__(self, radii: Sequence[float], heights: Sequence[float], colour: Colour) -> None:
+    def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Color) -> None:
         """Start a picture for the body turned from a profile [m]."""
         self.solid = Turned(radii, heights)
-        super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), colour)
+        super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
         self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
 
     def mesh(self) -> Mesh:
@@ -143,7 +143,7 @@ class _Shape:
 
 
 def _jar(
-    shape: _Shape, canvas: _Wrap, cap: Colour, description: str, tags: tuple[str, ...], *, specular: float
+    shape: _Shape, canvas: _Wrap, cap: Color, description: str, tags: tuple[str, ...], *, specular: float
 ) -> Draft:
     """Put a jar together; the edge of its cap is knurled."""
     r, start = shape.cap_radius, shape.cap_radius - 0.0160
@@ -174,16 +174,16 @@ def _bottle(description: str, tags: tuple[str, ...], *visual: VisualPart, **para
     )
 
 
-def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
-    """Glue the label on: paper, a big band in the spice's colour, its name on the band."""
+def _label(canvas: _Wrap, rng: np.random.Generator, color: str) -> None:
+    """Glue the label on: paper, a big band in the spice's color, its name on the band."""
     up, width, wide = canvas.height_on_wall, canvas.width, 0.45 * canvas.width
     design = str(rng.choice(["band", "frame", "round", "full"]))
     low, high, middle = 0.0095, 0.0500, 0.0320
     reach = np.abs(canvas.x - 0.5 * width)
-    ink: Colour = (0.10, 0.11, 0.13) if colour == "white" else (0.96, 0.95, 0.92)
+    ink: Color = (0.10, 0.11, 0.13) if color == "white" else (0.96, 0.95, 0.92)
     # White print needs a darker paper around it, the others a light one.
     label = (reach < wide) & (up > low) & (up < high)
-    canvas.paint(label, (0.62, 0.53, 0.38) if colour == "white" else (0.93, 0.91, 0.85))
+    canvas.paint(label, (0.62, 0.53, 0.38) if color == "white" else (0.93, 0.91, 0.85))
     if design == "band":
         field = np.abs(up - middle) < 0.0125
     elif design == "frame":
@@ -192,8 +192,8 @@ def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
         field = (reach / (wide - 0.001)) ** 4 + ((up - middle) / 0.0150) ** 4 < 1.0
     else:
         field = up > low + 0.0075
-    canvas.paint(label & field, _PRINT[colour])
-    name = _NAMES[colour]
+    canvas.paint(label & field, _PRINT[color])
+    name = _NAMES[color]
     size = min(0.0098, 0.80 * wide / (0.45 * len(name)))
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))
     write(canvas, name, (0.5 * width, base), height=size, ink=ink, weight=0.20)
@@ -201,18 +201,18 @@ def _label(canvas: _Wrap, rng: np.random.Generator, colour: str) -> None:
         canvas.paint(label & field & (np.abs(up - middle - offset) < 0.0006) & (reach < 0.6 * wide), ink)
 
 
-def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Colour) -> None:
-    """Glue on the label of a pharmacy: a cross in a coloured head and lines of small print."""
+def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Color) -> None:
+    """Glue on the label of a pharmacy: a cross in a colored head and lines of small print."""
     up, left, wide = canvas.height_on_wall, canvas.x - 0.5 * canvas.width, 0.43 * canvas.width
     reach, high, head = np.abs(left), 0.0520, 0.0350
     canvas.paint((reach < wide) & (up > 0.0080) & (up < high), (0.97, 0.97, 0.96))
     canvas.paint((reach < wide) & (up > head + 0.0135) & (up < high), ink)
-    centre = head + 0.0025
-    dx, dz = np.abs(left + 0.0125), np.abs(up - centre)
+    center = head + 0.0025
+    dx, dz = np.abs(left + 0.0125), np.abs(up - center)
     canvas.paint((np.maximum(dx, dz) < 0.0078) & (np.minimum(dx, dz) < 0.0027), ink)
     # Small print: rows, their share of the width, where they begin, the uppermost, their distance and half height.
     blocks = (
-        (3, (0.55, 0.9), -0.0015, centre + 0.005, 0.005, 0.0010),
+        (3, (0.55, 0.9), -0.0015, center + 0.005, 0.005, 0.0010),
         (4, (0.5, 0.92), -0.88 * wide, 0.0255, 0.0045, 0.0008),
     )
     for rows, shares, start, top, pitch, half in blocks:

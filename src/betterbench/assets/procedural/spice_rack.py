@@ -8,7 +8,7 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, part, solid_box, solid_span, zone
 from betterbench.assets.authoring.lettering import write
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
 
@@ -25,21 +25,21 @@ _APOTHEM = JAR_RADIUS_M + CLEARANCE_M
 _HALF_X, _HALF_Y = 0.0365, 0.135
 _EDGE = 0.0015  # chamfer of the outer edges, for the eye only
 _RIM = 0.0012  # chamfer of the holes, for the eye only
-_WOOD: dict[str, Colour] = {"brown": (0.60, 0.38, 0.19), "grey": (0.52, 0.51, 0.49)}
+_WOOD: dict[str, Color] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)}
 
 
-@generator("spice_rack", colours=("brown", "grey"))
-def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
+@generator("spice_rack", colors=("brown", "gray"))
+def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     """Make a rack of solid wood with octagonal holes 1, 2 and 3 along y; hole 1 is at -y.
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
     have the same holes: they are the tolerance of the task. They differ in grain, finish and the marks.
     """
-    wood = jittered(_WOOD[colour], rng, amount=0.16)
+    wood = jittered(_WOOD[color], rng, amount=0.16)
     style, stripe = str(rng.choice(["plate", "burnt", "painted"])), rng.random() < 0.5
     burnt = mixed(wood, (0.95, 0.86, 0.70), 0.45)
     plate = {"plate": (0.93, 0.91, 0.85), "burnt": burnt, "painted": (0.10, 0.11, 0.13)}[style]
-    ink: Colour = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
+    ink: Color = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
     gaps = (
         (-_HALF_Y, -PITCH_M - _APOTHEM),
         (-PITCH_M + _APOTHEM, -_APOTHEM),
@@ -54,7 +54,7 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     )
     return Draft(
         shape="box",
-        description=f"A {colour} wooden spice rack with three numbered holes in a row.",
+        description=f"A {color} wooden spice rack with three numbered holes in a row.",
         tags=("spice rack", "rack", "jar holder", "wood", "holes"),
         mass_kg=0.38,
         densities=(1.0,) * len(walls),
@@ -79,11 +79,11 @@ def spice_rack(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _corner(centre: float, angle: float) -> CollisionPart:
+def _corner(center: float, angle: float) -> CollisionPart:
     """Return the box that cuts the corner of a square hole into an octagon's side.
 
     Args:
-        centre: Position of the hole along y [m].
+        center: Position of the hole along y [m].
         angle: Direction of the corner [rad].
     """
     half_length = _APOTHEM * math.tan(math.pi / 8.0)
@@ -92,7 +92,7 @@ def _corner(centre: float, angle: float) -> CollisionPart:
     return CollisionPart(
         "box",
         (half, half_length, 0.5 * _DEPTH),
-        (away * math.cos(angle), centre + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
+        (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
         from_yaw(angle),
     )
 
@@ -112,7 +112,7 @@ def _outside() -> Mesh:
 
 def _cell(index: int) -> Mesh:
     """Return a third of the top face with its hole."""
-    centre = (index - 1) * PITCH_M
+    center = (index - 1) * PITCH_M
     half_x = _HALF_X - _EDGE
     low = -0.5 * PITCH_M if index > 0 else -(_HALF_Y - _EDGE - PITCH_M)
     high = 0.5 * PITCH_M if index < 2 else _HALF_Y - _EDGE - PITCH_M
@@ -122,7 +122,7 @@ def _cell(index: int) -> Mesh:
         for k in range(16):
             angle = k * math.pi / 8.0
             radius = apothem / math.cos(math.pi / 8.0) if k % 2 else apothem
-            points.append((radius * math.cos(angle), centre + radius * math.sin(angle), z))
+            points.append((radius * math.cos(angle), center + radius * math.sin(angle), z))
         return np.array(points)
 
     side = _APOTHEM * math.tan(math.pi / 8.0)
@@ -132,7 +132,7 @@ def _cell(index: int) -> Mesh:
         (-half_x, 0.0), (-half_x, -side), (-half_x, low), (-side, low),
         (0.0, low), (side, low), (half_x, low), (half_x, -side),
     ]  # fmt: skip
-    border = np.array([(x, centre + y, _HEIGHT) for x, y in outer])
+    border = np.array([(x, center + y, _HEIGHT) for x, y in outer])
     rings = [border, octagon(_APOTHEM + _RIM, _HEIGHT), octagon(_APOTHEM, _HEIGHT - _RIM), octagon(_APOTHEM, _FLOOR)]
     return creased(loft(rings, caps=(False, True)), 30.0)
 
@@ -151,7 +151,7 @@ def _marks() -> Mesh:
     return merge(plates)
 
 
-def _digits(plate: Colour, ink: Colour) -> Canvas:
+def _digits(plate: Color, ink: Color) -> Canvas:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
@@ -160,7 +160,7 @@ def _digits(plate: Colour, ink: Colour) -> Canvas:
     return canvas
 
 
-def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> Canvas:
+def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> Canvas:
     """Draw the long side of the block."""
     canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
@@ -171,7 +171,7 @@ def _grain(rng: np.random.Generator, wood: Colour, *, stripe: bool) -> Canvas:
     return canvas
 
 
-def _top(rng: np.random.Generator, wood: Colour) -> Canvas:
+def _top(rng: np.random.Generator, wood: Color) -> Canvas:
     """Draw the top face; the holes lie in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)

@@ -10,14 +10,14 @@ from betterbench.assets.authoring.paint import PALETTE, STEEL, jittered, mixed, 
 from betterbench.assets.authoring.solids import hinged_box, solid_box
 
 
-@generator("stapler", colours=("black", "red", "blue"))
-def stapler(rng: np.random.Generator, colour: str) -> Draft:
+@generator("stapler", colors=("black", "red", "blue"))
+def stapler(rng: np.random.Generator, color: str) -> Draft:
     """Make a half-strip desk stapler of 125 x 36 x 55 mm and 0.2 to 0.25 kg; its mouth is at +x."""
     length, width, height = rng.uniform(0.121, 0.128), rng.uniform(0.0345, 0.0365), rng.uniform(0.053, 0.057)
     slope, nose = math.radians(rng.uniform(6.0, 8.5)), str(rng.choice(["round", "square"]))
     badge, two_tone = rng.random() < 0.6, rng.random() < 0.5
-    shade = jittered(shaded(PALETTE[colour], 1.08) if colour == "black" else PALETTE[colour], rng)
-    dark = (0.13, 0.13, 0.14) if colour != "black" else (0.20, 0.20, 0.21)
+    shade = jittered(shaded(PALETTE[color], 1.08) if color == "black" else PALETTE[color], rng)
+    dark = (0.13, 0.13, 0.14) if color != "black" else (0.20, 0.20, 0.21)
     half, side, grasped = 0.5 * length, 0.5 * width, 0.92 * width
     base_x = (-half, half - 0.002, half, half - 0.004, -half + 0.004, -half)
     base = slab(base_x, (0.0, 0.0, 0.003, 0.0085, 0.0105, 0.008), side, bevel=0.0020)
@@ -45,7 +45,7 @@ def stapler(rng: np.random.Generator, colour: str) -> Draft:
     arm_half = (0.5 * (arm + 0.010), 0.5 * grasped, 0.5 * (0.97 * t + 0.0075))
     return Draft(
         shape="irregular",
-        description=f"A {colour} desk stapler with a steel magazine.",
+        description=f"A {color} desk stapler with a steel magazine.",
         tags=("stapler", "office", "desk", "stationery"),
         mass_kg=0.22,
         parts=(

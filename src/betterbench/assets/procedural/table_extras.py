@@ -10,16 +10,16 @@ from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, mixed,
 from betterbench.assets.authoring.solids import solid_box
 
 
-@generator("napkin_stack", colours=("white", "red", "blue", "green", "yellow"))
-def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
+@generator("napkin_stack", colors=("white", "red", "blue", "green", "yellow"))
+def napkin_stack(rng: np.random.Generator, color: str) -> Draft:
     """Make a small stack of folded paper napkins.
 
     A folded cocktail napkin weighs 2 to 3 g; twenty of them are about 50 g and 20 mm high.
     """
     side, count, thickness = rng.uniform(0.060, 0.066), int(rng.integers(5, 8)), rng.uniform(0.0030, 0.0038)
     half, top = side / 2, count * thickness
-    shade = jittered(PALETTE[colour], rng, amount=0.05)
-    accent = shaded(shade, 0.72) if colour == "white" else mixed(shade, (1.0, 1.0, 1.0), 0.6)
+    shade = jittered(PALETTE[color], rng, amount=0.05)
+    accent = shaded(shade, 0.72) if color == "white" else mixed(shade, (1.0, 1.0, 1.0), 0.6)
     layers = []
     for k in range(count):
         turn = rng.uniform(-0.06, 0.06)
@@ -34,7 +34,7 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     lower = merge([m.moved(z=-0.07 * thickness) for m in layers[:-1]])
     return Draft(
         shape="box",
-        description=f"A stack of folded {colour} paper napkins.",
+        description=f"A stack of folded {color} paper napkins.",
         tags=("napkins", "napkin", "serviette", "paper"),
         mass_kg=0.05,
         parts=(
@@ -48,9 +48,9 @@ def napkin_stack(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-@generator("sauce_cup", colours=("red", "yellow", "white", "brown"))
-def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a small paper cup of sauce; the colour is that of the sauce.
+@generator("sauce_cup", colors=("red", "yellow", "white", "brown"))
+def sauce_cup(rng: np.random.Generator, color: str) -> Draft:
+    """Make a small paper cup of sauce; the color is that of the sauce.
 
     A 60 ml portion cup is about 60 mm wide and 35 mm high.
     """
@@ -60,7 +60,7 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
     z = (0.0, 0.0, height - 0.002, height - 0.0008, height, height - 0.001, level, level + 0.0004)
     cup = Turned((0.0, base, edge, radius, edge, inner, inner - 0.0012, 0.0), z)
     _, _, rim, _, top, _, sauce_row, _ = cup.rows
-    sauce = jittered(mixed(PALETTE[colour], (0.25, 0.10, 0.02), 0.12), rng)
+    sauce = jittered(mixed(PALETTE[color], (0.25, 0.10, 0.02), 0.12), rng)
     pleats = int(rng.choice([0, 9, 12]))
     canvas = cup.canvas((0.93, 0.92, 0.89), (128, 128))
     y = canvas.y
@@ -73,7 +73,7 @@ def sauce_cup(rng: np.random.Generator, colour: str) -> Draft:
     canvas.shade(1.0 + 0.12 * np.where(y > sauce_row, np.sin(900.0 * (y - sauce_row)), 0.0))
     return Draft(
         shape="cylinder",
-        description=f"A small paper cup of {colour} sauce.",
+        description=f"A small paper cup of {color} sauce.",
         tags=("sauce", "dip", "ketchup", "cup", "condiment"),
         mass_kg=0.06,
         parts=(

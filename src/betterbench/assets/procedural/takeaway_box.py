@@ -4,7 +4,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, open_box, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import Canvas, Colour, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
 _WALL = 0.005
 _FLOOR = 0.005
@@ -12,8 +12,8 @@ _FLOOR = 0.005
 _OUTSIDE = 0.58
 
 
-@generator("takeaway_box", colours=("brown", "white"))
-def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
+@generator("takeaway_box", colors=("brown", "white"))
+def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """Make a low, wide, open kraft box with a printed sign on its long side, which looks along +x.
 
     The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty box of 40 g would
@@ -21,7 +21,7 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
-    kraft = jittered((0.72, 0.53, 0.33) if colour == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
+    kraft = jittered((0.72, 0.53, 0.33) if color == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
     mesh, front = _box(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
@@ -30,7 +30,7 @@ def takeaway_box(rng: np.random.Generator, colour: str) -> Draft:
     inside = 0.5 * (height - _FLOOR)
     return Draft(
         shape="box",
-        description=f"An open {colour} takeaway box of kraft board with a printed {sign}.",
+        description=f"An open {color} takeaway box of kraft board with a printed {sign}.",
         tags=("box", "takeaway box", "food tray", "container"),
         mass_kg=0.45,
         densities=(3.0, 0.25, 0.25, 0.25, 0.25),
@@ -91,8 +91,8 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
 
 def _print(
     rng: np.random.Generator,
-    kraft: Colour,
-    ink: Colour,
+    kraft: Color,
+    ink: Color,
     *,
     sign: str,
     height: float,
@@ -100,7 +100,7 @@ def _print(
     front: float,
 ) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
-    scale = height / _OUTSIDE  # metres per full height of the picture
+    scale = height / _OUTSIDE  # meters per full height of the picture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
     x, y = canvas.x, canvas.y
     outside = y < height
@@ -122,9 +122,9 @@ def _print(
     return canvas
 
 
-def _sign(canvas: Canvas, sign: str, centre: tuple[float, float], ink: Colour, kraft: Colour) -> None:
+def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Color, kraft: Color) -> None:
     """Draw the printed sign: the outline of a burger, a sun, or a leaf."""
-    cx, cy = centre
+    cx, cy = center
     dx, dy = canvas.x - cx, canvas.y - cy
     if sign == "burger":
         canvas.paint(canvas.inside_ellipse((cx, cy + 0.003), (0.032, 0.026)) & (dy > 0.005), ink)

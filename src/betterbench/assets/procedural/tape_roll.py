@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 
-@generator("tape_roll", colours=("blue", "brown", "yellow", "green"))
-def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
+@generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
+def tape_roll(rng: np.random.Generator, color: str) -> Draft:
     """Make a roll of adhesive tape that lies flat; one sees through the hole of its cardboard core.
 
     A roll of 24 mm tape on a core of 25 to 38 mm with 33 m of tape is 65 mm wide and weighs 50 to 70 g.
@@ -17,14 +17,14 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     radius, width, hole = uniforms(rng, (0.0320, 0.0340), (0.0225, 0.0255), (0.0145, 0.0185))
     core, proud = hole + rng.uniform(0.0020, 0.0030), rng.uniform(0.0, 0.0008)  # the core stands out of the tape
     white_core = rng.random() < 0.35
-    shade = jittered(PALETTE[colour], rng, amount=0.10)
+    shade = jittered(PALETTE[color], rng, amount=0.10)
     board = jittered((0.86, 0.84, 0.79) if white_core else (0.74, 0.58, 0.38), rng)
     radii = (core, radius - 0.0008, radius, radius, radius - 0.0008, core, core)
     tape = Turned(radii, (0.0, 0.0, 0.0008, width - 0.0008, width, width, 0.0), sides=28)
     ring = Turned((hole, core, core, hole, hole), (0.0, 0.0, width + proud, width + proud, 0.0))
     return Draft(
         shape="round",
-        description=f"A roll of {colour} adhesive tape on a cardboard core.",
+        description=f"A roll of {color} adhesive tape on a cardboard core.",
         tags=("tape", "roll of tape", "adhesive tape", "office"),
         mass_kg=0.06,
         parts=(
@@ -38,7 +38,7 @@ def tape_roll(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _windings(rng: np.random.Generator, tape: Turned, shade: Colour) -> Canvas:
+def _windings(rng: np.random.Generator, tape: Turned, shade: Color) -> Canvas:
     """Draw the tape: rings of the windings on both flat sides, a glossy outside with the free end at the front."""
     length, canvas = tape.rows, tape.canvas(shade, (64, 256))
     y = canvas.y
@@ -54,7 +54,7 @@ def _windings(rng: np.random.Generator, tape: Turned, shade: Colour) -> Canvas:
     return canvas
 
 
-def _core(rng: np.random.Generator, ring: Turned, board: Colour, shade: Colour) -> Canvas:
+def _core(rng: np.random.Generator, ring: Turned, board: Color, shade: Color) -> Canvas:
     """Draw the core: plies of board on its end, a printed line inside."""
     _, _, low, high, end = ring.rows
     canvas = ring.canvas(board, (64, 128), width=1.0)

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, solid_box, zone
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Colour, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 _WALL, _FLOOR = 0.004, 0.006
 
 
-@generator("waste_bin", colours=("black", "grey", "blue"))
-def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
-    """Make a round open waste bin that widens towards its rim.
+@generator("waste_bin", colors=("black", "gray", "blue"))
+def waste_bin(rng: np.random.Generator, color: str) -> Draft:
+    """Make a round open waste bin that widens toward its rim.
 
     A steel mesh bin of this size weighs 0.4 to 0.7 kg. Most of the 0.6 kg is given to the floor, as in bins that stand
     firm. It is a low table bin: what is let go above its rim falls 8 cm.
@@ -20,7 +20,7 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     rim, foot, height = uniforms(rng, (0.1030, 0.1065), (0.0830, 0.0870), (0.112, 0.118))
     roll = rng.uniform(0.0022, 0.0034)  # radius of the rolled rim
     pattern, metal_rim = str(rng.choice(["mesh", "holes", "plain", "slots"])), rng.random() < 0.4
-    shade = jittered(shaded(PALETTE[colour], 1.12) if colour == "black" else PALETTE[colour], rng)
+    shade = jittered(shaded(PALETTE[color], 1.12) if color == "black" else PALETTE[color], rng)
     top = rim - roll
     radii = (0.0, foot - 0.003, foot, top, rim, rim - 0.3 * roll, rim - roll, rim - 2.2 * roll, foot - 0.003, 0.0)
     crest = (height - 2.0 * roll, height - 1.4 * roll, height - 0.25 * roll, height, height - 0.8 * roll)
@@ -36,7 +36,7 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     inside, square = 0.5 * (height - _FLOOR), 0.78 * inner_low
     return Draft(
         shape="cylinder",
-        description=f"A round open {colour} waste bin.",
+        description=f"A round open {color} waste bin.",
         tags=("bin", "waste bin", "trash can", "wastebasket", "container"),
         mass_kg=0.60,
         densities=(3.0, 3.0, *(0.25,) * 8),
@@ -55,7 +55,7 @@ def waste_bin(rng: np.random.Generator, colour: str) -> Draft:
     )
 
 
-def _pattern(rng: np.random.Generator, shell: Turned, shade: Colour, *, pattern: str, metal_rim: bool) -> Canvas:
+def _pattern(rng: np.random.Generator, shell: Turned, shade: Color, *, pattern: str, metal_rim: bool) -> Canvas:
     """Draw the bin from below over the wall and the rim to the floor inside."""
     foot, top, crest, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7, 8))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
