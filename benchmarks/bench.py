@@ -49,7 +49,7 @@ def main() -> None:
                     if not options.json:
                         print(line_of(figure), flush=True)
             except MissingDependencyError as error:
-                figures.append(Figure(name, "pictures", (), "x", note=str(error)))
+                figures.append(Figure(name, "images", (), "x", note=str(error)))
                 if not options.json:
                     print(line_of(figures[-1]), flush=True)
         machine["peer"] = peer.versions()

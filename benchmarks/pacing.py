@@ -1,9 +1,9 @@
-"""Measuring an episode from inside: a mind that plays given actions and gives the clock to a reference in turn.
+"""Measuring an episode from inside: a policy that plays given actions and gives the clock to a reference in turn.
 
 What is timed is the library's own loop, :func:`betterbench.episodes.run_episode`, and no copy of it: from the moment in
-which the mind hands out an action to the moment in which it is asked for the next one. That is the controller, the
-physics, the privileged state, the predicates, the record and, with an observer, the pictures; in short everything but
-the policy. After every few control steps the mind runs the reference for as many steps, so that both sides meet the
+which the policy hands out an action to the moment in which it is asked for the next one. That is the controller, the
+physics, the privileged state, the predicates, the record and, with an observer, the images; in short everything but
+the policy. After every few control steps the policy runs the reference for as many steps, so that both sides meet the
 same load of the machine.
 """
 
@@ -36,7 +36,7 @@ Reference = Callable[[int, int], float]
 
 
 class EnoughMeasured(BaseException):
-    """Raised by a mind to leave the loop, which lets through whatever is no Exception."""
+    """Raised by a policy to leave the loop, which lets through whatever is no Exception."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ def rehearse(task_name: str, quality: Quality, *, seed: int = 0) -> Rehearsal:
 
 @dataclass(slots=True)
 class PacedMind:
-    """A mind that plays actions and runs a reference in between; it answers with and without observations.
+    """A policy that plays actions and runs a reference in between; it answers with and without observations.
 
     Attributes:
         actions: (T, 7) actions to play.
@@ -131,19 +131,19 @@ class PacedMind:
 
 
 def play(rehearsal: Rehearsal, reference: Reference, *, every: int, limit: int, observer: Observer | None) -> PacedMind:
-    """Play a rehearsed episode through the library's loop and return the mind with its figures.
+    """Play a rehearsed episode through the library's loop and return the policy with its figures.
 
     Args:
         rehearsal: The episode.
         reference: What to compare with.
         every: Control steps between two turns of the reference.
         limit: Control steps after which the episode is left.
-        observer: Makes the pictures, or None.
+        observer: Makes the images, or None.
     """
-    mind = PacedMind(rehearsal.actions, reference, every, limit)
+    policy = PacedMind(rehearsal.actions, reference, every, limit)
     with contextlib.suppress(EnoughMeasured):
-        run_episode(rehearsal.scene, mind, context=CONTEXT, observer=observer)
-    return mind
+        run_episode(rehearsal.scene, policy, context=CONTEXT, observer=observer)
+    return policy
 
 
 class RawPhysics:
@@ -157,7 +157,7 @@ class RawPhysics:
 
         Args:
             rehearsal: The episode.
-            views: Pictures to draw after each control step, or None.
+            views: Images to draw after each control step, or None.
         """
         self._rehearsal, self._views = rehearsal, views
         self._model = rehearsal.scene.model

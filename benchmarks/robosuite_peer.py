@@ -10,7 +10,7 @@ request                                               answer
 ``{"do": "reset", "all": false}``                     ``{"seconds": …}``
 ====================================================  =============================================================
 
-``all`` asks for depth and instance masks besides colours. The clock stands here, beside the work, so that the pipe is
+``all`` asks for depth and instance masks besides colors. The clock stands here, beside the work, so that the pipe is
 not part of what is measured. The task is what its authors ship: a Panda with their default composite controller at
 20 Hz, the cameras ``frontview`` and ``robot0_eye_in_hand`` at 256 x 256, and small random actions.
 """
@@ -86,7 +86,7 @@ class Peer:
         for _ in range(count):
             observation = environment.step(self._draw.uniform(-ACTION_SIZE, ACTION_SIZE, environment.action_dim))[0]
             if observation["frontview_image"].shape != (SIZE, SIZE, 3):
-                raise ValueError(f"robosuite answers pictures of shape {observation['frontview_image'].shape}")
+                raise ValueError(f"robosuite answers images of shape {observation['frontview_image'].shape}")
 
     def _reset(self, everything: bool, _count: int) -> None:
         self._environments[everything].reset()

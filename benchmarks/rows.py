@@ -21,7 +21,7 @@ import numpy as np
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.evaluation.worker import USUAL_ENVS
+from betterbench.evaluation.workers.worker import USUAL_ENVS
 from betterbench.interface import ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
@@ -43,7 +43,7 @@ PICTURE_TASK = "fast_food"
 """Task of the rows that measure one task only."""
 
 PICTURE_TASKS = (PICTURE_TASK, HEAVIEST)
-"""Tasks of the rows with pictures."""
+"""Tasks of the rows with images."""
 
 BLOCK = 10
 """Control steps between two turns of the reference, half a second of the episode."""
@@ -101,24 +101,24 @@ def step_row(*, quick: bool) -> Iterator[Figure]:
     for task in TASKS:
         rehearsal = rehearse(task, QUALITIES["fast"])
         raw = RawPhysics(rehearsal)
-        ratios, own, physics, minds = [], [], [], []
+        ratios, own, physics, policies = [], [], [], []
         for _ in range(2 if quick else 7):
-            mind = play(rehearsal, raw, every=BLOCK, limit=len(rehearsal.actions), observer=None)
-            minds.append(mind)
-            ratios.append(sum(mind.own_s) / sum(mind.reference_s))
-            own += [1e3 * s / BLOCK for s in mind.own_s]
-            physics += [1e3 * s / BLOCK for s in mind.reference_s]
+            policy = play(rehearsal, raw, every=BLOCK, limit=len(rehearsal.actions), observer=None)
+            policies.append(policy)
+            ratios.append(sum(policy.own_s) / sum(policy.reference_s))
+            own += [1e3 * s / BLOCK for s in policy.own_s]
+            physics += [1e3 * s / BLOCK for s in policy.reference_s]
         note = f"{_range(own)} / {_range(physics)} ms, {len(rehearsal.actions)} steps an episode"
         yield Figure("step", f"step without cameras / physics, {task}", tuple(ratios), "x", "<=", 1.25, note)
         # Other work on the machine only ever adds time: the least time of each block over the repeats comes nearest to
         # what an idle core would show.
-        least = [sum(map(min, zip(*blocks, strict=True))) for blocks in _columns(minds)]
+        least = [sum(map(min, zip(*blocks, strict=True))) for blocks in _columns(policies)]
         yield Figure("step", f"the same, least time of each block, {task}", (least[0] / least[1],), "x")
 
 
-def _columns(minds: list[PacedMind]) -> tuple[list[list[float]], list[list[float]]]:
+def _columns(policies: list[PacedMind]) -> tuple[list[list[float]], list[list[float]]]:
     """Return the seconds of each block by repeat: those of the loop, and those of the reference."""
-    return [m.own_s for m in minds], [m.reference_s for m in minds]
+    return [m.own_s for m in policies], [m.reference_s for m in policies]
 
 
 def pixels_row(*, quick: bool) -> Iterator[Figure]:
@@ -129,14 +129,14 @@ def pixels_row(*, quick: bool) -> Iterator[Figure]:
         scene = rehearsal.scene
         observer, views = Observer(spec), RawViews(scene.model, quality, [c.name for c in spec.cameras])
         try:
-            _check_same_pictures(scene, observer, views)
+            _check_same_images(scene, observer, views)
             raw = RawPhysics(rehearsal, views=views)
             ratios, own, bare = [], [], []
             for _ in range(2 if quick else 4):
-                mind = play(rehearsal, raw, every=BLOCK, limit=80 if quick else 160, observer=observer)
-                ratios.append(sum(mind.own_s) / sum(mind.reference_s))
-                own += [1e3 * s / BLOCK for s in mind.own_s]
-                bare += [1e3 * s / BLOCK for s in mind.reference_s]
+                policy = play(rehearsal, raw, every=BLOCK, limit=80 if quick else 160, observer=observer)
+                ratios.append(sum(policy.own_s) / sum(policy.reference_s))
+                own += [1e3 * s / BLOCK for s in policy.own_s]
+                bare += [1e3 * s / BLOCK for s in policy.reference_s]
         finally:
             views.close()
             observer.close()
@@ -144,7 +144,7 @@ def pixels_row(*, quick: bool) -> Iterator[Figure]:
         yield Figure("pixels", text, tuple(ratios), "x", "<=", 1.05, f"{_range(own)} / {_range(bare)} ms")
 
 
-def _check_same_pictures(scene: Scene, observer: Observer, views: RawViews) -> None:
+def _check_same_images(scene: Scene, observer: Observer, views: RawViews) -> None:
     """Check that both sides draw the same pixels, so that their times may be compared.
 
     Raises:
@@ -155,7 +155,7 @@ def _check_same_pictures(scene: Scene, observer: Observer, views: RawViews) -> N
     for (name, image), pixels in zip(seen.images.items(), views.pixels, strict=True):
         # Rows are read from the top or from the bottom, as the process's OpenGL context is set.
         if not (np.array_equal(image, pixels) or np.array_equal(image, pixels[::-1])):
-            raise ValueError(f"the bare rendering of camera {name!r} gives another picture")
+            raise ValueError(f"the bare rendering of camera {name!r} gives another image")
 
 
 class PeerRows:
@@ -174,13 +174,13 @@ class PeerRows:
         """Return the versions of the peer, empty if it did not run."""
         return {} if self._peer is None else self._peer.versions
 
-    def colours(self, *, quick: bool) -> Iterator[Figure]:
-        """Compare control steps per second with two colour pictures each."""
-        yield from self._steps("peer-rgb", "two cameras, colours", everything=False, quick=quick)
+    def colors(self, *, quick: bool) -> Iterator[Figure]:
+        """Compare control steps per second with two color images each."""
+        yield from self._steps("peer-rgb", "two cameras, colors", everything=False, quick=quick)
 
     def everything(self, *, quick: bool) -> Iterator[Figure]:
-        """Compare control steps per second with colours, depth and instance masks of two cameras."""
-        yield from self._steps("peer-all", "two cameras, colours + depth + masks", everything=True, quick=quick)
+        """Compare control steps per second with colors, depth and instance masks of two cameras."""
+        yield from self._steps("peer-all", "two cameras, colors + depth + masks", everything=True, quick=quick)
 
     def reset(self, *, quick: bool) -> Iterator[Figure]:
         """Measure the way to a new layout of a compiled scene, and compare it with the peer's."""
@@ -194,7 +194,7 @@ class PeerRows:
         theirs, failure = [], ""
         own: dict[bool, list[float]] = {False: [], True: []}
         for i, (condition, seed) in enumerate(layouts * 2):
-            pictures = i >= len(layouts)
+            images = i >= len(layouts)
             if i == len(layouts):  # a renderer for each of the scenes, so that no upload is measured
                 for known, other in layouts:
                     scene = Scene(task, known, seed=other, action_space=space, quality=quality)
@@ -202,9 +202,9 @@ class PeerRows:
             began = time.perf_counter()
             scene = Scene(task, condition, seed=seed, action_space=space, quality=quality)
             state = scene.reset()
-            if pictures:
+            if images:
                 observer.observe(scene, state)
-            own[pictures].append(time.perf_counter() - began)
+            own[images].append(time.perf_counter() - began)
             if not failure and i % max(1, len(layouts) // 3) == 0:
                 try:
                     theirs.append(self._get(everything=False).reset(everything=False))
@@ -215,12 +215,12 @@ class PeerRows:
         yield Figure(
             "reset", f"new layout of a compiled scene, {name}", ms, "ms", "<=", 15.0, "build, reset, check the premise"
         )
-        note = failure or f"robosuite {_range(theirs)} s, its first two pictures included, ours none"
+        note = failure or f"robosuite {_range(theirs)} s, its first two images included, ours none"
         ratios = tuple(t / statistics.median(own[False]) for t in theirs)
         yield Figure("reset", f"robosuite's reset / ours, {name}", ratios, "x", ">=", 100.0, note)
         ratios = tuple(t / statistics.median(own[True]) for t in theirs)
         note = failure or f"ours {_range([1e3 * s for s in own[True]])} ms"
-        yield Figure("reset", "the same, ours with two pictures of 'standard' as well", ratios, "x", note=note)
+        yield Figure("reset", "the same, ours with two images of 'standard' as well", ratios, "x", note=note)
 
     def _steps(self, row: str, text: str, *, everything: bool, quick: bool) -> Iterator[Figure]:
         default = observation_spec("default")
@@ -238,14 +238,14 @@ class PeerRows:
                     return peer.step(1, everything=everything)
 
                 try:
-                    mind = play(rehearsal, reference, every=BLOCK, limit=50 if quick else 150, observer=observer)
+                    policy = play(rehearsal, reference, every=BLOCK, limit=50 if quick else 150, observer=observer)
                 finally:
                     observer.close()
             except PeerUnavailableError as error:
                 yield Figure(row, label, (), "x", ">=", bound, f"peer not available: {error}")
                 continue
-            ours = [BLOCK / s for s in mind.own_s]
-            theirs = [1.0 / s for s in mind.reference_s]
+            ours = [BLOCK / s for s in policy.own_s]
+            theirs = [1.0 / s for s in policy.reference_s]
             ratios = tuple(a / b for a, b in zip(ours, theirs, strict=True))
             note = f"{_range(ours)} / {_range(theirs)} steps/s"
             yield Figure(row, label, ratios, "x", ">=", bound, note)
@@ -470,7 +470,7 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
     return {
         "step": step_row,
         "pixels": pixels_row,
-        "peer-rgb": peer.colours,
+        "peer-rgb": peer.colors,
         "peer-all": peer.everything,
         "reset": peer.reset,
         "record": record_row,

@@ -12,10 +12,10 @@ import calibration_page
 import library_sheet
 import scene_pictures
 import task_pages
-from betterbench.assets import categories, colours, looks
+from betterbench.assets import categories, colors, looks
 from betterbench.evaluation import show_comparison
 from betterbench.interventions import vary
-from betterbench.tasks import Task, all_tasks, suite
+from betterbench.tasks import Task, all_tasks, suite_tasks
 
 HERO = (("morning_coffee", "O1"), ("fast_food", "T1"))
 SHEET_BYTES = 900_000
@@ -41,18 +41,12 @@ def main() -> None:
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
     """Return tasks in the order of the suite's table, and after them whatever else is registered."""
-    order = [name for name in vars(suite) if not name.startswith("_")]
+    order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 
 
 def write_task(task: Task, out: Path, *, seed: int) -> None:
-    """Write the page of a task and its pictures.
-
-    Args:
-        task: The task.
-        out: Folder of the documentation.
-        seed: Seed of the pictures.
-    """
+    """Write the page of a task and its pictures."""
     pictures = out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     (out / "tasks").mkdir(exist_ok=True)
@@ -69,13 +63,7 @@ def write_task(task: Task, out: Path, *, seed: int) -> None:
 
 
 def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
-    """Write what is about all tasks and all assets.
-
-    Args:
-        tasks: All tasks.
-        out: Folder of the documentation.
-        seed: Seed of the pictures.
-    """
+    """Write what is about all tasks and all assets."""
     pictures = out / "pictures"
     (out / "tasks.md").write_text(task_pages.index_page(tasks), encoding="utf-8")
     (out / "templates.md").write_text(task_pages.templates_page(tasks), encoding="utf-8")
@@ -89,18 +77,14 @@ def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
 
 
 def library_page(tasks: list[Task]) -> str:
-    """Return the page of the asset library.
-
-    Args:
-        tasks: All tasks; the page says which of them use an asset.
-    """
+    """Return the page of the asset library, which says which tasks use an asset."""
     used: dict[str, list[str]] = {}
     for task in tasks:
         conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
         for category in sorted({o.category for c in conditions for o in c.objects}):
             used.setdefault(category, []).append(f"[{task.id}](tasks/{task.id}.md)")
     rows = [
-        f"| `{name}` | {len(looks(name))} | {', '.join(colours(name))} | {', '.join(used.get(name, ['–']))} |"
+        f"| `{name}` | {len(looks(name))} | {', '.join(colors(name))} | {', '.join(used.get(name, ['–']))} |"
         for name in categories()
     ]
     return "\n".join(
@@ -111,13 +95,13 @@ def library_page(tasks: list[Task]) -> str:
                 "Every object is made by a parametric generator of our own: a category is one function, and each of its"
                 " looks is the same function with another random generator. Which look an object has is"
                 " drawn with the seed"
-                f" of the trial; its colour is part of the condition. There are {len(rows)} categories. The sheet shows"
-                " three looks of each in its default colour and one in another colour, where it has one."
+                f" of the trial; its color is part of the condition. There are {len(rows)} categories. The sheet shows"
+                " three looks of each in its default color and one in another color, where it has one."
             ),
             "",
             "![every asset and some of its looks](pictures/library.jpg)",
             "",
-            "| asset | looks | colours | used by |",
+            "| asset | looks | colors | used by |",
             "|---|---|---|---|",
             *rows,
             "",

@@ -9,10 +9,21 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.interventions import vary
-from betterbench.tasks import TEMPLATES, Axis, Condition, Place, Support, Task, Template, Variation, regime_of
-from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks import (
+    TEMPLATES,
+    Axis,
+    Condition,
+    Support,
+    TargetRegion,
+    Task,
+    Template,
+    Variation,
+    training_distribution_of,
+)
 from betterbench.tasks.registry import notes_of
+from betterbench.tasks.relations import RELATIONS
 
 LETTERS = tuple(axis.letter for axis in Axis)
 HEADINGS = ("Randomizations", "Success", "Premise")
@@ -20,11 +31,7 @@ HEADINGS = ("Randomizations", "Success", "Premise")
 
 
 def index_page(tasks: Sequence[Task]) -> str:
-    """Return the index of all tasks.
-
-    Args:
-        tasks: The tasks, in the order of the table.
-    """
+    """Return the index of all tasks."""
     rows = []
     for task in tasks:
         counts = Counter(v.axis.letter for v in task.variations)
@@ -192,7 +199,7 @@ def _template_section(template: Template) -> list[str]:
 
 def _first_sentences(relation: str) -> str:
     """Return how a predicate defines its relation: the second paragraph of its docstring, or else the first."""
-    module = importlib.import_module(f"betterbench.tasks.predicates.{RELATIONS[relation].name}")
+    module = importlib.import_module(f"betterbench.tasks.relations.{RELATIONS[relation].name}")
     paragraphs = (inspect.getdoc(getattr(module, relation)) or "").split("\n\n")
     defining = next((p for p in paragraphs[1:] if not p.startswith(("Args", "Returns"))), paragraphs[0])
     return " ".join(defining.replace(":data:", "").split())
@@ -214,7 +221,7 @@ def _docstring(task: Task) -> list[str]:
 def _setting(condition: Condition) -> tuple[object, ...]:
     return (
         tuple(sorted((condition.object(n).kind, s) for n, s in condition.layout.items())),
-        tuple(sorted((condition.object(n).kind, p.target, p.at) for n, p in condition.preplaced.items())),
+        tuple(sorted((condition.object(n).kind, p.target, p.region) for n, p in condition.preplaced.items())),
         tuple(sorted(condition.opened.items())),
     )
 
@@ -229,7 +236,7 @@ def _layout_table(task: Task) -> list[str]:
         standing = [c.object(name).kind if (name := c.occupant(slot.name)) else "–" for c in settings.values()]
         lines.append(_row([f"`{slot.name}`", f"{slot.x:g}, {slot.y:g}", *standing]))
     places = {p for c in settings.values() for p in c.preplaced.values()}
-    for place in sorted(places, key=lambda p: (p.target, p.at)):
+    for place in sorted(places, key=lambda p: (p.target, p.region)):
         resting = [
             ", ".join(c.object(n).kind for n, p in c.preplaced.items() if p == place) or "–" for c in settings.values()
         ]
@@ -250,27 +257,27 @@ def _condition_table(task: Task) -> list[str]:
 
 
 def _confounds(task: Task) -> list[str]:
-    regime = regime_of(task)
+    trained = training_distribution_of(task)
     lines = []
-    for word, slots in regime.word_slots.items():
+    for word, slots in trained.word_slots.items():
         if slots:
             where = " or ".join(f"`{slot}`" for slot in slots)
             lines.append(f"“{word}” is {'always' if len(slots) == 1 else 'only'} picked at {where}.")
     total = len(task.training)
-    if len(regime.first_kinds) == 1:
-        lines.append(f"Every demonstration begins with the {regime.first_kinds[0][0]}.")
+    if len(trained.first_kinds) == 1:
+        lines.append(f"Every demonstration begins with the {trained.first_kinds[0][0]}.")
     else:
-        counts = ", ".join(f"the {kind} in {n} of {total}" for kind, n in regime.first_kinds)
+        counts = ", ".join(f"the {kind} in {n} of {total}" for kind, n in trained.first_kinds)
         lines.append(f"Demonstrations begin with {counts} conditions.")
-    orders = sorted({", then ".join(kinds) for kinds in regime.sequences})
+    orders = sorted({", then ".join(kinds) for kinds in trained.sequences})
     lines.append(f"What is handled, and in which order: {'; '.join(orders)}. Nothing else was shown.")
     for kind, places in sorted(_goes_to(task).items()):
         if len(places) == 1:
             lines.append(f"The {kind} always goes to the same place: {places[0]}.")
-    lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in regime.standing_kinds.items() if len(kinds) == 1]
+    lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in trained.standing_kinds.items() if len(kinds) == 1]
     if lone:
         lines.append(f"Places where only one kind of thing ever stood: {', '.join(lone)}.")
-    lines.append(f"At most {regime.initial_items} movable things stand on the table at the start.")
+    lines.append(f"At most {trained.initial_items} movable things stand on the table at the start.")
     return lines
 
 
@@ -281,7 +288,7 @@ def _goes_to(task: Task) -> dict[str, list[str]]:
         for goal in condition.instruction.subgoals:
             names = [n for n in condition.resolve(goal.reference) if condition.object(n).role != "drawer"]
             for kind in {condition.object(n).kind for n in names}:
-                found.setdefault(kind, set()).add(_place(Place(goal.target, goal.place)))
+                found.setdefault(kind, set()).add(_place(TargetRegion(goal.target, goal.region)))
     several = len({place for places in found.values() for place in places}) > 1
     return {kind: sorted(places) for kind, places in found.items()} if several else {}
 
@@ -312,7 +319,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- support: {support}",
         *look,
         *broken,
-        f"- can expose: {', '.join(f'`{label}`' for label in variation.exposes)}",
+        f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
         "",
     ]
 
@@ -321,8 +328,8 @@ def _template_link(template: Template, up: str, *, page: str = "templates.md") -
     return f"[{template.title}]({up if page else ''}{page}#{template.title.lower().replace(' ', '-')})"
 
 
-def _place(place: Place) -> str:
-    return f"`{place.target}`" + (f", `{place.at}`" if place.at else "")
+def _place(place: TargetRegion) -> str:
+    return f"`{place.target}`" + (f", `{place.region}`" if place.region else "")
 
 
 def _span(count: tuple[int, int]) -> str:

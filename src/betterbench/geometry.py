@@ -1,6 +1,6 @@
 """Rigid-body geometry: poses, quaternions and rotations.
 
-Conventions, stated once for the whole project: metres and radians; quaternions are ``(w, x, y, z)`` with unit norm and
+Conventions, stated once for the whole project: meters and radians; quaternions are ``(w, x, y, z)`` with unit norm and
 the sign chosen so that ``w >= 0``; a pose ``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``.
 
 The functions work on plain Python floats. Predicates run once per control step, where a few multiplications on floats
@@ -22,14 +22,8 @@ TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Rotation of a tool that points straight down, as the arm holds it at home: half a turn about x."""
 
 
-def normalise(q: Sequence[float]) -> Quaternion:
-    """Return the unit quaternion with ``w >= 0`` that describes the same rotation.
-
-    Args:
-        q: Quaternion (w, x, y, z), not zero.
-
-    Returns:
-        The normalised quaternion.
+def normalize(q: Sequence[float]) -> Quaternion:
+    """Return the unit quaternion with ``w >= 0`` that describes the same rotation as (w, x, y, z).
 
     Raises:
         ValueError: If all components are zero.
@@ -62,15 +56,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
-    """Rotate a vector by a unit quaternion.
-
-    Args:
-        q: Unit quaternion of ``R_a_b``.
-        v: Vector in frame ``b``.
-
-    Returns:
-        The vector in frame ``a``.
-    """
+    """Return a vector rotated by the unit quaternion of ``R_a_b``: from frame ``b`` into frame ``a``."""
     w, x, y, z = q
     vx, vy, vz = v
     tx = 2.0 * (y * vz - z * vy)
@@ -88,14 +74,14 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
     x, y, z = (float(c) for c in rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
-        return normalise((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
+        return normalize((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
     s = math.sin(0.5 * angle) / angle
-    return normalise((math.cos(0.5 * angle), s * x, s * y, s * z))
+    return normalize((math.cos(0.5 * angle), s * x, s * y, s * z))
 
 
 def to_axis_angle(q: Quaternion) -> Vector:
     """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
-    w, x, y, z = normalise(q)
+    w, x, y, z = normalize(q)
     s = math.sqrt(x * x + y * y + z * z)
     if s < 1e-12:
         return (2.0 * x, 2.0 * y, 2.0 * z)
@@ -104,18 +90,11 @@ def to_axis_angle(q: Quaternion) -> Vector:
 
 
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
-    """Return the rotation vector of a unit quaternion, continuous around a rotation by half a turn.
+    """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
     A tool that points straight down is turned by pi: with ``w >= 0`` its rotation vector jumps to the opposite one
-    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to ``near``, so that
-    the angle may exceed pi instead.
-
-    Args:
-        q: Unit quaternion, of any sign.
-        near: Unit quaternion of the rotation around which the vector has to be continuous.
-
-    Returns:
-        Unit axis times angle [rad], angle in [0, 2 pi).
+    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to the unit quaternion
+    ``near``, so that the angle may exceed pi instead and lies in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)
@@ -127,7 +106,7 @@ def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
 
 def from_yaw(yaw: float) -> Quaternion:
     """Return the rotation by ``yaw`` [rad] about the vertical axis."""
-    return normalise((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
+    return normalize((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
 
 
 def yaw_of(q: Quaternion) -> float:
@@ -151,7 +130,7 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
     step = to_axis_angle(multiply(conjugate(a), b))
-    return normalise(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
+    return normalize(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
 
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:
@@ -180,7 +159,7 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return ``T_a_c`` for ``self = T_a_b`` and ``other = T_b_c``."""
-        return Pose(self.apply(other.position), normalise(multiply(self.quaternion, other.quaternion)))
+        return Pose(self.apply(other.position), normalize(multiply(self.quaternion, other.quaternion)))
 
     def apply(self, point: Sequence[float]) -> Vector:
         """Return the coordinates in frame ``a`` of a point given in frame ``b``."""

@@ -22,8 +22,8 @@ from betterbench.assets.authoring import generator, unregister
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
 from betterbench.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
-from betterbench.scenes.objects import add_asset, rest_pose, slide_of
-from betterbench.scenes.stage import set_physics
+from betterbench.robots.physics import PHYSICS
+from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 
 FACE_BUDGET, GEOM_BUDGET, JAW_M = 600, 12, 0.078
 GEOM_EXCEPTIONS = {"spice_rack": 19}
@@ -41,7 +41,7 @@ TABLE = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [1, 1, 0.02], "pos": [0, 0, 
 def world():
     """An empty world with a table."""
     spec = mujoco.MjSpec()
-    set_physics(spec)
+    PHYSICS.set_scene(spec)
     spec.worldbody.add_geom(**TABLE)
     return spec
 
@@ -384,7 +384,7 @@ def test_a_jar_dropped_a_little_beside_its_hole_ends_on_its_floor(jar, hole):
 @pytest.mark.parametrize("category", MOUNTED)
 def test_a_drawer_stays_where_it_is_left_and_stops_at_both_ends(category):
     cabinet, drawer = build("drawer_cabinet"), build(category)
-    slide = slide_of(drawer)
+    slide = rail_of(drawer)
     spec = world()
     add_asset(spec, "cabinet", cabinet, pose=Pose((0.0, 0.0, 0.0)))
     add_asset(spec, "drawer", drawer, pose=cabinet.region(category.removesuffix("_drawer")).pose, slide=slide)

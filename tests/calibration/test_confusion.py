@@ -6,12 +6,13 @@ import json
 
 import pytest
 
-from betterbench.calibration import Arm, default_arms, true_label
+from betterbench.calibration import CalibrationPolicy, calibration_policies, true_label
 from betterbench.calibration.probes import chance_of
 from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.experts import EXPERTS, REPLAYS, parse_address
 from betterbench.report.calibration_page import calibration_markdown, suspicious, write_calibration_page
+from betterbench.tasks import all_labels
 
 S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION
 
@@ -46,13 +47,14 @@ def test_rates_are_counts_over_counts(calibration):
 
 
 def test_only_reasoning_against_execution_is_crossed():
-    crossed = {(a, b) for a in Label for b in Label if judged(a, b).crossed}
-    assert crossed == {(a, b) for a in Label for b in Label if {a.kind, b.kind} == {Kind.REASONING, Kind.EXECUTION}}
+    crossed = {(a, b) for a in all_labels() for b in all_labels() if judged(a, b).crossed}
+    kinds = {Kind.REASONING, Kind.EXECUTION}
+    assert crossed == {(a, b) for a in all_labels() for b in all_labels() if {a.kind, b.kind} == kinds}
     assert (S, E) not in crossed
 
 
 def test_the_json_form_reads_back(calibration):
-    again = Calibration.from_json(json.loads(json.dumps(calibration.to_json())))
+    again = Calibration.from_json(json.dumps(calibration.to_json()))
     assert again == calibration
 
 
@@ -60,10 +62,13 @@ def test_the_json_form_reads_back(calibration):
 def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
     form = calibration.to_json()
     for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
-        with pytest.raises(RecordError, match="better calibrate"):
-            Calibration.from_json(bad)
+        with pytest.raises(RecordError, match=f"calibration.json: {spoil}.*better calibrate"):
+            Calibration.from_json(json.dumps(bad))
     with pytest.raises(RecordError):
-        Calibration.from_json([])
+        Calibration.from_json("[]")
+    unknown = {**form, "counts": [{"truth": "success", "label": "succes", "n": 1}]}
+    with pytest.raises(RecordError, match=r"counts\[0\]\.label: .*Did you mean 'success'"):
+        Calibration.from_json(json.dumps(unknown))
 
 
 def test_the_truth_is_what_was_decided_unless_the_goal_was_met():
@@ -79,18 +84,18 @@ def test_the_truth_is_what_was_decided_unless_the_goal_was_met():
 
 
 def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
-    arms = default_arms(trials=2, seed=10)
+    planned = calibration_policies(trials=2, seed=10)
     zoo = [n for n in EXPERTS if n.startswith("zoo:")]
     assert len(zoo) >= 10
     for name in zoo:
-        mine = [a for a in arms if a.address.name == name]
+        mine = [a for a in planned if a.address.name == name]
         assert [a.address.strength for a in mine] == [1.0, 0.6, 0.3]
         assert [a.seed for a in mine] == [10, 12, 14]
-        assert mine[0].address.tremor_m == 0.0 < mine[1].address.tremor_m < mine[2].address.tremor_m
-    assert {a.address.name for a in arms if a.probe} == {"probe:no-language", *REPLAYS}
-    assert len({a.folder for a in arms}) == len(arms)
-    assert not [a for a in default_arms(probe_trials=0) if a.probe]
-    assert {a.address.name for a in default_arms(policies=("zoo:halt",))} == {"zoo:halt"}
+        assert mine[0].address.action_noise_m == 0.0 < mine[1].address.action_noise_m < mine[2].address.action_noise_m
+    assert {a.address.name for a in planned if a.probe} == {"probe:no-language", *REPLAYS}
+    assert len({a.folder for a in planned}) == len(planned)
+    assert not [a for a in calibration_policies(probe_trials=0) if a.probe]
+    assert {a.address.name for a in calibration_policies(policies=("zoo:halt",))} == {"zoo:halt"}
 
 
 @pytest.mark.parametrize(
@@ -99,13 +104,13 @@ def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
 )
 def test_bad_arms_are_named(options):
     with pytest.raises(InvalidInputError, match="--"):
-        default_arms(**options)
+        calibration_policies(**options)
 
 
 def test_an_address_reads_back():
-    for arm in default_arms():
-        assert isinstance(arm, Arm)
-        assert parse_address(str(arm.address)) == arm.address
+    for entry in calibration_policies():
+        assert isinstance(entry, CalibrationPolicy)
+        assert parse_address(str(entry.address)) == entry.address
 
 
 @pytest.mark.parametrize(
@@ -114,7 +119,7 @@ def test_an_address_reads_back():
         ("zoo:lexical?strength=2", "strength"),
         ("zoo:lexical?strength=x", "strength"),
         ("zoo:lexical?strength=nan", "strength"),
-        ("zoo:lexical?tremor=0.5", "tremor"),
+        ("zoo:lexical?action_noise=0.5", "action_noise"),
         ("zoo:lexical?size=1", "size"),
     ],
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from betterbench.calibration import Arm, calibrate, true_label
+from betterbench.calibration import CalibrationPolicy, calibrate, true_label
 from betterbench.diagnosis import Calibration, Label, RunDiagnosis, diagnose_run
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.experts import Address
@@ -12,7 +12,7 @@ from betterbench.recording import RunFolder
 
 
 def calibrated(tmp_path, policy: str, tasks: tuple[str, ...], *, trials: int = 1, strength: float = 1.0) -> Calibration:
-    return calibrate([Arm(Address(policy, strength), trials, 40)], tmp_path, tasks=tasks)
+    return calibrate([CalibrationPolicy(Address(policy, strength), trials, 40)], tmp_path, tasks=tasks)
 
 
 def diagnosed(tmp_path_factory, policy: str, **options) -> RunDiagnosis:
@@ -48,9 +48,9 @@ def test_a_policy_is_found_out_and_nothing_else_is_said(tmp_path, policy, task, 
 
 
 def test_the_diagnosis_never_reads_the_truth(tmp_path):
-    """The remarks of the journal are taken away, and every label stays what it was."""
-    calibrated(tmp_path, "zoo:colour", ("morning_coffee",))
-    run = RunFolder.open(tmp_path / "zoo-colour-100")
+    """The ground_truth of the journal are taken away, and every label stays what it was."""
+    calibrated(tmp_path, "zoo:color", ("morning_coffee",))
+    run = RunFolder.open(tmp_path / "zoo-color-100")
     before = [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials]
     text = run.journal_path.read_text()
     assert "semantic_feature_collapse" in text

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from betterbench.certification.support import Handling, Pick, Put, Regime, Slide
+from betterbench.certification.support import DrawerMove, Handling, Pick, Put, TrainedSupport
 from betterbench.geometry import Pose, from_yaw
 from betterbench.tasks import Slot, all_tasks, get_task
 
@@ -17,79 +17,79 @@ def pick(slot: Slot, kind="burger", *, dx=0.0, turn=0.0) -> Pick:
     return Pick("thing", kind, Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw + turn)))
 
 
-def put(slot: Slot, relation, kind, place="", *, level=1, dx=0.0, fixed=False) -> Put:
+def put(slot: Slot, relation, kind, region="", *, level=1, dx=0.0, fixed=False) -> Put:
     base = Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw))
-    return Put("thing", relation, kind, place, slot.name, level, base, base_fixed=fixed, pose=base)
+    return Put("thing", relation, kind, region, slot.name, level, base, base_fixed=fixed, pose=base)
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
 def test_what_training_asks_for_is_inside_its_own_support(task):
-    regime = Regime.of(task)
+    trained = TrainedSupport.of(task)
     for condition in task.training:
         for goal in condition.instruction.subgoals:
             for name in condition.resolve(goal.reference):
                 if name in condition.layout:
                     slot = task.slot(condition.layout[name])
-                    found = regime.judge(pick(slot, condition.object(name).kind))
+                    found = trained.judge(pick(slot, condition.object(name).kind))
                     assert found.problem is None
-                    assert found.slack_m == pytest.approx(max(s.jitter_m for s in regime.pick_slots if s == slot))
+                    assert found.slack_m == pytest.approx(max(s.jitter_m for s in trained.pick_slots if s == slot))
 
 
 def test_a_pick_counts_up_to_the_border_of_the_jitter_and_no_farther():
-    regime, slot = Regime.of(get_task("fast_food")), None
-    slot = regime.pick_slots[0]
-    inside = regime.judge(pick(slot, dx=slot.jitter_m))
+    trained, slot = TrainedSupport.of(get_task("fast_food")), None
+    slot = trained.pick_slots[0]
+    inside = trained.judge(pick(slot, dx=slot.jitter_m))
     assert inside.problem is None
     assert inside.slack_m == pytest.approx(0.0, abs=1e-9)
-    outside = regime.judge(pick(slot, dx=slot.jitter_m + 0.003))
+    outside = trained.judge(pick(slot, dx=slot.jitter_m + 0.003))
     assert outside.problem is not None
     assert "3.0 mm outside" in outside.problem
     assert outside.slack_m == pytest.approx(-0.003)
 
 
 def test_a_pick_of_what_was_never_grasped_or_turned_too_far_is_outside():
-    regime = Regime.of(get_task("fast_food"))
-    slot = regime.pick_slots[0]
-    assert "no demonstration grasps a brick" in regime.judge(pick(slot, "brick")).problem
-    assert "degrees beyond" in regime.judge(pick(slot, turn=slot.yaw_jitter + 0.1)).problem
+    trained = TrainedSupport.of(get_task("fast_food"))
+    slot = trained.pick_slots[0]
+    assert "no demonstration grasps a brick" in trained.judge(pick(slot, "brick")).problem
+    assert "degrees beyond" in trained.judge(pick(slot, turn=slot.yaw_jitter + 0.1)).problem
 
 
 def test_a_slot_that_holds_only_distractors_in_training_is_no_pick_slot():
     task = get_task("fast_food")
-    held = {s.name for s in Regime.of(task).pick_slots}
+    held = {s.name for s in TrainedSupport.of(task).pick_slots}
     stand = task.train("train1").layout["box"]
     assert stand not in held
-    assert Regime.of(task).judge(pick(task.slot(stand))).problem is not None
+    assert TrainedSupport.of(task).judge(pick(task.slot(stand))).problem is not None
 
 
 def test_a_put_needs_a_trained_target_a_trained_spot_and_a_target_that_stands_there():
     task = get_task("dinner_plates")
-    regime = Regime.of(task)
+    trained = TrainedSupport.of(task)
     right, back = task.slot("stand_right"), task.slot("left_back")
-    assert regime.judge(put(right, "on_plate", "white plate")).problem is None
-    assert regime.judge(put(right, "on_plate", "red plate", level=2)).problem is None
-    assert regime.judge(put(right, "on_plate", "red plate")).problem is None, "kind and place each trained: suite, R1"
-    assert "puts anything on_plate blue plate" in regime.judge(put(right, "on_plate", "blue plate")).problem
-    assert "no demonstration uses" in regime.judge(put(right, "on_plate", "red plate", level=3)).problem
-    assert "no demonstration uses" in regime.judge(put(back, "on_plate", "red plate")).problem
-    pushed = regime.judge(put(right, "on_plate", "white plate", dx=right.jitter_m + 0.004))
+    assert trained.judge(put(right, "on_plate", "white plate")).problem is None
+    assert trained.judge(put(right, "on_plate", "red plate", level=2)).problem is None
+    assert trained.judge(put(right, "on_plate", "red plate")).problem is None, "kind and place each trained: suite, R1"
+    assert "puts anything on_plate blue plate" in trained.judge(put(right, "on_plate", "blue plate")).problem
+    assert "no demonstration uses" in trained.judge(put(right, "on_plate", "red plate", level=3)).problem
+    assert "no demonstration uses" in trained.judge(put(back, "on_plate", "red plate")).problem
+    pushed = trained.judge(put(right, "on_plate", "white plate", dx=right.jitter_m + 0.004))
     assert pushed.problem is None, "setting a plate down may push the one below"
-    assert "mm outside" in regime.judge(put(right, "on_plate", "white plate", dx=right.jitter_m + 0.006)).problem
+    assert "mm outside" in trained.judge(put(right, "on_plate", "white plate", dx=right.jitter_m + 0.006)).problem
     fixed = put(right, "on_plate", "white plate", dx=right.jitter_m + 0.004, fixed=True)
-    assert "mm outside" in regime.judge(fixed).problem
+    assert "mm outside" in trained.judge(fixed).problem
 
 
 def test_a_put_on_what_stands_in_no_slot_is_outside():
     task = get_task("dinner_plates")
     lost = dataclasses.replace(put(task.slot("stand_right"), "on_plate", "white plate"), slot=None)
-    assert "stands in no slot" in Regime.of(task).judge(lost).problem
+    assert "stands in no slot" in TrainedSupport.of(task).judge(lost).problem
 
 
 def test_drawers_count_with_the_cabinet_they_slide_in():
-    regime = Regime.of(get_task("office_drawer"))
-    assert regime.judge(Slide("upper", "upper drawer", "cabinet_back")).problem is None
-    assert regime.judge(Slide("upper", "upper drawer", "left_back")).problem is not None
-    assert regime.judge(Slide("upper", "upper drawer", None)).problem is not None
+    trained = TrainedSupport.of(get_task("office_drawer"))
+    assert trained.judge(DrawerMove("upper", "upper drawer", "cabinet_back")).problem is None
+    assert trained.judge(DrawerMove("upper", "upper drawer", "left_back")).problem is not None
+    assert trained.judge(DrawerMove("upper", "upper drawer", None)).problem is not None
 
 
 # ------------------------------------------------------------------------------------------------------------ watching
@@ -120,7 +120,7 @@ def test_one_pick_and_one_put_are_seen_whatever_the_object_brushes_on_its_way(fa
     assert taken.pose == begun, "a nudge before the grasp is not where it was picked"
     assert isinstance(given, Put)
     assert (given.relation, given.slot, given.level) == ("inside", condition.layout["box"], 1)
-    assert all(Regime.of(task).judge(p).problem is None for p in (taken, given))
+    assert all(TrainedSupport.of(task).judge(p).problem is None for p in (taken, given))
 
 
 def test_what_is_lost_and_taken_again_elsewhere_is_outside(fast_food, posed):
@@ -132,7 +132,7 @@ def test_what_is_lost_and_taken_again_elsewhere_is_outside(fast_food, posed):
     watch.update(posed(state, {"burger_1": begun.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
     watch.update(posed(state, {"burger_1": fell}, contacts=(("burger_1", "table"),)))
     watch.update(posed(state, {"burger_1": fell.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
-    found = [Regime.of(task).judge(p) for p in watch.finish()]
+    found = [TrainedSupport.of(task).judge(p) for p in watch.finish()]
     assert found[0].problem is None
     assert "loses" in found[1].text
     assert found[1].problem is None
@@ -149,7 +149,7 @@ def test_what_was_pushed_aside_before_it_is_taken_was_picked_where_it_came_to_re
     taken = watch.finish()[0]
     assert isinstance(taken, Pick)
     assert taken.pose == aside
-    assert Regime.of(task).judge(taken).problem is not None
+    assert TrainedSupport.of(task).judge(taken).problem is not None
 
 
 def test_untouched_scenes_hold_no_primitive(fast_food):
@@ -169,7 +169,7 @@ def test_a_drawer_that_moved_is_a_slide_of_its_cabinet(start, posed):
         watch.update(posed(state, {"upper": moved}))
         slides = watch.finish()
         assert len(slides) == seen
-        assert all(isinstance(s, Slide) and s.slot == condition.layout["cabinet"] for s in slides)
+        assert all(isinstance(s, DrawerMove) and s.slot == condition.layout["cabinet"] for s in slides)
 
 
 def test_stacks_and_mounts_lead_down_to_their_slot(start, posed):

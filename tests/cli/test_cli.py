@@ -139,8 +139,8 @@ def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
 
 
 @pytest.mark.render
-def test_show_writes_a_picture(capsys, tmp_path):
-    out = tmp_path / "pictures" / "t1.png"
+def test_show_writes_a_image(capsys, tmp_path):
+    out = tmp_path / "images" / "t1.png"
     status, _, _ = run(capsys, "show", "fast_food/T1", "--out", str(out), "--size", "96")
     assert status == 0
     assert out.read_bytes().startswith(b"\x89PNG")

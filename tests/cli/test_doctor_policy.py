@@ -1,4 +1,4 @@
-"""`better doctor --policy P`: conventions, one answer, and exactly the pictures that the policy is shown."""
+"""`better doctor --policy P`: conventions, one answer, and exactly the images that the policy is shown."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from PIL import Image
 
 from betterbench.cli.main import main
 from betterbench.episodes import Observer
-from betterbench.evaluation import TrialName, consult, open_server
-from betterbench.evaluation.consultation_sheet import OUTLINE, draw_action
+from betterbench.evaluation import TrialName, open_server, run_preflight
+from betterbench.evaluation.preflight.sheet import OUTLINE, draw_action
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import OPENPI_LIBERO
@@ -57,7 +57,7 @@ def pixels(file):
 
 
 @pytest.mark.render
-def test_the_pictures_are_exactly_those_that_the_policy_gets(capsys, tmp_path, pushes):
+def test_the_images_are_exactly_those_that_the_policy_gets(capsys, tmp_path, pushes):
     address = f"{pushes.address}?preset=openpi_libero&fit=crop"
     out = tmp_path / "sheet.png"
     status, text, err = run(capsys, "--policy", address, *SCENE, "--out", str(out))
@@ -73,11 +73,11 @@ def test_the_pictures_are_exactly_those_that_the_policy_gets(capsys, tmp_path, p
     assert (sheet == OUTLINE).all(axis=2).sum() > 200
 
 
-def contains(sheet, picture):
-    """Tells whether a picture stands somewhere in a sheet, pixel by pixel."""
-    height, width = picture.shape[:2]
-    first = (sheet[: len(sheet) - height + 1, : sheet.shape[1] - width + 1] == picture[0, 0]).all(axis=2)
-    return any(np.array_equal(sheet[y : y + height, x : x + width], picture) for y, x in np.argwhere(first))
+def contains(sheet, image):
+    """Tells whether a image stands somewhere in a sheet, pixel by pixel."""
+    height, width = image.shape[:2]
+    first = (sheet[: len(sheet) - height + 1, : sheet.shape[1] - width + 1] == image[0, 0]).all(axis=2)
+    return any(np.array_equal(sheet[y : y + height, x : x + width], image) for y, x in np.argwhere(first))
 
 
 @pytest.mark.render
@@ -88,7 +88,7 @@ def test_json_holds_the_same(capsys, tmp_path, monkeypatch, pushes):
     assert status == 0, err
     told = json.loads(text)
     assert told["trial"] == {"task": "morning_coffee", "condition": "train1", "seed": 0}
-    assert [p["key"] for p in told["pictures"]] == ["observation/image", "observation/wrist_image"]
+    assert [p["key"] for p in told["images"]] == ["observation/image", "observation/wrist_image"]
     assert told["adapter"] == OPENPI_LIBERO.to_json()
     assert told["actions"] == Pushes.actions.tolist()
     assert told["latency_s"]["requests"] == 5
@@ -108,12 +108,12 @@ def test_what_nobody_declares_is_told(capsys, tmp_path):
         "from betterbench.interface import PolicyInfo\n"
         "from betterbench.policies import Noop\n"
         "class Assuming(Noop):\n"
-        "    info = PolicyInfo('assuming', metadata={'assumed': 'its actions are metres'})\n",
+        "    info = PolicyInfo('assuming', metadata={'assumed': 'its actions are meters'})\n",
         encoding="utf-8",
     )
     status, text, err = run(capsys, "--policy", f"python:{file}:Assuming", *SCENE, "--out", str(tmp_path / "a.png"))
     assert status == 0, err
-    assert "its actions are metres" in text
+    assert "its actions are meters" in text
 
 
 @pytest.mark.render
@@ -132,7 +132,7 @@ def test_a_local_policy_is_drawn_too(capsys, tmp_path, policy):
 def test_a_served_expert_declares_what_we_do():
     with open_server("expert", port=0) as server:
         told = []
-        found = consult(server.address, TRIAL, quality="fast", on_conventions=told.extend)
+        found = run_preflight(server.address, TRIAL, quality="fast", on_conventions=told.extend)
     assert {c.name for c in told if c.ours and c.theirs} >= {"preset", "action space", "action scale", "rate hz"}
     assert not [c for c in told if c.differs]
     assert found.actions.shape == (8, 7)
@@ -213,8 +213,8 @@ def test_later_answers_count_as_well(capsys, tmp_path, monkeypatch, pushes):
 def test_the_arrow_begins_at_the_hand_and_points_where_the_action_leads():
     view = np.zeros((200, 200, 3), np.uint8)
     start, aim = np.array([60.0, 80.0]), np.array([60.0, 110.0])
-    picture = np.asarray(draw_action(view, np.array([start, start]), aim, "no turn"))
-    pink = (picture == OUTLINE).all(axis=2)
+    image = np.asarray(draw_action(view, np.array([start, start]), aim, "no turn"))
+    pink = (image == OUTLINE).all(axis=2)
     rows, columns = np.nonzero(pink[:170])
     assert pink[80, 60]
     # 30 pixels are drawn five times as long, down to a tip that the band of words does not cover.
@@ -226,14 +226,14 @@ def test_the_arrow_begins_at_the_hand_and_points_where_the_action_leads():
 @pytest.mark.render
 def test_joint_actions_leave_the_scene_as_it_was(monkeypatch):
     """The way of a joint action is found by trying; what is drawn starts from reset all the same."""
-    from betterbench.evaluation import consultation_view
+    from betterbench.evaluation.preflight import view as preflight_view
     from betterbench.interface.actions import JOINT_DELTA
 
     task, condition = TRIAL.resolve()
     scene = Scene(task, condition, seed=0, action_space=JOINT_DELTA, quality=quality_preset("fast"))
     before = Observer(observation_spec("state_only")).observe(scene, scene.reset())
     action = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    aim = consultation_view._aim(action, scene)
+    aim = preflight_view._aim(action, scene)
     after = Observer(observation_spec("state_only")).observe(scene, scene.state())
     np.testing.assert_array_equal(before.joint_positions, after.joint_positions)
     assert aim[0] > before.ee_position[0] + 0.01

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from betterbench.cli.main import main
 from betterbench.errors import BetterError
-from betterbench.evaluation.serving import DEFAULT_CHUNK
+from betterbench.evaluation.serving.server import DEFAULT_CHUNK
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.wire import encode_openpi
 

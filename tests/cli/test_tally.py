@@ -8,7 +8,7 @@ import json
 import pytest
 
 from betterbench.cli.main import main
-from betterbench.cli.tally import Tally, duration, pace, service
+from betterbench.cli.tally import RunTally, duration, pace, service
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.recording import JournalEntry, RunFolder, read_outcome, read_record
@@ -81,7 +81,7 @@ def run(tmp_path_factory):
 
 def test_a_tally_is_that_of_the_records(run):
     folder = RunFolder.open(run)
-    tally = Tally()
+    tally = RunTally()
     tally.resume(folder)
     records = list(folder.records())
     assert tally.judged == len(records) == 4

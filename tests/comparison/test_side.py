@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from betterbench.comparison import load_sides
-from betterbench.comparison.side import conventions_of
+from betterbench.comparison.side import side_conventions
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.recording import JournalEntry, RunFolder
 
@@ -34,7 +34,7 @@ def test_a_run_is_read_with_its_conventions_and_its_unfinished_trials(broken_run
 
 def test_records_outweigh_the_plan():
     plan = {"robot": "panda", "control_rate_hz": 20.0, "engine": {"mujoco": "1"}, "task_versions": {"fast_food": 1}}
-    found = conventions_of(plan, {"engine:mujoco": "2", "camera_preset": "None"})
+    found = side_conventions(plan, {"engine:mujoco": "2", "camera_preset": "None"})
     assert found == {
         "robot": "panda",
         "control_rate_hz": "20",

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import trial
-from betterbench.diagnosis.trial import setting_of
 from betterbench.geometry import Pose, from_yaw
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording import Record, RecordBuilder, RecordMetadata
 from betterbench.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
-from betterbench.tasks import Condition, GoalTracker, regime_of
-from betterbench.tasks.predicates import relation
+from betterbench.tasks import Condition, GoalTracker, training_distribution_of
+from betterbench.tasks.relations import relation
 
 HOME = (0.31, 0.0, 0.59)
 RATE = 20.0
@@ -24,7 +24,7 @@ FAST = 0.5  # m/s, so that records stay short
 RING = 0.02
 HOLES = ((1, -0.085), (2, 0.0), (3, 0.085))
 
-LOOKS = {  # size, colour, shape
+LOOKS = {  # size, color, shape
     "burger": ((0.066, 0.066, 0.052), "brown", "round"),
     "round_block": ((0.066, 0.066, 0.052), "brown", "round"),
     "fries_box": ((0.04, 0.06, 0.10), "red", "box"),
@@ -35,7 +35,7 @@ LOOKS = {  # size, colour, shape
     "coffee_machine": ((0.25, 0.20, 0.33), "black", "box"),
     "laptop": ((0.21, 0.25, 0.15), "silver", "box"),
     "computer_mouse": ((0.105, 0.061, 0.036), "black", "irregular"),
-    "soap_bar": ((0.10, 0.06, 0.035), "grey", "irregular"),
+    "soap_bar": ((0.10, 0.06, 0.035), "gray", "irregular"),
     "speaker": ((0.067, 0.065, 0.10), "black", "box"),
     "place_plate": ((0.19, 0.19, 0.018), "white", "round"),
     "cereal_bowl": ((0.119, 0.119, 0.052), "white", "round"),
@@ -123,7 +123,7 @@ class Stage:
     def __init__(
         self, task: str, name: str, *, seed: int = 0, policy: str = "scripted", backwards: bool = False
     ) -> None:
-        self.setting = setting_of(task, name)
+        self.setting = resolve_condition(task, name)
         self.condition = self.setting.condition
         self.task = self.setting.task
         rng = np.random.default_rng(seed)
@@ -141,9 +141,9 @@ class Stage:
         self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for o in self.condition.objects:
             if o.mount is not None:
-                self._mount(o.name, o.mount.target, o.mount.at)
+                self._mount(o.name, o.mount.target, o.mount.region)
         for preplaced, where in self.condition.preplaced.items():
-            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.at)
+            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.region)
         self.grip_offset = np.zeros(3)
         self.fall: dict[str, float] = {}
         self.tracker = GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=RATE)
@@ -151,7 +151,7 @@ class Stage:
         self.metadata = RecordMetadata(
             task=task, task_version=self.task.version, suite_version="1.0", package_version="0.1.0",
             condition=self.condition.name, variation=variation, axis=self.setting.axis,
-            base_condition=self.setting.base if variation else None, seed=seed, policy=policy,
+            base_condition=self.setting.base if variation else None, interventions=(), seed=seed, policy=policy,
             instruction=self.condition.instruction.text, expected=self.condition.expected.value,
             action_space="ee_delta", action_components=("x", "y", "z", "rx", "ry", "rz", "gripper"),
             control_rate_hz=RATE, camera_preset=None, render_quality=None,
@@ -165,18 +165,18 @@ class Stage:
 
     def _scene(self, *, backwards: bool) -> SceneInfo:
         """Describes the scene; its objects can be listed in the opposite order."""
-        regime = regime_of(self.task)
+        trained = training_distribution_of(self.task)
         objects = []
         for o in self.condition.objects:
-            size, colour, shape = LOOKS[o.category]
+            size, color, shape = LOOKS[o.category]
             regions, slot = REGIONS.get(o.category, ()), self.condition.layout.get(o.name)
             info = ObjectInfo(
-                o.name, o.kind, o.category, o.category, o.colour or colour, shape, o.role, o.fixed, 0.2, size,
+                o.name, o.kind, o.category, o.category, o.color or color, shape, o.role, o.fixed, 0.2, size,
                 regions, slot,
             )  # fmt: skip
             objects.append(info)
         slots = tuple(
-            SlotInfo(s.name, (s.x, s.y, 0.0), s.yaw, regime.standing_kinds.get(s.name, ())) for s in self.task.slots
+            SlotInfo(s.name, (s.x, s.y, 0.0), s.yaw, trained.standing_kinds.get(s.name, ())) for s in self.task.slots
         )
         return SceneInfo(tuple(reversed(objects)) if backwards else tuple(objects), slots, HOME, 0.08)
 
@@ -222,9 +222,9 @@ class Stage:
     def goal(self, k: int = 0) -> np.ndarray:
         """Where an object has to stand for a subgoal."""
         goal = self.condition.instruction.subgoals[k]
-        return self.place(goal.relation, goal.target, goal.place)
+        return self.place(goal.relation, goal.target, goal.region)
 
-    def place(self, relation: str, target: str, place: str = "") -> np.ndarray:
+    def place(self, relation: str, target: str, region: str = "") -> np.ndarray:
         """Where an object stands in a relation to a target."""
         info, at = self.info.object(target), self.positions[target]
         frame = Pose(tuple(at), from_yaw(self.yaws[target]))
@@ -235,7 +235,7 @@ class Stage:
         if relation == "layer":
             top = self.support("", at[:2], 1.0)[0]
             return np.array([at[0], at[1], top])
-        name = {"on_ring": "ring", "on_plate": "floor"}.get(relation, place)
+        name = {"on_ring": "ring", "on_plate": "floor"}.get(relation, region)
         return np.array(frame.apply(info.region(name).position))
 
     def goal_place(self) -> np.ndarray:
@@ -479,10 +479,10 @@ def changed_stage(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Stage]:
     """Makes stages whose condition is changed, for what no task of the suite asks for."""
 
     def make(task: str, name: str, change: Callable[[Condition], Condition]) -> Stage:
-        known = setting_of(task, name)
+        known = resolve_condition(task, name)
         setting = replace(known, condition=change(known.condition))
         for module in (trial, sys.modules[Stage.__module__]):
-            monkeypatch.setattr(module, "setting_of", lambda *_: setting)
+            monkeypatch.setattr(module, "resolve_condition", lambda *_: setting)
         return Stage(task, name)
 
     return make
@@ -555,7 +555,7 @@ def _take_at(s: Stage, slot: str) -> None:
 def lexical(task: str, name: str, seed: int) -> Record:
     s = Stage(task, name, seed=seed)
     for k, goal in enumerate(s.condition.instruction.subgoals):
-        places = s.setting.regime.word_slots[goal.word]
+        places = training_distribution_of(s.task).word_slots[goal.word]
         earlier = sum(g.word == goal.word for g in s.condition.instruction.subgoals[:k])
         _take_at(s, places[min(earlier, len(places) - 1)])
     return s.wait(1.0).end()

@@ -9,7 +9,7 @@ import pytest
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record, diagnose_records
 
-MEMORISED = (Label.BEHAVIORAL_INERTIA, "memorised_place")
+MEMORISED = (Label.BEHAVIORAL_INERTIA, "memorized_place")
 ELSEWHERE = (Label.WRONG_OBJECT, "place_of_another_instruction")
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record
-from betterbench.interventions.objects import remove
 from betterbench.state import Contact
 from betterbench.tasks import Expected
+from betterbench.tasks.operations import remove
 
 
 def verdict(s) -> tuple[Label, str]:
@@ -31,13 +31,13 @@ HALT = (Label.EARLY_HALT, "still_with_open_subgoals")
 def test_a_miss_that_a_retry_made_good_does_not_hide_a_wrong_place(stage):
     s = stage("desk_meeting", "R1")
     s.grasp("mug", beside=(0.052, 0.0)).open().lift().bring("mug", s.goal(1)).home().wait(4)
-    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorised_place")
+    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorized_place")
 
 
 def test_a_drop_that_was_picked_up_again_does_not_hide_a_wrong_place(stage):
     s = stage("desk_meeting", "R1")
     s.grasp("mug").lift().open().wait(1).bring("mug", s.goal(1)).home().wait(4)
-    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorised_place")
+    assert verdict(s) == (Label.BEHAVIORAL_INERTIA, "memorized_place")
 
 
 def test_a_second_drop_that_lands_at_a_wrong_place_by_chance_does_not_excuse_the_first(stage):
@@ -226,7 +226,7 @@ def test_a_target_pushed_out_of_its_slot_is_still_the_target(stage):
     assert found.label is Label.EARLY_HALT
 
 
-def test_what_was_right_and_is_knocked_away_afterwards_is_execution(stage):
+def test_what_was_right_and_is_knocked_away_afterward_is_execution(stage):
     s = stage("fast_food", "train1")
     s.bring(s.at("first")).wait(0.5)
     s.positions[s.at("first")] = s.positions[s.at("first")] + np.array([0.0, -0.2, 0.0])
@@ -333,7 +333,11 @@ def test_packing_what_may_be_packed_and_never_coming_to_rest_is_no_collision(sta
 
 def test_touching_what_may_be_packed_is_allowed(changed_stage):
     def change(condition):
-        return remove(condition, object="burger_2")[0].with_(expected=Expected.REFUSE, premise_broken=True)
+        return (
+            remove(condition.object("burger_2"))
+            .carry_out(condition)[0]
+            .with_(expected=Expected.REFUSE, premise_broken=True)
+        )
 
     s = changed_stage("fast_food", "O1", change)
     assert diagnose_record(s.bring(s.of("fries")).end()).label is Label.CORRECT_REFUSAL

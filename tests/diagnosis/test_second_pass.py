@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, diagnose_records
-from betterbench.diagnosis.labels import Ruling
+from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy, judge_rules
-from betterbench.diagnosis.trial import Choice, read_trial, setting_of
-from betterbench.tasks import get_task
+from betterbench.diagnosis.trial import Choice, read_trial
+from betterbench.interventions.resolve import resolve_condition
+from betterbench.tasks import get_task, training_distribution_of
 
 COFFEE = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4", "O1", "T1")
 FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")
@@ -17,14 +18,14 @@ FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")
 
 def coffee_choice(name: str, slot: str) -> Choice:
     """Makes the choice of a first attempt in a coffee trial with two mugs."""
-    setting = setting_of("morning_coffee", name)
+    setting = resolve_condition("morning_coffee", name)
     condition, goal = setting.condition, setting.condition.instruction.subgoals[0]
     asked = condition.layout[condition.resolve(goal.reference)[0]]
-    standing = frozenset(
+    target = frozenset(
         (s, condition.object(o).kind) for o, s in condition.layout.items() if condition.object(o).role == "item"
     )
-    words = frozenset(setting.regime.word_slots[goal.word])
-    return Choice(standing, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
+    words = frozenset(training_distribution_of(setting.task).word_slots[goal.word])
+    return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
 
 
 def coffee_run(follow, strength: float, seeds: int = 20, *, names: tuple[str, ...] = COFFEE[:8]) -> dict[str, Choice]:
@@ -54,7 +55,7 @@ def test_a_shortcut_is_found_at_any_strength(strength):
 
 
 @pytest.mark.parametrize("strength", [0.3, 0.6, 1.0])
-def test_a_favourite_place_is_found_at_any_strength(strength):
+def test_a_favorite_place_is_found_at_any_strength(strength):
     choices = coffee_run(lambda _: "far", strength)
     found = judge_rules(choices)
     assert found.upheld[0] == "place:far"
@@ -141,7 +142,7 @@ def test_a_shortcut_beside_random_slips_is_still_found():
 
 
 def lunch(n_wrong: int = 1) -> dict[str, Choice]:
-    """Makes a task without pairs in which wrong first attempts fit the word as well as a favourite place."""
+    """Makes a task without pairs in which wrong first attempts fit the word as well as a favorite place."""
     trained = frozenset({("first", "apple"), ("second", "orange")})
     swapped = frozenset({("first", "orange"), ("second", "apple")})
     first = frozenset(("first",))

@@ -53,13 +53,13 @@ def test_every_task_passes_gymnasium_s_checker(make, task_id):
 
 @pytest.mark.render
 @pytest.mark.parametrize("task_id", TASKS)
-def test_every_task_passes_the_checker_with_pictures(make, task_id):
+def test_every_task_passes_the_checker_with_images(make, task_id):
     env = make(task_id, observation="default", render_mode="rgb_array")
     check_env(env.unwrapped)
     seen, _ = env.reset(seed=0)
     for camera in ("front", "wrist"):
         assert seen[camera].shape == (256, 256, 3)
-        assert seen[camera].std() > 5.0, "the picture shows something"
+        assert seen[camera].std() > 5.0, "the image shows something"
     assert env.render().shape == (256, 256, 3)
 
 

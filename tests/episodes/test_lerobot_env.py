@@ -65,8 +65,8 @@ def test_it_shows_what_better_eval_shows():
     for step in range(3):
         shown = observer.observe(scene, scene.state())
         assert list(seen["pixels"]) == ["front", "wrist"]
-        for camera, picture in seen["pixels"].items():
-            assert np.array_equal(picture, shown.images[camera])
+        for camera, image in seen["pixels"].items():
+            assert np.array_equal(image, shown.images[camera])
         assert np.array_equal(seen["agent_pos"], OPENPI_LIBERO.request(shown)["observation/state"])
         assert np.array_equal(STATES["joints"](shown), np.float32([*shown.joint_positions, shown.gripper_width]))
         action = np.sin(step + np.arange(7)).astype(np.float32)

@@ -36,7 +36,7 @@ def rows(envs, steps: int = 4) -> np.ndarray:
 
 
 @pytest.mark.render
-def test_the_pictures_and_measurements_are_those_that_a_policy_sees():
+def test_the_images_and_measurements_are_those_that_a_policy_sees():
     envs = vector(observation="default")
     seen, info = envs.reset(seed=[8, 3])
     for step in range(3):
@@ -83,7 +83,7 @@ def test_spawned_processes_give_what_this_process_gives():
 
 @pytest.mark.slow
 @pytest.mark.render
-def test_forked_servers_give_pictures_too():
+def test_forked_servers_give_images_too():
     here = vector(observation="default")
     there = vector("async", vector_kwargs={"context": "forkserver"}, observation="default")
     try:

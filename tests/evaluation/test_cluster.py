@@ -9,19 +9,20 @@ from pathlib import Path
 import pytest
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError
-from betterbench.evaluation import cluster, evaluate
-from betterbench.evaluation.cluster import Cluster, Outpost, Turn, versions_here
-from betterbench.evaluation.trial import Setting
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.ray_engine import cluster
+from betterbench.evaluation.ray_engine.cluster import Cluster, RemoteWorker, Turn, versions_here
+from betterbench.evaluation.trials.trial import RunSettings
 
 pytestmark = pytest.mark.physics
 
 
-def outpost(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> Outpost:
-    setting = Setting("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
-    return Outpost(setting, (run.path / "run.json").read_bytes(), known)
+def outpost(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> RemoteWorker:
+    settings = RunSettings("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
+    return RemoteWorker(settings, (run.path / "run.json").read_bytes(), known)
 
 
-def delivered(post: Outpost, trials) -> Turn:
+def delivered(post: RemoteWorker, trials) -> Turn:
     """Returns what comes of trials, in one turn."""
     turns = [post.turn(trials)]
     while sum(len(t.deliveries) for t in turns) < len(trials):

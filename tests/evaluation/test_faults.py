@@ -18,8 +18,9 @@ import pytest
 from tests.evaluation.misbehaving import CHUNK, Misbehaving
 
 from betterbench.errors import PolicyUnavailableError, RunConflictError, StorageError
-from betterbench.evaluation import crew, evaluate
-from betterbench.evaluation.plan import Trial
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.workers import pool
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -254,7 +255,7 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
                         device.write(data)
                 return write(handle, data, offset)
 
-            monkeypatch.setattr("betterbench.recording.journal.os.pwrite", full)
+            monkeypatch.setattr("betterbench.recording.line_journal.os.pwrite", full)
         with pytest.raises(StorageError, match=r"No space left on device.* run the same command again"):
             evaluate(plan, tmp_path / "run", envs=1)
         monkeypatch.undo()
@@ -305,18 +306,18 @@ def test_two_runs_into_one_folder_are_refused_and_the_first_one_is_not_disturbed
 # ----------------------------------------------------------------------------------------------------- worker processes
 
 
-def work_shortly(setting, connection):
+def work_shortly(settings, connection):
     """The main function of a worker process whose trials are short."""
     Trial.resolve = shortened
-    ordinary_work(setting, connection)
+    ordinary_work(settings, connection)
 
 
-ordinary_work = crew.work
+ordinary_work = pool.work
 
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(crew, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", work_shortly)
     killed = []
 
     def script(request, number):
@@ -335,7 +336,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_
 
 @pytest.mark.slow
 def test_ctrl_c_ends_all_worker_processes(tiny_plan, tmp_path, monkeypatch, calm):
-    monkeypatch.setattr(crew, "work", work_shortly)
+    monkeypatch.setattr(pool, "work", work_shortly)
     children = []
 
     def script(request, number):

@@ -12,13 +12,14 @@ import pytest
 
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RunConflictError
-from betterbench.evaluation import evaluate, machine, make_plan, open_server
-from betterbench.evaluation.manifest import (
+from betterbench.evaluation import evaluate, make_plan, open_server
+from betterbench.evaluation.planning import machine
+from betterbench.evaluation.planning.manifest import (
     bounded,
-    conventions_of,
     describe_policy,
     policy_difference,
     run_context,
+    run_conventions,
     same_policy,
 )
 from betterbench.interface import Execution, PolicyInfo
@@ -44,11 +45,11 @@ def test_the_context_of_a_run_is_json_and_says_what_it_was_made_with():
     assert context["policy"]["metadata"] == {"adapter": {"turn": 180}, "server": {"checkpoint": "pi05", "step": 3}}
     assert context["policy"]["execution"] == {"horizon": 5, "ahead": 0, "ensemble": None}
     assert ActionSpace.from_json(context["conventions"]["action_space"]) == action_space("ee_delta")
-    assert context["renderer"] == {"problem": "no pictures are rendered in this run"}
+    assert context["renderer"] == {"problem": "no images are rendered in this run"}
 
 
 def test_conventions_that_nobody_chose_are_written_out_too():
-    conventions = conventions_of(PLAN)
+    conventions = run_conventions(PLAN)
     assert conventions["physics_timestep_s"] == 0.002
     assert conventions["control_rate_hz"] == 20.0
     assert conventions["robot"]["tcp_site"] == "tcp"
@@ -57,7 +58,7 @@ def test_conventions_that_nobody_chose_are_written_out_too():
 
 
 @pytest.mark.render
-def test_a_run_with_pictures_knows_its_renderer():
+def test_a_run_with_images_knows_its_renderer():
     plan = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=1)
     context = run_context(plan, policy=describe_policy("random", info()), engine={})
     assert context["renderer"]["mujoco"] == mujoco.__version__

@@ -20,7 +20,7 @@ import pytest
 
 from betterbench.episodes import Observer
 from betterbench.evaluation import TrialName, open_server
-from betterbench.evaluation.mirror import Mirror
+from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.interface import EpisodeStart, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
@@ -149,18 +149,18 @@ def test_the_real_client_asks_in_liberos_layout_with_its_own_broker(drive):
     task, condition = TRIAL.resolve()
     scene = Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
     observer = Observer(observation_spec("state_only"))
-    libero, picture = dataclasses.replace(OPENPI_LIBERO, views=()), np.zeros((256, 320, 3), np.uint8)
+    libero, image = dataclasses.replace(OPENPI_LIBERO, views=()), np.zeros((256, 320, 3), np.uint8)
     played = []
     with open_server("expert", port=0, chunk=8, trial=TRIAL) as server:
         client = drive(server, broker=5)
         for _ in range(20):
             seen = observer.observe(scene, scene.state())
-            pictures = {"observation/image": picture, "observation/wrist_image": picture}
-            answer = client.infer({**libero.request(seen), **pictures})
+            images = {"observation/image": image, "observation/wrist_image": image}
+            answer = client.infer({**libero.request(seen), **images})
             played.append(answer["actions"])
             scene.step(np.array(answer["actions"]))
         client.close()
-    np.testing.assert_array_equal(np.array(played), Mirror("expert", TRIAL).actions(0, 20))
+    np.testing.assert_array_equal(np.array(played), ShadowSimulation("expert", TRIAL).actions(0, 20))
 
 
 def test_the_real_client_shows_our_errors_to_its_user(drive):

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, PremiseError, WorkerError
-from betterbench.evaluation import ray_engine
-from betterbench.evaluation.cluster import Cluster, Delivery, Turn, versions_here
-from betterbench.evaluation.plan import Trial
-from betterbench.evaluation.ray_engine import PLACING_S, RaySession, ray_entries
-from betterbench.evaluation.trial import Setting
+from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.ray_engine import engine as ray_engine
+from betterbench.evaluation.ray_engine.cluster import Cluster, Delivery, Turn, versions_here
+from betterbench.evaluation.ray_engine.engine import PLACING_S, RaySession, ray_entries
+from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.recording import JournalEntry
 
 errors = pytest.importorskip("ray").exceptions
@@ -26,7 +26,7 @@ TRIALS = tuple(Trial("fast_food", "T1", "T1", "T", "train", seed, "solve") for s
 def raised(cause: Exception) -> Exception:
     """What Ray raises where a method of an actor has raised."""
     trace = f"Traceback (most recent call last):\n  File x\n{cause}"
-    return errors.RayTaskError("f", trace, cause, "ray::Outpost", 1, "127.0.0.1").as_instanceof_cause()
+    return errors.RayTaskError("f", trace, cause, "ray::RemoteWorker", 1, "127.0.0.1").as_instanceof_cause()
 
 
 LOST = [
@@ -137,7 +137,7 @@ def method(call: Callable[..., Call]) -> SimpleNamespace:
 def play(tmp_path, monkeypatch):
     """Returns a function that runs two trials on a played Ray and returns the lines of the journal."""
     (tmp_path / "run.json").write_text("{}", encoding="utf-8")
-    setting = Setting(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
+    settings = RunSettings(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
 
     def run(ray: FakeRay, *, replicas: int = 0, workers: int = 1) -> list[JournalEntry]:
         monkeypatch.setattr(ray_engine, "time", SimpleNamespace(monotonic=lambda: ray.now))
@@ -145,7 +145,7 @@ def play(tmp_path, monkeypatch):
         session = SimpleNamespace(ray=ray, cluster=cluster, workers=workers, replica_gpus=lambda: 1.0)
         folder = SimpleNamespace(path=tmp_path)
         try:
-            return list(ray_entries(session, folder, setting, TRIALS, served=bool(replicas)))
+            return list(ray_entries(session, folder, settings, TRIALS, served=bool(replicas)))
         finally:
             assert not ray.alive, "every actor is ended"
 

@@ -10,7 +10,7 @@ import pytest
 from betterbench.cli.main import main
 from betterbench.errors import RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation import make_plan
-from betterbench.evaluation.repeat import repeated_plan
+from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics

@@ -26,10 +26,12 @@ from betterbench.errors import (
     UnknownNameError,
     WorkerError,
 )
-from betterbench.evaluation import Progress, crew, evaluate
-from betterbench.evaluation import trial as trial_module
-from betterbench.evaluation.worker import Worker
-from betterbench.recording import RunFolder, TrialKey
+from betterbench.evaluation import Progress, evaluate
+from betterbench.evaluation.trials import trial as trial_module
+from betterbench.evaluation.workers import pool
+from betterbench.evaluation.workers.worker import Worker
+from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
 
@@ -38,12 +40,12 @@ def lines(run: Path) -> list[str]:
     return (run / "journal.jsonl").read_text(encoding="utf-8").splitlines()
 
 
-def keys(run: RunFolder) -> set[TrialKey]:
+def keys(run: RunFolder) -> set[TrialId]:
     return {e.key for e in run.entries()}
 
 
-def planned(plan) -> set[TrialKey]:
-    return {TrialKey(t.task, t.condition, t.seed) for t in plan.trials}
+def planned(plan) -> set[TrialId]:
+    return {TrialId(t.task, t.condition, t.seed) for t in plan.trials}
 
 
 def is_complete(run: RunFolder, plan) -> bool:
@@ -62,7 +64,7 @@ def test_every_planned_trial_is_in_the_journal_once_with_its_record(uninterrupte
     plan = tiny_plan()
     assert is_complete(uninterrupted, plan)
     records = list(uninterrupted.records())
-    assert [TrialKey(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
+    assert [TrialId(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
         e.key for e in uninterrupted.entries()
     ]
     for record, entry in zip(records, uninterrupted.entries(), strict=True):
@@ -297,7 +299,7 @@ def test_a_trial_whose_worker_was_killed_is_done_again(plugin, tiny_plan, tmp_pa
 
 @pytest.mark.slow
 def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plugin, tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(crew, "MAX_DEATHS", 2)
+    monkeypatch.setattr(pool, "MAX_DEATHS", 2)
     plan = tiny_plan(f"{plugin}:AlwaysDies", trials=2)
     run = evaluate(plan, tmp_path / "run", workers=2)
     assert [e.status for e in run.entries()] == ["error", "error"]
@@ -308,11 +310,11 @@ def test_workers_that_always_die_end_the_run_with_errors_that_are_run_again(plug
     assert [e.status for e in again.entries()] == ["done", "done"]
 
 
-def _leave(setting, connection):
+def _leave(settings, connection):
     os._exit(3)
 
 
-def _get_ready_and_leave(setting, connection):
+def _get_ready_and_leave(settings, connection):
     connection.send(None)
     os._exit(3)
 
@@ -326,8 +328,8 @@ def _get_ready_and_leave(setting, connection):
     ],
 )
 def test_workers_that_die_one_after_the_other_stop_the_run_in_one_line(tiny_plan, tmp_path, monkeypatch, work, text):
-    monkeypatch.setattr(crew, "work", work)
-    monkeypatch.setattr(crew, "MAX_DEATHS_IN_A_ROW", 2)
+    monkeypatch.setattr(pool, "work", work)
+    monkeypatch.setattr(pool, "MAX_DEATHS_IN_A_ROW", 2)
     with pytest.raises(WorkerError, match=text):
         evaluate(tiny_plan(), tmp_path / "run", workers=2)
     assert RunFolder.open(tmp_path / "run").entries() == ()
@@ -360,10 +362,10 @@ def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, t
     plan = tiny_plan()
     ordinary = trial_module.run_episode
 
-    def checked(scene, mind, **arguments):
+    def checked(scene, policy, **arguments):
         if scene.seed == 1:
             raise PremiseError("morning_coffee/T1 seed 1: the scene does not show it")
-        return ordinary(scene, mind, **arguments)
+        return ordinary(scene, policy, **arguments)
 
     monkeypatch.setattr(trial_module, "run_episode", checked)
     with pytest.raises(PremiseError, match="seed 1"):
@@ -375,18 +377,18 @@ def test_a_broken_premise_stops_the_run_instead_of_lowering_a_score(tiny_plan, t
 
 @pytest.mark.slow
 def test_a_broken_premise_in_a_worker_stops_the_run_too(tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(crew, "work", _premise_in_worker)
+    monkeypatch.setattr(pool, "work", _premise_in_worker)
     with pytest.raises(PremiseError, match="a stranger stands in the slot"):
         evaluate(tiny_plan(), tmp_path / "run", workers=2)
     assert RunFolder.open(tmp_path / "run").entries() == ()
 
 
-def _premise_in_worker(setting, connection):
-    def stranger(scene, mind, **arguments):
+def _premise_in_worker(settings, connection):
+    def stranger(scene, policy, **arguments):
         raise PremiseError("a stranger stands in the slot")
 
     trial_module.run_episode = stranger
-    crew.work(setting, connection)
+    pool.work(settings, connection)
 
 
 # ------------------------------------------------------------------------------------------------------------- kill -9

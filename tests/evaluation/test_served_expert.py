@@ -49,7 +49,7 @@ def remote(policy, options="", chunk=8):
         ("expert", "", 8),
         ("expert", "?horizon=5", 8),
         ("expert", "?horizon=6&ahead=2", 8),
-        ("zoo:shape?tremor=0.001", "?preset=native", 13),
+        ("zoo:shape?action_noise=0.001", "?preset=native", 13),
     ],
 )
 def test_the_record_is_that_of_the_local_policy(policy, options, chunk):
@@ -62,7 +62,7 @@ def test_the_expert_solves_the_trial_that_is_compared():
     assert local("expert").outcome.success
 
 
-def test_pictures_are_rendered_for_an_adapter_that_names_cameras():
+def test_images_are_rendered_for_an_adapter_that_names_cameras():
     with open_server("expert", port=0, trial=TRIAL) as server:
         client = connect(f"{server.address}?preset=openpi_libero")
         try:

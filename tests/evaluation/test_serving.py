@@ -1,4 +1,4 @@
-"""What is served: experts that mirror, policies that see, and clients that say less than ours do."""
+"""What is served: experts that shadow, policies that see, and clients that say less than ours do."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import TrialName, open_server
-from betterbench.evaluation.mirror import Mirror
+from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.experts import make_expert
 from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
@@ -90,7 +90,8 @@ def expert_server():
 def known():
     """The first actions of the expert on two trials."""
     return {
-        trial: Mirror("expert", trial).actions(0, 64) for trial in (TRIAL, TrialName("morning_coffee", "train2", 0))
+        trial: ShadowSimulation("expert", trial).actions(0, 64)
+        for trial in (TRIAL, TrialName("morning_coffee", "train2", 0))
     }
 
 
@@ -189,7 +190,7 @@ def test_a_prompt_is_looked_up_among_the_training_conditions(expert_server):
     message["observation/image"] = message["observation/wrist_image"] = np.zeros((224, 224, 3), np.uint8)
     with Client(expert_server) as client:
         first, second, again = client.ask(message), client.ask(message), client.ask({**message, "better/step": 0})
-    expected = Mirror("expert", trial).actions(0, 16)
+    expected = ShadowSimulation("expert", trial).actions(0, 16)
     np.testing.assert_array_equal(np.concatenate([first, second]), expected)
     np.testing.assert_array_equal(again, expected[:8])
 
@@ -294,7 +295,7 @@ def looking(monkeypatch):
     return "python:looking_policy:Looking"
 
 
-def picture(value):
+def image(value):
     return np.full((8, 8, 3), value, np.uint8)
 
 
@@ -304,15 +305,15 @@ def test_what_waits_at_one_moment_is_one_batch_for_a_policy_that_takes_batches(l
 
         def work(number):
             with Client(server) as client:
-                answers[number] = client.native(**{"better/images/front": picture(number)})
+                answers[number] = client.native(**{"better/images/front": image(number)})
 
         threads = [threading.Thread(target=work, args=(n,)) for n in range(4)]
         threads[0].start()
         assert Looking.begun.wait(PATIENCE_S)
         for thread in threads[1:]:
             thread.start()
-        gatherer = next(t for t in threading.enumerate() if t.name == "gatherer")
-        waiting = gatherer._target.__self__._waiting
+        collector = next(t for t in threading.enumerate() if t.name == "collector")
+        waiting = collector._target.__self__._waiting
         for _ in range(2000):
             if waiting.qsize() == 3:
                 break
@@ -328,7 +329,7 @@ def test_what_waits_at_one_moment_is_one_batch_for_a_policy_that_takes_batches(l
 def test_a_client_with_liberos_layout_is_shown_to_a_policy_as_an_observation(looking):
     Looking.go_on.set()
     with open_server(looking, port=0) as server, Client(server) as client:
-        message = {"observation/image": picture(9), "observation/wrist_image": picture(3)}
+        message = {"observation/image": image(9), "observation/wrist_image": image(3)}
         first, second = client.libero(**message), client.libero(**message)
     assert first[0, :2].tolist() == [0.0, 9.0]
     assert second[0, :2].tolist() == [3.0, 9.0]
@@ -442,8 +443,8 @@ def test_what_cannot_be_served_is_one_clear_line(policy, options, error, text):
 
 
 def test_the_served_expert_is_the_expert():
-    """The mirror's mind is the one that is evaluated, not another one of the same name."""
+    """The shadow's policy is the one that is evaluated, not another one of the same name."""
     task, condition = TRIAL.resolve()
     scene = Scene(task, condition, seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
     action = make_expert("expert", scene).act_on_state(scene.reset())
-    np.testing.assert_array_equal(Mirror("expert", TRIAL).actions(0, 1)[0], action)
+    np.testing.assert_array_equal(ShadowSimulation("expert", TRIAL).actions(0, 1)[0], action)

@@ -29,7 +29,7 @@ from betterbench.diagnosis import Label, diagnose_run
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.evaluation.vla_eval_benchmark import BetterBench
+from betterbench.evaluation.integrations.vla_eval_benchmark import BetterBench
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import VLA_EVAL
@@ -333,6 +333,6 @@ def test_holding_still_is_known(bench):
 
 def test_a_missing_harness_says_how_to_install_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "vla_eval.benchmarks.base", None)
-    monkeypatch.delitem(sys.modules, "betterbench.evaluation.vla_eval_benchmark")
+    monkeypatch.delitem(sys.modules, "betterbench.evaluation.integrations.vla_eval_benchmark")
     with pytest.raises(MissingDependencyError, match=r"betterbench\[vla-eval\]"):
-        importlib.import_module("betterbench.evaluation.vla_eval_benchmark")
+        importlib.import_module("betterbench.evaluation.integrations.vla_eval_benchmark")

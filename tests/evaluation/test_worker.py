@@ -13,15 +13,15 @@ import pytest
 
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.evaluation.agents import Minds
-from betterbench.evaluation.host import Host, address_within
-from betterbench.evaluation.runner import _by_scene
-from betterbench.evaluation.sessions import SharedPolicy
-from betterbench.evaluation.trial import Setting
-from betterbench.evaluation.worker import Worker, even_share, fair_envs, usual_envs
+from betterbench.evaluation.running.runner import _by_scene
+from betterbench.evaluation.serving.host import Host, address_within
+from betterbench.evaluation.trials.policy_factory import PolicyFactory
+from betterbench.evaluation.trials.shared_policy import SharedPolicy
+from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
-from betterbench.policies.link import Terms
+from betterbench.policies.connection import ConnectionLimits
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -252,9 +252,9 @@ def four_processors(monkeypatch):
 def no_thread_is_left():
     yield
     until = time.monotonic() + 5.0
-    while any(t.name in ("respondent", "gatherer") for t in threading.enumerate()) and time.monotonic() < until:
+    while any(t.name in ("respondent", "collector") for t in threading.enumerate()) and time.monotonic() < until:
         time.sleep(0.01)
-    assert [t.name for t in threading.enumerate() if t.name in ("respondent", "gatherer")] == []
+    assert [t.name for t in threading.enumerate() if t.name in ("respondent", "collector")] == []
 
 
 def outcomes(run: RunFolder) -> dict[int, tuple[str, str | None]]:
@@ -276,7 +276,7 @@ def test_records_do_not_depend_on_environments_order_or_latency(plugin, tiny_pla
 
 
 @pytest.mark.render
-def test_pictures_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_content):
+def test_images_do_not_depend_on_what_else_is_simulated(plugin, tmp_path, run_content):
     plan = make_plan(
         f"{plugin}:Looking",
         tasks=["morning_coffee"],
@@ -350,7 +350,7 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
     client = PolicyAddress.parse(address_within("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
     assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
-    terms = Terms.of(client)
+    terms = ConnectionLimits.of(client)
     # The server ends the wait itself, after 450 s; the client only sees to it that a server which does not is left.
     assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (480.0, 489.0, 9.0)
 
@@ -398,10 +398,10 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
 def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
     plan = tiny_plan(f"{plugin}:Slow", trials=3)
     RunFolder.start(tmp_path / "run", plan.to_json())
-    setting = Setting(
+    settings = RunSettings(
         str(tmp_path / "run"), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, envs=2
     )
-    with Worker(setting) as worker:
+    with Worker(settings) as worker:
         assert worker.finished(0.0) == []
         assert worker.free == 2
         worker.start(plan.trials[0])
@@ -423,8 +423,8 @@ def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
     [("expert", 1), ("noop", 1), ("random", 1), ("Slow", 1), ("Batched", 8)],
 )
 def test_the_usual_number_of_environments(plugin, policy, envs):
-    with Minds(f"{plugin}:{policy}" if policy[0].isupper() else policy) as minds:
-        assert usual_envs(minds) == envs
+    with PolicyFactory(f"{plugin}:{policy}" if policy[0].isupper() else policy) as policies:
+        assert usual_envs(policies) == envs
 
 
 def test_what_a_run_takes_for_granted_is_told_once(plugin, tiny_plan, tmp_path, caplog):

@@ -8,17 +8,17 @@ import weakref
 import mujoco
 import numpy as np
 import pytest
+from betterbench.experts.targets import place_goals
 
-from betterbench.certification.support import Handling, Pick, Regime
-from betterbench.diagnosis.trial import setting_of
+from betterbench.certification.support import Handling, Pick, TrainedSupport
 from betterbench.errors import PlanningError, UnknownNameError
 from betterbench.experts import expert_names, make_expert
 from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
-from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
-from betterbench.tasks import Expected, GoalTracker, Place, Support, all_tasks, get_task
-from betterbench.tasks.predicates import relation
+from betterbench.interventions.resolve import resolve_condition
+from betterbench.tasks import Expected, GoalTracker, Support, TargetRegion, all_tasks, get_task
+from betterbench.tasks.relations import relation
 
 pytestmark = pytest.mark.physics
 
@@ -78,10 +78,10 @@ def test_every_pick_and_place_lies_inside_the_support(episode, task_id, name):
 
 def check_support(record, task, name):
     task_id = task.id
-    condition = setting_of(task_id, name).condition
+    condition = resolve_condition(task_id, name).condition
     found = primitives(record, task, condition)
     novel = not name.startswith("train") and task.variation(name).support is Support.NOVEL
-    judged = [Regime.of(task).judge(primitive) for primitive in found]
+    judged = [TrainedSupport.of(task).judge(primitive) for primitive in found]
     assert any(j.problem for j in judged) == novel, [j.problem for j in judged]
     placing = [g for g in condition.instruction.subgoals if g.relation == task.template.relation]
     done = sum(record.subgoals[0, condition.instruction.subgoals.index(g)] for g in placing)
@@ -252,7 +252,7 @@ def test_place_goals_satisfy_the_relation_they_are_for(scene, task_id, name, tar
     s = scene(task_id, "train1")
     state = s.reset()
     kind = s.task.template.relation
-    goals = place_goals(state, name, Place(target), kind)
+    goals = place_goals(state, name, TargetRegion(target), kind)
     i = state.info.index(name)
     for goal in goals[:3]:
         positions, quaternions = list(state.positions), list(state.quaternions)
@@ -281,13 +281,13 @@ def test_unknown_expert_is_refused_with_the_closest(scene):
 def test_a_closed_expert_holds_no_scene(scene, policy):
     """A run of thousands of trials would otherwise wait for the garbage collector with every scene."""
     mine = scene("morning_coffee", "train1")
-    mind = make_expert(policy, mine)
-    mind.act_on_state(mine.reset())
+    rule = make_expert(policy, mine)
+    rule.act_on_state(mine.reset())
     held = weakref.ref(mine)
     gc.disable()
     try:
-        mind.close()
-        del mine, mind
+        rule.close()
+        del mine, rule
         assert held() is None
     finally:
         gc.enable()

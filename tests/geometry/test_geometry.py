@@ -19,7 +19,7 @@ from betterbench.geometry import (
     from_yaw,
     horizontal_distance,
     multiply,
-    normalise,
+    normalize,
     rotate,
     slerp,
     tilt_of,
@@ -30,8 +30,8 @@ from betterbench.geometry import (
 
 NEAR = 1e-9
 unit = st.floats(-1.0, 1.0)
-metres = st.floats(-2.0, 2.0)
-vectors = st.tuples(metres, metres, metres)
+meters = st.floats(-2.0, 2.0)
+vectors = st.tuples(meters, meters, meters)
 angles = st.floats(-3.1, 3.1)
 
 
@@ -39,7 +39,7 @@ angles = st.floats(-3.1, 3.1)
 def quaternions(draw):
     q = draw(st.tuples(unit, unit, unit, unit))
     assume(math.hypot(*q) > 1e-3)
-    return normalise(q)
+    return normalize(q)
 
 
 poses = st.builds(Pose, vectors, quaternions())
@@ -50,7 +50,7 @@ def same_vector(a, b, tolerance=NEAR):
 
 
 def same_rotation(a, b, tolerance=1e-7):
-    return angle_between(normalise(a), normalise(b)) < tolerance
+    return angle_between(normalize(a), normalize(b)) < tolerance
 
 
 def same_pose(a, b, tolerance=1e-7):
@@ -58,16 +58,16 @@ def same_pose(a, b, tolerance=1e-7):
 
 
 @given(quaternions())
-def test_normalised_is_unit_with_positive_w_and_idempotent(q):
+def test_normalized_is_unit_with_positive_w_and_idempotent(q):
     assert math.isclose(math.hypot(*q), 1.0, rel_tol=1e-12)
     assert q[0] >= 0.0
-    assert same_vector(normalise(q), q, 1e-15)
-    assert same_vector(normalise([-c for c in q]), q, 1e-15) or q[0] == 0.0
+    assert same_vector(normalize(q), q, 1e-15)
+    assert same_vector(normalize([-c for c in q]), q, 1e-15) or q[0] == 0.0
 
 
 def test_zero_quaternion_is_refused():
     with pytest.raises(ValueError, match="zero length"):
-        normalise((0.0, 0.0, 0.0, 0.0))
+        normalize((0.0, 0.0, 0.0, 0.0))
 
 
 @given(quaternions())
@@ -150,7 +150,7 @@ def test_yaw_round_trip(yaw):
 @given(angles, st.floats(0.0, math.pi), angles)
 def test_tilt_is_the_angle_of_the_z_axis_whatever_the_yaw(yaw, tilt, about):
     axis = (tilt * math.cos(about), tilt * math.sin(about), 0.0)
-    q = normalise(multiply(from_axis_angle(axis), from_yaw(yaw)))
+    q = normalize(multiply(from_axis_angle(axis), from_yaw(yaw)))
     assert math.isclose(tilt_of(q), tilt, abs_tol=1e-6)
 
 

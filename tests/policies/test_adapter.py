@@ -18,7 +18,7 @@ from betterbench.interface.actions import ACTION_SPACES, EE_DELTA
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.handshake import Declaration, compare, declare_adapter, declare_space
+from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter, declare_space
 from betterbench.policies.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import ROTATION_SIZES, from_format
@@ -75,7 +75,7 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"views": [{"key": "a"}]}, r"views\.0\.camera: Field required"),
         ({"states": [{"key": "s", "parts": ["ee_positon"]}]}, r"states\.0\.parts\.0"),
         ({"states": [{"key": "s", "parts": []}]}, "state s: it has no parts"),
-        ({"colour": "red"}, "colour: .*not permitted|colour: Unexpected"),
+        ({"color": "red"}, "color: .*not permitted|color: Unexpected"),
         ({"instruction": {"key": ["a", ""]}}, "a key is empty"),
         ({"states": [{"key": "prompt", "parts": ["step"]}]}, "two entries use the key 'prompt'"),
         ({"answer": {"space": "ee_delt"}}, "Did you mean 'ee_delta'"),
@@ -188,7 +188,7 @@ def test_states_come_in_the_order_and_format_asked_for(observation):
 @pytest.mark.parametrize("form", ROTATION_SIZES)
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 def test_a_tool_that_points_down_has_a_state_without_jumps(observation, form, axis):
-    """The pictures of two states that are a thousandth of a radian apart look the same; so do the numbers."""
+    """The images of two states that are a thousandth of a radian apart look the same; so do the numbers."""
     rule = StateRule(("s",), (f"ee_{form}",), "float64")
     values = []
     for angle in np.arange(-0.05, 0.05, 0.001):
@@ -241,7 +241,7 @@ def test_a_tool_frame_delta_moves_along_the_tool():
     assert np.allclose(actions[2, :3], turned.as_matrix()[:, 0])
 
 
-def test_absolute_poses_take_the_offset_off_and_normalise():
+def test_absolute_poses_take_the_offset_off_and_normalize():
     rule = AnswerRule("ee_pose", TWIST, rotation="quaternion_xyzw")
     q = 2.0 * TOOL.as_quat(canonical=True)
     (action,) = read(rule, [-0.26, 0.1, 1.212, *q, 1.0], ee_offset_m=(-0.66, 0, 0.912))
@@ -430,16 +430,16 @@ def test_options_of_an_address_are_typed():
 
 
 def test_sides_that_agree_or_keep_silent_pass():
-    compare(declare_adapter("this side", VLA_EVAL), Declaration("the server"))
-    compare(declare_space("a", EE_DELTA), declare_space("b", EE_DELTA))
-    compare(Declaration("a", cameras={"x": (224, 224)}), Declaration("b", cameras={"x": None}))
+    compare_declarations(declare_adapter("this side", VLA_EVAL), Declaration("the server"))
+    compare_declarations(declare_space("a", EE_DELTA), declare_space("b", EE_DELTA))
+    compare_declarations(Declaration("a", cameras={"x": (224, 224)}), Declaration("b", cameras={"x": None}))
 
 
 def test_every_difference_is_named_in_one_line():
     ours = Declaration("this side", rotation="rpy", rate_hz=20.0, cameras={"front": (224, 224)})
     theirs = Declaration("the server", rotation="axis_angle", rate_hz=15.0, cameras={"front": (256, 256), "top": None})
     with pytest.raises(HandshakeError) as caught:
-        compare(ours, theirs)
+        compare_declarations(ours, theirs)
     text = str(caught.value)
     for part in (
         "rotation: this side says 'rpy', the server says 'axis_angle'",

@@ -1,4 +1,4 @@
-"""Pictures as policies are shown them: every turn, mirror and fit on a picture without any symmetry."""
+"""Images as policies are shown them: every turn, mirror and fit on a image without any symmetry."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.policies.fitting import PictureRule
+from betterbench.policies.image_rule import ImageRule
 
 RED, GREEN, BLUE, GREY = (200, 0, 0), (0, 200, 0), (0, 0, 200), (90, 90, 90)
 CORNERS = {"top left": RED, "top right": GREEN, "bottom left": BLUE, "bottom right": GREY}
 
 
 @pytest.fixture
-def picture():
-    """40 x 80: red top left, green top right, blue bottom left, grey bottom right."""
+def image():
+    """40 x 80: red top left, green top right, blue bottom left, gray bottom right."""
     made = np.zeros((40, 80, 3), np.uint8)
     made[:20, :40], made[:20, 40:], made[20:, :40], made[20:, 40:] = RED, GREEN, BLUE, GREY
     return made
@@ -27,12 +27,12 @@ def corners(shown, inset=2):
 
 
 def rule(**options):
-    return PictureRule(("picture",), "front", **options)
+    return ImageRule(("image",), "front", **options)
 
 
-def test_a_picture_of_the_right_size_keeps_its_bits(picture):
-    assert np.array_equal(rule().show(picture), picture)
-    assert np.array_equal(rule(width=80, height=40).show(picture), picture)
+def test_a_image_of_the_right_size_keeps_its_bits(image):
+    assert np.array_equal(rule().show(image), image)
+    assert np.array_equal(rule(width=80, height=40).show(image), image)
 
 
 @pytest.mark.parametrize(
@@ -47,33 +47,33 @@ def test_a_picture_of_the_right_size_keeps_its_bits(picture):
         (90, True, [GREY, GREEN, BLUE, RED]),
     ],
 )
-def test_turns_are_counter_clockwise_and_a_mirror_swaps_left_and_right(picture, turn, mirror, expected):
-    shown = rule(turn=turn, mirror=mirror).show(picture)
+def test_turns_are_counter_clockwise_and_a_mirror_swaps_left_and_right(image, turn, mirror, expected):
+    shown = rule(turn=turn, mirror=mirror).show(image)
     assert shown.shape == ((40, 80, 3) if turn in (0, 180) else (80, 40, 3))
     assert corners(shown) == expected
     assert shown.flags.c_contiguous
 
 
-def test_half_a_turn_is_what_libero_clients_do(picture):
-    assert np.array_equal(rule(turn=180).show(picture), picture[::-1, ::-1])
+def test_half_a_turn_is_what_libero_clients_do(image):
+    assert np.array_equal(rule(turn=180).show(image), image[::-1, ::-1])
 
 
-def test_padding_keeps_the_whole_picture_between_black_bars(picture):
-    shown = rule(width=32, height=32, fit="pad").show(picture)
+def test_padding_keeps_the_whole_image_between_black_bars(image):
+    shown = rule(width=32, height=32, fit="pad").show(image)
     assert shown.shape == (32, 32, 3)
     assert not shown[:8].any()
     assert not shown[-8:].any()
     assert corners(shown[8:24]) == [RED, GREEN, BLUE, GREY]
 
 
-def test_cropping_fills_and_loses_the_sides(picture):
-    picture[:, :20] = 255  # the quarter on the left is cut off
-    shown = rule(width=32, height=32, fit="crop").show(picture)
+def test_cropping_fills_and_loses_the_sides(image):
+    image[:, :20] = 255  # the quarter on the left is cut off
+    shown = rule(width=32, height=32, fit="crop").show(image)
     assert corners(shown) == [RED, GREEN, BLUE, GREY]
 
 
-def test_stretching_keeps_everything_and_distorts(picture):
-    shown = rule(width=32, height=32, fit="stretch").show(picture)
+def test_stretching_keeps_everything_and_distorts(image):
+    shown = rule(width=32, height=32, fit="stretch").show(image)
     assert corners(shown) == [RED, GREEN, BLUE, GREY]
     assert np.array_equal(shown[4, :16], np.tile(np.array(RED, np.uint8), (16, 1))[:16]) or shown[4, 10].tolist() == [
         *RED
@@ -81,7 +81,7 @@ def test_stretching_keeps_everything_and_distorts(picture):
 
 
 @pytest.mark.parametrize("keep", [0.25, 0.81])
-def test_a_centre_crop_keeps_a_share_of_the_area(keep):
+def test_a_center_crop_keeps_a_share_of_the_area(keep):
     ramp = np.tile(np.arange(200, dtype=np.uint8)[None, :, None], (200, 1, 3))
     shown = rule(width=200, height=200, keep=keep).show(ramp).astype(float)
     seen = (shown[100, -1, 0] - shown[100, 0, 0]) / 199
@@ -89,8 +89,8 @@ def test_a_centre_crop_keeps_a_share_of_the_area(keep):
     assert abs(shown[100].mean() - ramp[100].mean()) < 1.0
 
 
-def test_a_centre_crop_without_a_size_keeps_the_size(picture):
-    assert rule(keep=0.9).show(picture).shape == picture.shape
+def test_a_center_crop_without_a_size_keeps_the_size(image):
+    assert rule(keep=0.9).show(image).shape == image.shape
 
 
 def test_shrinking_averages_so_that_fine_stripes_do_not_alias():
@@ -132,4 +132,4 @@ def test_other_aspects_come_out_as_large_as_asked():
 )
 def test_what_makes_no_sense_is_refused(options, text):
     with pytest.raises(InvalidInputError, match=text):
-        PictureRule(("picture",), **{"camera": "front", **options})
+        ImageRule(("image",), **{"camera": "front", **options})

@@ -24,7 +24,7 @@ from betterbench.errors import (
 )
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies import requester
+from betterbench.policies import request_client
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.gr00t import connect_gr00t
 from betterbench.policies.presets import GR00T_NEW_EMBODIMENT
@@ -249,7 +249,7 @@ def test_a_server_of_n1_5_gets_the_observation_as_the_data(client):
     assert actions.shape == (16, 7)
 
 
-def test_metres_and_radians_are_scaled_to_our_units(client):
+def test_meters_and_radians_are_scaled_to_our_units(client):
     answer = [
         {
             "ee_position": array(np.full((1, 2, 3), 0.025)),
@@ -477,7 +477,7 @@ def test_answers_that_never_come_end_the_trial_after_the_retries(client):
 
 
 def test_an_answer_that_is_too_large_is_not_taken(client, monkeypatch):
-    monkeypatch.setattr(requester, "MAX_FRAME_BYTES", 100_000)
+    monkeypatch.setattr(request_client, "MAX_FRAME_BYTES", 100_000)
     with Server({"get_action": lambda _: b"x" * 200_000}) as server:
         policy = client(server, "timeout=20&retries=0&patience=5")
         with pytest.raises(PolicyError, match="answer of more than 100000 bytes"):

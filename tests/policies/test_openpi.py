@@ -179,9 +179,9 @@ def test_bytes_of_the_protocol_are_read_and_an_independent_server_reads_ours(obs
     assert (state[b"dtype"], state[b"shape"]) == ("<f4", [8])
     expected = [0.4, 0.1, 0.3, np.pi, 0, 0, 0.03, -0.03]
     assert np.allclose(np.frombuffer(state[b"data"], "<f4"), expected, atol=1e-6)
-    picture = seen["observation/image"]
-    assert (picture[b"dtype"], picture[b"shape"]) == ("|u1", [224, 224, 3])
-    pixels = np.frombuffer(picture[b"data"], np.uint8).reshape(224, 224, 3)
+    image = seen["observation/image"]
+    assert (image[b"dtype"], image[b"shape"]) == ("|u1", [224, 224, 3])
+    pixels = np.frombuffer(image[b"data"], np.uint8).reshape(224, 224, 3)
     assert pixels[0, 0].tolist() == [200, 0, 0]
     assert pixels[-1, 0].tolist() == [0, 0, 0]
 

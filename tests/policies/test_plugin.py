@@ -9,7 +9,7 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import check_policy, known_policies
-from betterbench.evaluation.agents import Minds
+from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.interface import PolicyInfo
 from betterbench.policies import load_plugin
 
@@ -167,13 +167,13 @@ def test_known_policies_are_listed_once_each_with_a_sentence():
     assert not any(e.privileged for e in entries if e.address in ("noop", "random"))
 
 
-def test_a_file_is_loaded_like_a_script_with_its_neighbours_and_dataclasses(tmp_path, monkeypatch):
+def test_a_file_is_loaded_like_a_script_with_its_neighbors_and_dataclasses(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(sys, "modules", dict(sys.modules))
-    (tmp_path / "neighbour_of_the_policy.py").write_text("SCALE = 0.5\n", encoding="utf-8")
+    (tmp_path / "neighbor_of_the_policy.py").write_text("SCALE = 0.5\n", encoding="utf-8")
     file = tmp_path / "scripted_policy.py"
     source = "from __future__ import annotations\nfrom dataclasses import dataclass, field\n"
-    source += "from neighbour_of_the_policy import SCALE\n" + GOOD
+    source += "from neighbor_of_the_policy import SCALE\n" + GOOD
     source += (
         "@dataclass\nclass Data(Mine):\n    scale: float = SCALE\n    seen: list[str] = field(default_factory=list)\n"
     )
@@ -202,12 +202,12 @@ def test_the_file_of_a_plugin_is_fingerprinted_where_it_was_loaded(tmp_path, mon
     file.write_text(SOURCE_OF_MINE, encoding="utf-8")
     address = f"python:{file}:Mine"
     digest = hashlib.sha256(SOURCE_OF_MINE.encode()).hexdigest()
-    with Minds(address) as minds:
-        assert minds.check().metadata == {"weights": "none", "source file": f"of_mine.py, sha256 {digest}"}
+    with PolicyFactory(address) as policies:
+        assert policies.check().metadata == {"weights": "none", "source file": f"of_mine.py, sha256 {digest}"}
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "of_mine", raising=False)
-    with Minds("python:of_mine:Mine") as minds:
-        assert minds.check().metadata["source file"] == f"of_mine.py, sha256 {digest}"
+    with PolicyFactory("python:of_mine:Mine") as policies:
+        assert policies.check().metadata["source file"] == f"of_mine.py, sha256 {digest}"
     file.write_text(SOURCE_OF_MINE + "# edited\n", encoding="utf-8")
-    with Minds(address) as minds:
-        assert digest not in minds.check().metadata["source file"]
+    with PolicyFactory(address) as policies:
+        assert digest not in policies.check().metadata["source file"]

@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from betterbench.errors import InvalidInputError, PolicyError
-from betterbench.policies.batching import Gatherer
+from betterbench.policies.batching import BatchCollector
 from betterbench.policies.server import PolicyServer
 
 PATIENCE_S = 20
@@ -181,21 +181,21 @@ def test_what_waits_is_answered_together_and_nothing_waits_for_company():
         assert go_on.wait(PATIENCE_S)
         return [q + 1 for q in questions]
 
-    gatherer = Gatherer(answer, limit=3)
+    collector = BatchCollector(answer, limit=3)
     answers = {}
-    threads = [threading.Thread(target=lambda i=i: answers.update({i: gatherer.ask(i)})) for i in range(6)]
+    threads = [threading.Thread(target=lambda i=i: answers.update({i: collector.ask(i)})) for i in range(6)]
     threads[0].start()
     assert begun.wait(PATIENCE_S)
     for thread in threads[1:]:
         thread.start()
     for _ in range(5000):
-        if gatherer._waiting.qsize() == 5:
+        if collector._waiting.qsize() == 5:
             break
         threading.Event().wait(0.001)
     go_on.set()
     for thread in threads:
         thread.join(PATIENCE_S)
-    gatherer.close()
+    collector.close()
     assert answers == {i: i + 1 for i in range(6)}
     assert sizes == [1, 3, 2]
 
@@ -211,11 +211,11 @@ def test_a_batch_that_fails_is_asked_one_by_one():
             raise ValueError("bad question")
         return [q.upper() for q in questions]
 
-    gatherer = Gatherer(answer)
+    collector = BatchCollector(answer)
 
     def work(question):
         try:
-            outcomes[question] = gatherer.ask(question)
+            outcomes[question] = collector.ask(question)
         except ValueError as error:
             outcomes[question] = str(error)
 
@@ -225,21 +225,21 @@ def test_a_batch_that_fails_is_asked_one_by_one():
     for thread in threads[1:]:
         thread.start()
     for _ in range(5000):
-        if gatherer._waiting.qsize() == 3:
+        if collector._waiting.qsize() == 3:
             break
         threading.Event().wait(0.001)
     go_on.set()
     for thread in threads:
         thread.join(PATIENCE_S)
-    gatherer.close()
+    collector.close()
     assert outcomes == {"first": "FIRST", "one": "ONE", "bad": "bad question", "two": "TWO"}
     assert sizes == [1, 3, 1, 1, 1]
 
 
 def test_too_few_answers_are_an_error_and_a_closed_gatherer_answers_nobody():
-    gatherer = Gatherer(lambda _: [])
+    collector = BatchCollector(lambda _: [])
     with pytest.raises(ValueError, match="0 answers to 1"):
-        gatherer.ask(1)
-    gatherer.close()
+        collector.ask(1)
+    collector.close()
     with pytest.raises(RuntimeError, match="shut down"):
-        gatherer.ask(1)
+        collector.ask(1)

@@ -38,7 +38,7 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.connect import connect
-from betterbench.policies.handshake import compare
+from betterbench.policies.handshake import compare_declarations
 from betterbench.policies.presets import VLA_EVAL
 from betterbench.policies.vla_eval import declare_specs
 from betterbench.policies.wire import decode_vla_eval, encode_vla_eval
@@ -275,11 +275,11 @@ def test_servers_of_the_harness_itself_agree(model):
     }
     theirs, ours = declare_specs("the server", hello, VLA_EVAL)
     assert theirs.gripper == "binary_close_positive"
-    compare(ours, theirs)
+    compare_declarations(ours, theirs)
 
 
 @pytest.mark.parametrize(
-    ("params", "query", "pictures", "state"),
+    ("params", "query", "images", "state"),
     [
         ({}, "", ["agentview"], False),
         ({"send_wrist_image": False, "send_state": True}, "", ["agentview"], True),
@@ -288,12 +288,12 @@ def test_servers_of_the_harness_itself_agree(model):
         ({"send_wrist_image": False, "send_state": False}, "preset=vla_eval", ["agentview"], False),
     ],
 )
-def test_a_server_is_sent_what_the_harness_would_send_it_or_what_the_address_chose(params, query, pictures, state):
+def test_a_server_is_sent_what_the_harness_would_send_it_or_what_the_address_chose(params, query, images, state):
     model = Scripted(params=params)
     with real(model) as address, client(address, query) as policy:
         policy.reset(START)
         policy.act(observation())
-    assert list(model.shown[0]["images"]) == pictures
+    assert list(model.shown[0]["images"]) == images
     assert ("states" in model.shown[0]) is state
 
 
@@ -428,18 +428,18 @@ def test_a_run_is_evaluated_through_the_real_server(tmp_path):
 
 def test_their_codec_reads_ours_and_ours_reads_theirs():
     draw = np.random.default_rng(1)
-    picture = draw.integers(0, 256, (16, 24, 3)).astype(np.uint8)
-    payload = {"images": {"a": picture}, "states": np.arange(3.0), "flag": np.True_, "n": 3, "text": "ü"}
+    image = draw.integers(0, 256, (16, 24, 3)).astype(np.uint8)
+    payload = {"images": {"a": image}, "states": np.arange(3.0), "flag": np.True_, "n": 3, "text": "ü"}
     form = {"type": "observation", "payload": payload, "seq": 3, "timestamp": time.time()}
     for images in ("raw", "png"):
         theirs = unpack_message(encode_vla_eval(form, images=images))
-        assert np.array_equal(theirs.payload["images"]["a"], picture)
+        assert np.array_equal(theirs.payload["images"]["a"], image)
         assert theirs.payload["states"].tolist() == [0.0, 1.0, 2.0]
         assert theirs.payload["flag"] is True
-    # Theirs codes pictures as PNG unless told otherwise.
+    # Theirs codes images as PNG unless told otherwise.
     ours = decode_vla_eval(pack_message(Message(MessageType.OBSERVATION, payload, 3)))
     assert b"PNG" in pack_message(Message(MessageType.OBSERVATION, payload, 3))
-    assert np.array_equal(ours["payload"]["images"]["a"], picture)
+    assert np.array_equal(ours["payload"]["images"]["a"], image)
     assert ours["payload"]["states"].tolist() == [0.0, 1.0, 2.0]
 
 
@@ -463,7 +463,7 @@ def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joi
     hello = {"action_spec": {"joints": {"name": "joints", "dims": 7, "format": joints}}}
     if fits:
         theirs, ours = declare_specs("the server", hello, adapter)
-        compare(ours, theirs)
+        compare_declarations(ours, theirs)
         return
     with pytest.raises(HandshakeError, match=joints):
         declare_specs("the server", hello, adapter)

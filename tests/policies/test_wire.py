@@ -147,15 +147,15 @@ def test_texts_in_arrays_travel_in_openpi():
 
 
 @pytest.mark.parametrize(("images", "largest"), [("png", 0), ("jpeg", 12)])
-def test_pictures_are_compressed_without_and_with_loss(images, largest):
+def test_images_are_compressed_without_and_with_loss(images, largest):
     x, y = np.meshgrid(np.arange(64), np.arange(48))
-    picture = np.stack([3 * x, 4 * y, 128 + 0 * x], axis=2).astype(np.uint8)
-    frame = encode_vla_eval({"a": picture, "b": picture[:, :, :2]}, images=images)
+    image = np.stack([3 * x, 4 * y, 128 + 0 * x], axis=2).astype(np.uint8)
+    frame = encode_vla_eval({"a": image, "b": image[:, :, :2]}, images=images)
     back = decode_vla_eval(frame)
-    assert back["a"].shape == picture.shape
-    assert np.abs(back["a"].astype(int) - picture).max() <= largest
-    assert same(np.ascontiguousarray(picture[:, :, :2]), back["b"])
-    assert len(frame) < len(encode_vla_eval({"a": picture, "b": picture[:, :, :2]}))
+    assert back["a"].shape == image.shape
+    assert np.abs(back["a"].astype(int) - image).max() <= largest
+    assert same(np.ascontiguousarray(image[:, :, :2]), back["b"])
+    assert len(frame) < len(encode_vla_eval({"a": image, "b": image[:, :, :2]}))
 
 
 @EACH
@@ -247,7 +247,7 @@ def png(width, height):
 @pytest.mark.parametrize(
     ("data", "shape", "coding", "text"),
     [
-        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "a picture has the shape"),
+        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "a image has the shape"),
         (png(60_000, 60_000), [8, 8, 3], "png", "cannot be read"),
         (png(12_000, 12_000), [8, 8, 3], "png", "cannot be read"),
         (png(6_000, 6_000), [8, 8, 3], "png", r"holds \(6000, 6000\) of mode RGB"),
@@ -255,14 +255,14 @@ def png(width, height):
         (png(8, 8), [8, 8, 4], "png", "holds .* of mode RGB"),
         (png(8, 8), [8, 8, 3], "jpeg", "cannot be read"),
         (png(8, 8), [8, 8, 3], "tiff", "the format 'tiff'"),
-        (png(8, 8), [8, 8], "png", "a picture has the shape"),
+        (png(8, 8), [8, 8], "png", "a image has the shape"),
         (png(8, 8), None, "png", "no shape"),
         (png(8, 8)[:40], [8, 8, 3], "png", "cannot be read"),
         (b"GIF89a" + b"\x00" * 50, [8, 8, 3], "png", "cannot be read"),
         ("text", [8, 8, 3], "png", "its data are a str"),
     ],
 )
-def test_pictures_that_lie_are_refused_before_they_are_decompressed(data, shape, coding, text):
+def test_images_that_lie_are_refused_before_they_are_decompressed(data, shape, coding, text):
     frame = msgpack.packb({"__image__": True, "format": coding, "data": data, "shape": shape})
     tracemalloc.start()
     with pytest.raises(PolicyError, match=f"vla-eval frame .*{text}"):
@@ -272,7 +272,7 @@ def test_pictures_that_lie_are_refused_before_they_are_decompressed(data, shape,
     assert peak < 20_000_000
 
 
-def test_an_honest_picture_of_that_make_is_read():
+def test_an_honest_image_of_that_make_is_read():
     frame = msgpack.packb({"__image__": True, "format": "png", "data": png(8, 6), "shape": [6, 8, 3]})
     assert decode_vla_eval(frame).shape == (6, 8, 3)
 

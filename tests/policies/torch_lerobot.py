@@ -303,9 +303,9 @@ def changed(act, tmp_path, change):
     [
         ("device=gpu", "device=gpu cannot be used"),
         ("device=cuda:99", "device=cuda:99 cannot be used"),
-        ("preset=openpi_libero", "observation/image: the checkpoint says nothing, the adapter a picture of 224 x 224"),
+        ("preset=openpi_libero", "observation/image: the checkpoint says nothing, the adapter a image of 224 x 224"),
         ("preset=openpi_libero", "observation.state: the checkpoint says 8 numbers, the adapter nothing"),
-        ("size=64", "the checkpoint says a picture of 96 x 96, the adapter a picture of 64 x 64"),
+        ("size=64", "the checkpoint says a image of 96 x 96, the adapter a image of 64 x 64"),
         ("action_space=joint_delta", "action: the checkpoint says 7 numbers, the adapter 8 numbers"),
         ("state=eef", "Did you mean 'ee'"),
         ("camera.observation.images.top=front", "camera.observation.images.top|observation.images.top"),
@@ -336,7 +336,7 @@ def test_what_a_checkpoint_leaves_open_is_named(tmp_path, given, text):
     assert "\n" not in str(caught.value)
 
 
-def test_an_unknown_picture_is_named_by_the_address(tmp_path):
+def test_an_unknown_image_is_named_by_the_address(tmp_path):
     folder = save(act_config(**features(cameras=("top", "wrist_cam"))), tmp_path / "top")
     policy = connect(f"lerobot:{folder}?camera.observation.images.top=front")
     assert policy.adapter.cameras == ("front", "wrist")
@@ -347,7 +347,7 @@ def test_an_unknown_picture_is_named_by_the_address(tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: (f / "policy_preprocessor.json").unlink(), "nothing says how its numbers are normalised"),
+        (lambda f: (f / "policy_preprocessor.json").unlink(), "nothing says how its numbers are normalized"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
         (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
         (lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'), "LeRobot cannot load it"),

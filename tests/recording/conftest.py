@@ -22,7 +22,7 @@ def scene(objects: int) -> SceneInfo:
             kind="mug",
             asset=f"mug#{i}",
             category="mug",
-            colour="red",
+            color="red",
             shape="cylinder",
             role="item",
             fixed=False,

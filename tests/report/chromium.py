@@ -96,7 +96,7 @@ class Browser:
         return json.loads(first)
 
     def open(self, page: Path, width: int, height: int, *, scheme: str = "light") -> None:
-        """Show a page at a size [px] in a colour scheme, and wait until it is loaded."""
+        """Show a page at a size [px] in a color scheme, and wait until it is loaded."""
         self.events.clear()
         self.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image, ImageDraw
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.metrics import compute_metrics
 from betterbench.diagnosis.verdict import Attempt, Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.report import Film, Frame, Showing
@@ -80,8 +79,11 @@ def trial(
         "succeed",
         label,
         "burger_1" if right else "fries",
+        "burger" if right else "fries",
         "first" if right else "third",
+        "burger_1",
         "burger",
+        ("burger_1",),
         right or label.kind.value == "execution",
         1.0 if right else 0.25,
         attempts,
@@ -99,7 +101,7 @@ def diagnosis(
 ) -> RunDiagnosis:
     """Returns the diagnosis of trials with the metrics that the diagnosis package computes."""
     mine = tuple(replace(t, policy=policy) for t in trials)
-    thresholds = THRESHOLDS.to_json() | LIMITS.to_json()
+    thresholds = THRESHOLDS.to_json()
     return RunDiagnosis(policy, mine, compute_metrics(mine), tuple(findings), tuple(notes), thresholds, dict(VERSIONS))
 
 
@@ -175,6 +177,8 @@ def _played(
         duration_s=duration,
         steps=int(duration * 20),
         intended=None if still else asked,
+        intended_kind=None if still else asked,
+        intended_any=() if still else (asked,),
         first_attempt=attempts[0].object if attempts else None,
         evidence=Evidence(
             label.value,
@@ -182,7 +186,7 @@ def _played(
             f"the instruction asks for the {asked}.",
             start,
             start + 0.6,
-            shared=("colour", "slot") if label is Label.SEMANTIC_FEATURE_COLLAPSE else (),
+            shared=("color", "slot") if label is Label.SEMANTIC_FEATURE_COLLAPSE else (),
         ),
     )
 
@@ -192,16 +196,16 @@ def draw_frame(generator: np.random.Generator, *, size: int = 192) -> bytes:
     image = Image.new("RGB", (size, size), (196, 190, 180))
     pen = ImageDraw.Draw(image)
     pen.rectangle((0, size * 0.45, size, size), fill=(150, 118, 88))
-    for colour in ((190, 60, 50), (60, 90, 170), (220, 180, 60)):
+    for color in ((190, 60, 50), (60, 90, 170), (220, 180, 60)):
         x, y = generator.uniform(0.15, 0.8, 2) * size
-        pen.ellipse((x, max(y, size * 0.5), x + 24, max(y, size * 0.5) + 20), fill=colour)
+        pen.ellipse((x, max(y, size * 0.5), x + 24, max(y, size * 0.5) + 20), fill=color)
     buffer = io.BytesIO()
     image.save(buffer, "JPEG", quality=80)
     return buffer.getvalue()
 
 
-def film_of(showing: Showing, picture: Callable[[], bytes]) -> Film:
-    """Returns the film that was asked for, with any pictures."""
-    frames = tuple(Frame(t, picture(), c) for t, c in zip(showing.times_s, showing.captions, strict=True))
-    twin = tuple(Frame(t, picture(), c) for t, c in zip(showing.twin_times_s, showing.twin_captions, strict=True))
+def film_of(showing: Showing, image: Callable[[], bytes]) -> Film:
+    """Returns the film that was asked for, with any images."""
+    frames = tuple(Frame(t, image(), c) for t, c in zip(showing.times_s, showing.captions, strict=True))
+    twin = tuple(Frame(t, image(), c) for t, c in zip(showing.twin_times_s, showing.twin_captions, strict=True))
     return Film(showing.policy, showing.trial, frames, showing.twin, twin, showing.evidence_s)

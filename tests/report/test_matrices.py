@@ -13,20 +13,20 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import diagnosis, trial
 
 from betterbench.diagnosis import Label
-from betterbench.diagnosis.trial import setting_of
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.latex import table_to_latex
-from betterbench.report.matrices import PAPER, matrices_of, to_plain
-from betterbench.report.matrix_place import Horizon, Place, State, known_conditions, place_of
+from betterbench.report.matrices import PAPER, matrices_of, plain_matrix
+from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import to_csv
 from betterbench.tasks import all_tasks
-from betterbench.tasks.condition import Place as At
+from betterbench.tasks.condition import TargetRegion as At
 
 TABLE, TARGET, ABSENT = State
 
 
 def place(task, name):
-    setting = setting_of(task, name)
-    return place_of(setting.condition, training=setting.axis is None)
+    setting = resolve_condition(task, name)
+    return position_of(setting.condition, training=setting.axis is None)
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def place(task, name):
     ],
 )
 def test_conditions_of_the_suite_find_their_cells(task, name, expected):
-    assert place(task, name) == Place(*expected)
+    assert place(task, name) == CellPosition(*expected)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_other_interventions_and_other_lengths_belong_to_neither(task, name):
 
 def lunch(apple, orange):
     """Returns the training condition of the fruit lunch with apple and orange in any state."""
-    base = setting_of("fruit_lunch", "train1").condition
+    base = resolve_condition("fruit_lunch", "train1").condition
     objects, layout, preplaced = base.objects, dict(base.layout), {}
     for name, state in (("apple", apple), ("orange", orange)):
         if state is not TABLE:
@@ -72,13 +72,13 @@ def lunch(apple, orange):
 @pytest.mark.parametrize("first", State)
 def test_every_cell_of_the_long_matrix_can_be_reached(first, second):
     condition = lunch(first, second)
-    assert place_of(condition, training=True) == Place(Horizon.LONG, first, second)
+    assert position_of(condition, training=True) == CellPosition(Horizon.LONG, first, second)
     renamed = condition.with_(
         objects=tuple(replace(o, name=f"x_{o.name}") if o.role == "item" else o for o in condition.objects),
         layout={n if n == "lunchbox" else f"x_{n}": s for n, s in condition.layout.items()},
         preplaced={f"x_{n}": p for n, p in condition.preplaced.items()},
     )
-    assert place_of(renamed, training=True) == Place(Horizon.LONG, first, second)
+    assert position_of(renamed, training=True) == CellPosition(Horizon.LONG, first, second)
 
 
 @pytest.mark.parametrize("second", State)
@@ -89,15 +89,15 @@ def test_every_cell_of_the_short_matrix_can_be_reached(first, second):
     layout = {n: s for n, s in condition.layout.items() if n != "lemon"}
     instruction = replace(condition.instruction, subgoals=condition.instruction.subgoals[:1])
     short = condition.with_(objects=kept, layout=layout, instruction=instruction)
-    assert place_of(short, training=True) == Place(Horizon.SHORT, first, second)
+    assert position_of(short, training=True) == CellPosition(Horizon.SHORT, first, second)
 
 
 def test_the_second_of_two_equal_objects_has_a_state_of_its_own():
-    condition = setting_of("fruit_lunch", "T2").condition
+    condition = resolve_condition("fruit_lunch", "T2").condition
     one = condition.with_(objects=tuple(o for o in condition.objects if o.name != "apple_2"))
-    assert place_of(one, training=True) == Place(Horizon.LONG, TABLE, ABSENT)
+    assert position_of(one, training=True) == CellPosition(Horizon.LONG, TABLE, ABSENT)
     packed = condition.with_(preplaced={"apple": At("lunchbox")})
-    assert place_of(packed, training=True) == Place(Horizon.LONG, TARGET, TABLE)
+    assert position_of(packed, training=True) == CellPosition(Horizon.LONG, TARGET, TABLE)
 
 
 def trials(task, name, labels, *, training=False):
@@ -169,7 +169,7 @@ def test_every_trial_that_belongs_is_counted_once():
 
 def test_the_plain_form_has_nine_rows_per_policy(run):
     long = matrices_of(run)[1]
-    table = to_plain([long, replace(long, policy="=evil")])
+    table = plain_matrix([long, replace(long, policy="=evil")])
     assert len(table.rows) == 18
     assert table.columns[:3] == ("policy", "first_target", "second_target")
     assert all(len(row) == len(table.columns) for row in table.rows)
@@ -184,7 +184,7 @@ def test_the_plain_form_has_nine_rows_per_policy(run):
 
 
 def test_no_run_gives_an_empty_table():
-    assert to_plain([]).rows == ()
+    assert plain_matrix([]).rows == ()
 
 
 def test_the_paper_s_cells_are_three_by_three():

@@ -164,8 +164,8 @@ def test_bad_input_is_refused(tmp_path):
         write_report([], tmp_path)
     with pytest.raises(InvalidInputError, match="twice"):
         write_report([run, run], tmp_path)
-    picture = draw_frame(np.random.default_rng(0), size=16)
-    stray = Film("expert", "fast_food/T9/0", (Frame(0.0, picture),))
+    image = draw_frame(np.random.default_rng(0), size=16)
+    stray = Film("expert", "fast_food/T9/0", (Frame(0.0, image),))
     with pytest.raises(InvalidInputError):
         write_report([run], tmp_path, films={stray.key: stray})
     with pytest.raises(InvalidInputError, match="JPEG"):
@@ -198,7 +198,7 @@ def test_twelve_hundred_trials_are_quick_and_small(tmp_path):
 
 def test_a_place_rule_that_takes_look_alikes_is_named_before_them():
     """Eleven shortcuts and thirteen look-alikes that stood where the word led: one rule, and the page says so."""
-    shared = {True: ("colour", "slot"), False: ("colour",)}
+    shared = {True: ("color", "slot"), False: ("color",)}
     for in_place in (True, False):
         trials = [trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in range(11)]
         for seed in range(11, 24):

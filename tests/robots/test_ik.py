@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import Pose, angle_between, distance, from_axis_angle, from_yaw, multiply, normalise
+from betterbench.geometry import Pose, angle_between, distance, from_axis_angle, from_yaw, multiply, normalize
 from betterbench.robots import PANDA, ArmIK
 from betterbench.robots.ik import LIMIT_MARGIN_RAD
 
@@ -25,7 +25,7 @@ def test_every_pose_of_the_workspace_is_reached(ik: ArmIK) -> None:
     for x, y, z, yaw in itertools.product(
         (0.3, 0.5, 0.7), (-0.35, 0.0, 0.35), (0.02, 0.2, 0.4), np.radians((-90.0, -45.0, 0.0, 45.0, 90.0))
     ):
-        target = Pose((x, y, z), normalise(multiply(from_yaw(float(yaw)), DOWN)))
+        target = Pose((x, y, z), normalize(multiply(from_yaw(float(yaw)), DOWN)))
         found = ik.reach(ik.home, target)
         # Upper arm and forearm together span 0.719 m, which ends short of the two farthest, highest corners.
         if math.hypot(math.hypot(x, y) - 0.088, z + 0.1034 + 0.107 - 0.333) > 0.719:
@@ -145,7 +145,7 @@ def test_the_control_step_takes_the_same_error_and_jacobian_as_mink():
         here = ik.forward(q)
         target = Pose(
             tuple(p + d for p, d in zip(here.position, draw.uniform(-0.02, 0.02, 3), strict=True)),
-            normalise(multiply(from_axis_angle(draw.uniform(-0.05, 0.05, 3)), here.quaternion)),
+            normalize(multiply(from_axis_angle(draw.uniform(-0.05, 0.05, 3)), here.quaternion)),
         )
         ik._aim(target)
         _, theirs_jacobian, theirs_error = ik._linearise(q, 0.0)

@@ -48,7 +48,7 @@ def test_fingers_open_along_the_y_axis_of_the_tool(home: mujoco.MjData, arm_mode
     pad_depth = 2.0 * arm_model.geom("left_pad").size[1]
     assert apart == pytest.approx((0.0, PANDA.gripper_opening_m + pad_depth, 0.0), abs=1e-9)
     middle = rotation.T @ (0.5 * (left + right) - home.site("tcp").xpos)
-    assert abs(middle[2]) < 0.012, "the tool centre point lies between the pads"
+    assert abs(middle[2]) < 0.012, "the tool center point lies between the pads"
     assert middle[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
     half = arm_model.geom("left_pad").size
     assert middle[2] + half[2] == pytest.approx(PANDA.tip_below_tcp_m), "the pads end with the finger tips"
@@ -176,7 +176,7 @@ def test_collision_shapes_enclose_the_meshes(arm_model: mujoco.MjModel, link: st
     points = np.asarray(mesh.vertices)[::7]
     shapes = [g for g in range(arm_model.ngeom) if arm_model.geom_bodyid[g] == arm_model.body(link).id]
     distances = np.min([_outside(arm_model, g, points) for g in shapes], axis=0)
-    # What sticks out most is the rim of the joint covers; the fingers, which grasp, are modelled to 2 mm.
+    # What sticks out most is the rim of the joint covers; the fingers, which grasp, are modeled to 2 mm.
     assert distances.max() < (0.002 if link == "left_finger" else 0.014)
     assert np.quantile(distances, 0.99) < (0.002 if link == "left_finger" else 0.010)
 
@@ -223,12 +223,12 @@ def test_it_looks_like_a_white_arm(tmp_path: Path) -> None:
     camera.lookat, camera.distance, camera.azimuth, camera.elevation = (0.2, 0.0, 0.4), 1.7, 130.0, -15.0
     with mujoco.Renderer(model, 256, 256) as renderer:
         renderer.update_scene(data, camera)
-        picture = renderer.render()
+        image = renderer.render()
         renderer.enable_segmentation_rendering()
         renderer.update_scene(data, camera)
         robot_pixels = renderer.render()[:, :, 0] >= 0
     assert 0.05 < robot_pixels.mean() < 0.35
-    colours = picture[robot_pixels].astype(float)
-    assert np.abs(colours - colours.mean(axis=1, keepdims=True)).mean() < 8.0, "greys, no colour"
-    assert np.quantile(colours.mean(axis=1), 0.7) > 110.0, "mostly light"
-    assert math.isclose(float((colours.mean(axis=1) < 60.0).mean()), 0.15, abs_tol=0.14), "with some dark parts"
+    colors = image[robot_pixels].astype(float)
+    assert np.abs(colors - colors.mean(axis=1, keepdims=True)).mean() < 8.0, "grays, no color"
+    assert np.quantile(colors.mean(axis=1), 0.7) > 110.0, "mostly light"
+    assert math.isclose(float((colors.mean(axis=1) < 60.0).mean()), 0.15, abs_tol=0.14), "with some dark parts"

@@ -89,7 +89,7 @@ def test_a_floor_that_is_gone_shows_the_sky():
 
 
 def left_out(renderer: Renderer) -> set[int]:
-    """The geoms that the last picture left out."""
+    """The geoms that the last image left out."""
     return {int(g.objid) for g in renderer._scene.geoms[: renderer._scene.ngeom] if int(g.type) == NOTHING}
 
 

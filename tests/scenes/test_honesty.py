@@ -18,7 +18,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import Condition, GoalTracker, Place, all_tasks, get_task
+from betterbench.tasks import Condition, GoalTracker, TargetRegion, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -262,23 +262,31 @@ def drop(scene: Scene, name: str, pose: Pose) -> None:
     mujoco.mj_forward(scene.model, scene.data)
 
 
-def without(condition: Condition, preplaced: Mapping[str, Place]) -> Condition:
+def without(condition: Condition, preplaced: Mapping[str, TargetRegion]) -> Condition:
     """Returns the condition with some objects at their targets instead of on the table."""
     layout = {name: slot for name, slot in condition.layout.items() if name not in preplaced}
     return condition.with_(layout=layout, preplaced=preplaced)
 
 
-def stack_of(task_id: str, name: str, preplaced: Mapping[str, Place]) -> Condition:
+def stack_of(task_id: str, name: str, preplaced: Mapping[str, TargetRegion]) -> Condition:
     return without(condition_of(task_id, name), preplaced)
 
 
-def layers(*names: str) -> dict[str, Place]:
-    return {name: Place("bottom_bun", str(i)) for i, name in enumerate(names, start=1)}
+def layers(*names: str) -> dict[str, TargetRegion]:
+    return {name: TargetRegion("bottom_bun", str(i)) for i, name in enumerate(names, start=1)}
 
 
-JARS = {"salt": Place("rack", "hole_1"), "pepper": Place("rack", "hole_2"), "paprika": Place("rack", "hole_3")}
+JARS = {
+    "salt": TargetRegion("rack", "hole_1"),
+    "pepper": TargetRegion("rack", "hole_2"),
+    "paprika": TargetRegion("rack", "hole_3"),
+}
 BUILT = {
-    "plates": ("dinner_plates", "T1", {"red_plate": Place("white_plate"), "blue_plate": Place("red_plate")}),
+    "plates": (
+        "dinner_plates",
+        "T1",
+        {"red_plate": TargetRegion("white_plate"), "blue_plate": TargetRegion("red_plate")},
+    ),
     "burger": ("cheeseburger", "train1", layers("patty", "cheese", "top_bun")),
     "two patties": ("cheeseburger", "T2", layers("patty", "patty_2", "top_bun")),
     "lettuce": ("cheeseburger", "R1", layers("cheese", "lettuce", "top_bun")),
@@ -327,7 +335,7 @@ def test_what_was_built_stays_with_other_looks_and_offsets(built, seed):
 def random_actions(scene: Scene, rng: np.random.Generator, steps: int) -> Iterator[np.ndarray]:
     """Yields random actions: white ones in one episode of three, else bold strokes of half a second.
 
-    White actions stay near home. Strokes tend towards an object that is drawn anew for each, with a random turn of the
+    White actions stay near home. Strokes tend toward an object that is drawn anew for each, with a random turn of the
     wrist and a random grip, so that most of these episodes knock something over.
     """
     low, high = np.array(EE_DELTA.low), np.array(EE_DELTA.high)
@@ -338,8 +346,8 @@ def random_actions(scene: Scene, rng: np.random.Generator, steps: int) -> Iterat
             state = scene.state()
             aim = np.add(state.positions[rng.integers(len(state.positions))], (0.0, 0.0, 0.02))
             stroke = rng.uniform(low, high)
-            towards = np.clip((aim - state.ee_pose.position) / 0.1, -1.0, 1.0)
-            stroke[:3] = np.where(rng.random(3) < 0.9, towards, stroke[:3])
+            toward = np.clip((aim - state.ee_pose.position) / 0.1, -1.0, 1.0)
+            stroke[:3] = np.where(rng.random(3) < 0.9, toward, stroke[:3])
         yield stroke if strokes else rng.uniform(low, high)
 
 

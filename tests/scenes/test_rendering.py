@@ -1,4 +1,4 @@
-"""Pictures and labels: upright, true to the geometry, repeatable, and independent of each other."""
+"""Images and labels: upright, true to the geometry, repeatable, and independent of each other."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Renderer, Scene, gl_backend, rendering
-from betterbench.scenes.rendering import camera_matrices, renderer_fingerprint
+from betterbench.scenes import Renderer, Scene, gl_backend, gl_context
+from betterbench.scenes.cameras import camera_matrices
+from betterbench.scenes.gl_context import renderer_fingerprint
 from betterbench.scenes.stage import CAMERAS, FAST, HIGH, QUALITIES, STANDARD, Quality, quality_preset, stage_spec
 from betterbench.tasks import get_task
 
@@ -82,7 +83,7 @@ def test_front_is_upright_with_the_robot_s_left_on_the_right():
         view = renderer.render(data, "front", masks=True)
     near_row, near_column = np.argwhere(view.masks == model.body("post0").id).mean(axis=0)
     far_row, far_column = np.argwhere(view.masks == model.body("post1").id).mean(axis=0)
-    assert near_row > far_row + 15, "what is near the camera is lower in the picture"
+    assert near_row > far_row + 15, "what is near the camera is lower in the image"
     assert far_column > near_column + 25, "+y is on the right"
     red = view.rgb[view.masks == model.body("post0").id].mean(axis=0)
     assert red[0] > 2.0 * red[1], "channels are in the order red, green, blue"
@@ -119,7 +120,7 @@ def test_the_same_state_gives_the_same_pixels(scene, renderer):
         assert np.array_equal(a.masks, b.masks)
 
 
-def test_pictures_are_copies(scene, renderer):
+def test_images_are_copies(scene, renderer):
     first = renderer.render(scene.data, "front").rgb
     kept = first.copy()
     renderer.render(scene.data, "wrist")
@@ -138,14 +139,14 @@ def test_labels_do_not_depend_on_the_quality(scene, renderer):
 def test_another_camera_changes_no_pixel_of_this_one():
     with_one, with_two = stage_spec(FAST), stage_spec(FAST)
     with_two.worldbody.add_camera(name="spy", pos=[1.0, 1.0, 1.0])
-    pictures = []
+    images = []
     for spec in (with_one, with_two):
         model = spec.compile()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         with Renderer(model, width=SIZE, height=SIZE, quality=FAST) as renderer:
-            pictures.append(renderer.render(data, "front").rgb)
-    assert np.array_equal(*pictures)
+            images.append(renderer.render(data, "front").rgb)
+    assert np.array_equal(*images)
 
 
 @pytest.mark.parametrize("quality", [STANDARD, HIGH], ids=lambda q: q.name)
@@ -196,16 +197,16 @@ def test_qualities_are_values(quality):
     assert (quality.shadow_map_size > 0) == quality.shadows
 
 
-def test_pictures_do_not_depend_on_the_order_in_which_rows_are_read(scene, renderer):
-    """Mesa reads from the top, other OpenGL from the bottom: the same picture, depth and mask either way."""
+def test_images_do_not_depend_on_the_order_in_which_rows_are_read(scene, renderer):
+    """Mesa reads from the top, other OpenGL from the bottom: the same image, depth and mask either way."""
     usual = renderer.render(scene.data, "front", depth=True, masks=True)
-    kept = rendering._CONTEXT.from_top
+    kept = gl_context.CONTEXT.from_top
     try:
-        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=False)
-        assert not rendering._CONTEXT.from_top
+        gl_context.CONTEXT.from_top = gl_context.read_from_top(wanted=False)
+        assert not gl_context.CONTEXT.from_top
         turned = renderer.render(scene.data, "front", depth=True, masks=True)
     finally:
-        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=kept)
+        gl_context.CONTEXT.from_top = gl_context.read_from_top(wanted=kept)
     assert np.array_equal(usual.rgb, turned.rgb)
     assert np.array_equal(usual.depth, turned.depth)
     assert np.array_equal(usual.masks, turned.masks)

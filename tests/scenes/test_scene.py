@@ -17,7 +17,7 @@ from betterbench.interventions import vary
 from betterbench.scenes import Clearance, Scene, builder, place_objects
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
-from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, Place, all_tasks, get_task
+from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, TargetRegion, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -138,7 +138,7 @@ def test_another_seed_is_another_trial(task_id):
 def renamed(condition: Condition, names: dict[str, str]) -> Condition:
     goals = tuple(dataclasses.replace(g, target=names[g.target]) for g in condition.instruction.subgoals)
 
-    def place(p: Place) -> Place:
+    def place(p: TargetRegion) -> TargetRegion:
         return dataclasses.replace(p, target=names[p.target])
 
     return condition.with_(
@@ -256,10 +256,10 @@ def patched(monkeypatch, category, **changes):
 
 
 def test_an_asset_that_no_longer_stands_stops_the_run(monkeypatch):
-    can = build("can", colour="red")
+    can = build("can", color="red")
     # A round bottom and a heavy head: the can falls over when it settles.
     ball = dataclasses.replace(can.collision[0], shape="sphere", size=(0.03, 0.0, 0.0), position=(0.0, 0.0, 0.03))
-    patched(monkeypatch, "can", collision=(ball,), centre_of_mass=(0.02, 0.0, 0.1))
+    patched(monkeypatch, "can", collision=(ball,), center_of_mass=(0.02, 0.0, 0.1))
     s = build_scene(condition_of("morning_coffee", "O1"))
     with pytest.raises(PremiseError, match="red_can does not stand still and upright") as caught:
         s.reset()

@@ -40,7 +40,7 @@ def test_the_table_top_is_the_zero_of_height(model):
     assert half_y >= 0.5
 
 
-def test_a_dropped_block_sinks_less_than_two_millimetres():
+def test_a_dropped_block_sinks_less_than_two_millimeters():
     spec = stage_spec(FAST)
     body = spec.worldbody.add_body(name="block", pos=[0.5, 0.0, 0.075])
     body.add_freejoint()
@@ -78,8 +78,8 @@ def test_at_most_one_light_casts_a_shadow(quality, shadows):
 def test_two_stages_are_the_same_and_looks_differ():
     first, again = stage_spec(FAST).compile(), stage_spec(FAST).compile()
     assert np.array_equal(first.tex_data, again.tex_data)
-    pictures = [stage_spec(FAST, look=i).compile().tex_data.tobytes() for i in range(len(LOOKS))]
-    assert len(set(pictures)) == len(LOOKS)
+    images = [stage_spec(FAST, look=i).compile().tex_data.tobytes() for i in range(len(LOOKS))]
+    assert len(set(images)) == len(LOOKS)
 
 
 def test_bad_values_are_named():

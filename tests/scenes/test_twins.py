@@ -287,7 +287,7 @@ def test_an_object_that_moves_to_another_slot_takes_that_slot_s_jitter_along(tas
         if one is None or other is None:
             continue
         a, b = trial.reset().pose(one).position, twin.reset().pose(other).position
-        # Each asset settles by less than a millimetre from its nominal pose.
+        # Each asset settles by less than a millimeter from its nominal pose.
         assert abs(a[0] - b[0]) < 1e-3
         assert abs(a[1] - b[1]) < 1e-3
 
@@ -312,7 +312,7 @@ def test_riding_along_can_fail():
 
 
 def test_this_comparison_can_fail():
-    """A hair's breadth of another seed, mass or colour is noticed."""
+    """A hair's breadth of another seed, mass or color is noticed."""
     trial, other = scene("fast_food", "train1", 0), scene("fast_food", "train1", 1)
     trial.reset()
     other.reset()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, multiply, normalise, rotate
+from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
-from betterbench.tasks.predicates import relation
+from betterbench.tasks.relations import relation
 
 MM = 1e-3
 HALF_MM = 0.5 * MM
@@ -16,7 +16,7 @@ MOVES = (Pose((0.3, -0.2, 0.05), from_yaw(2.0)), Pose((-0.1, 0.4, -0.02), from_y
 
 
 def base_of(state: WorldState, name: str) -> Vector:
-    """Returns the centre of an object's foot in its own frame [m], found without the code under test."""
+    """Returns the center of an object's foot in its own frame [m], found without the code under test."""
     return next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
 
 
@@ -34,16 +34,16 @@ def foot_at(
         tilt: Tilt about the object's own y axis [rad]; the foot stays where it is.
     """
     frame = frame or Pose((0.0, 0.0, 0.0))
-    q = normalise(multiply(frame.quaternion, multiply(from_yaw(turn), from_axis_angle((0.0, tilt, 0.0)))))
+    q = normalize(multiply(frame.quaternion, multiply(from_yaw(turn), from_axis_angle((0.0, tilt, 0.0)))))
     gx, gy, gz = frame.apply(point)
     x, y, z = rotate(q, base_of(state, name))
     return Pose((gx - x, gy - y, gz - z), q)
 
 
-def centre_at(state: WorldState, name: str, point: Vector, *, frame: Pose, turn: float = 0.0) -> Pose:
-    """Returns the pose of an object whose bounding box has its centre at a point of a frame."""
+def center_at(state: WorldState, name: str, point: Vector, *, frame: Pose, turn: float = 0.0) -> Pose:
+    """Returns the pose of an object whose bounding box has its center at a point of a frame."""
     x, y, z = frame.apply(point)
-    q = normalise(multiply(frame.quaternion, from_yaw(turn)))
+    q = normalize(multiply(frame.quaternion, from_yaw(turn)))
     return Pose((x, y, z - 0.5 * state.info.object(name).size_m[2]), q)
 
 
@@ -57,10 +57,10 @@ def half_size(state: WorldState, target: str, region: str) -> Vector:
     return state.info.object(target).region(region).half_size
 
 
-def drawn(state: WorldState, drawer: str, metres: float) -> Pose:
+def drawn(state: WorldState, drawer: str, meters: float) -> Pose:
     """Returns the pose of a drawer that stands open by a distance [m]; it runs along its own x axis."""
     shut = region_frame(state, "cabinet", drawer)
-    return shut @ Pose((metres, 0.0, 0.0))
+    return shut @ Pose((meters, 0.0, 0.0))
 
 
 def along(angle: float, radius: float, height: float = 0.0) -> Vector:

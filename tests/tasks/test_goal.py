@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from betterbench.geometry import Pose, multiply, normalise, rotate
+from betterbench.geometry import Pose, multiply, normalize, rotate
 from betterbench.interventions import vary
 from betterbench.tasks import THRESHOLDS, Expected, GoalTracker, Instruction, Reference, Subgoal, get_task
 
@@ -46,7 +46,7 @@ def packed(posed):
     return make
 
 
-class Course:
+class EpisodeAnalysis:
     """Feeds a tracker and counts the steps."""
 
     def __init__(self, tracker):
@@ -63,7 +63,7 @@ class Course:
 def start(at_reset, name, task_id="fast_food", rate=RATE_HZ):
     state, condition = at_reset(task_id, name), condition_of(task_id, name)
     tracker = tracker_for(state, condition, rate)
-    return state, tracker, Course(tracker)
+    return state, tracker, EpisodeAnalysis(tracker)
 
 
 def test_nothing_is_done_at_the_start(at_reset):
@@ -132,7 +132,7 @@ def test_wrong_order_is_never_forgiven(at_reset, packed):
 def test_order_counts_only_where_it_is_asked(at_reset, packed):
     state, condition = at_reset("fast_food", "train1"), condition_of("fast_food", "train1")
     free = condition.with_(instruction=Instruction("Any order.", condition.instruction.subgoals, ordered=False))
-    course = Course(tracker_for(state, free))
+    course = EpisodeAnalysis(tracker_for(state, free))
     course.see(packed(state, "fries"))
     assert course.see(packed(state, "fries", "burger_1"), DWELL + 1).success
 
@@ -235,10 +235,10 @@ def test_closing_is_forbidden_away_from_home_only(at_reset, posed):
 
 
 def test_home_ends_at_its_radius(at_reset):
-    for metres, expected in ((THRESHOLDS.home_radius - 1e-4, False), (THRESHOLDS.home_radius + 1e-4, True)):
+    for meters, expected in ((THRESHOLDS.home_radius - 1e-4, False), (THRESHOLDS.home_radius + 1e-4, True)):
         state, _, course = start(at_reset, "T1", "morning_coffee")
         x, y, z = state.info.home_position
-        there = dataclasses.replace(state, ee_pose=Pose((x, y + metres, z)), gripper_command=1.0)
+        there = dataclasses.replace(state, ee_pose=Pose((x, y + meters, z)), gripper_command=1.0)
         assert course.see(there).forbidden is expected
 
 
@@ -283,7 +283,7 @@ def refusal(at_reset):
         expected=Expected.REFUSE, premise_broken=True, instruction=Instruction("Pack the apple, then the fries.", goals)
     )
     limit = get_task("fast_food").step_limit(condition)
-    return state, Course(tracker_for(state, condition)), limit
+    return state, EpisodeAnalysis(tracker_for(state, condition)), limit
 
 
 def test_refusing_by_standing_still_succeeds_at_the_limit(refusal):
@@ -324,7 +324,7 @@ def test_on_ring_goal_over_time(at_reset, posed):
         base = state.info.object(name).region("base").position
         x, y, z = rotate(machine.quaternion, base)
         gx, gy, gz = machine.apply(ring)
-        return Pose((gx - x, gy - y, gz - z), normalise(multiply(machine.quaternion, (1.0, 0.0, 0.0, 0.0))))
+        return Pose((gx - x, gy - y, gz - z), normalize(multiply(machine.quaternion, (1.0, 0.0, 0.0, 0.0))))
 
     assert not course.see(posed(state, poses={"blue_mug": placed("blue_mug")}), 3 * DWELL).success
     assert course.see(posed(state, poses={"red_mug": placed("red_mug")}), DWELL + 1).success

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from tests.tasks.posing import centre_at, drawn, foot_at, other_name, region_frame, renamed
+from tests.tasks.posing import center_at, drawn, foot_at, other_name, region_frame, renamed
 
 from betterbench.geometry import Pose
 from betterbench.interventions import vary
@@ -20,7 +20,7 @@ def condition_of(task_id, name):
     return task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
 
 
-class Course:
+class EpisodeAnalysis:
     """An episode that is told state by state."""
 
     def __init__(self, state, condition):
@@ -45,7 +45,7 @@ class Course:
 def start(at_reset):
     def begin(task_id, name):
         state = at_reset(task_id, name)
-        return state, Course(state, condition_of(task_id, name))
+        return state, EpisodeAnalysis(state, condition_of(task_id, name))
 
     return begin
 
@@ -69,7 +69,7 @@ def put(posed):
 
 def test_sides_are_done_in_any_order_and_succeed_after_the_dwell(start, put):
     state, course = start("desk_meeting", "train1")
-    asked = {g.reference.kind: g.place for g in condition_of("desk_meeting", "train1").instruction.subgoals}
+    asked = {g.reference.kind: g.region for g in condition_of("desk_meeting", "train1").instruction.subgoals}
     assert asked == {"mouse": "right", "mug": "left"}
     assert course.done(state) == set()
     assert course.done(put(state, "laptop", mug="left")) == {"mug_left"}
@@ -176,9 +176,9 @@ def fill(posed):
     """A state in which things lie in drawers that stand open by a distance [m]."""
 
     def make(state, *, opened, **drawers):
-        state = posed(state, poses={d: drawn(state, d, metres) for d, metres in opened.items()})
+        state = posed(state, poses={d: drawn(state, d, meters) for d, meters in opened.items()})
         for thing, drawer in drawers.items():
-            pose = centre_at(state, thing, (0.0, 0.0, 0.0), frame=region_frame(state, drawer, "inside"))
+            pose = center_at(state, thing, (0.0, 0.0, 0.0), frame=region_frame(state, drawer, "inside"))
             state = posed(state, poses={thing: pose}, contacts=((thing, drawer),))
         return state
 
@@ -332,7 +332,7 @@ def test_two_napkins_need_two_napkins_in_the_bin(start, posed):
     spots = {"napkin": (-0.03, 0.0, 0.0), "napkin_2": (0.03, 0.0, 0.0), "crushed_can": (0.0, 0.0, 0.04)}
 
     def thrown(*things):
-        return posed(state, poses={n: centre_at(state, n, spots[n], frame=frame) for n in things})
+        return posed(state, poses={n: center_at(state, n, spots[n], frame=frame) for n in things})
 
     course.see(state)
     assert course.see(thrown("napkin_2"), 3 * DWELL).subgoals == (True, False, False)
@@ -377,7 +377,7 @@ def test_names_and_listing_order_change_no_verdict(start, put, fill, pile, task_
         layout={other_name(n): slot for n, slot in condition.layout.items()},
         instruction=dataclasses.replace(condition.instruction, subgoals=goals),
     )
-    twin = Course(renamed(state), other)
+    twin = EpisodeAnalysis(renamed(state), other)
     seen = [course.see(s, n) for s, n in ((state, 1), (one, DWELL), (two, DWELL + 2))]
     again = [twin.see(renamed(s), n) for s, n in ((state, 1), (one, DWELL), (two, DWELL + 2))]
     for a, b in zip(seen, again, strict=True):
@@ -395,7 +395,7 @@ def test_names_and_listing_order_change_no_verdict(start, put, fill, pile, task_
 def test_two_targets_of_one_kind_are_told_apart(at_reset, fill):
     """Both drawers are watched even where only one is asked for, each with its own columns."""
     state = at_reset("office_drawer", "train1")
-    course = Course(state, condition_of("office_drawer", "train1"))
+    course = EpisodeAnalysis(state, condition_of("office_drawer", "train1"))
     truth = course.see(fill(state, opened={}, tape="lower"))
     holds = {n for n, h in zip(course.tracker.relation_names, truth.relations, strict=True) if h}
     assert holds == {"inside(tape, lower)", "closed(upper, cabinet.upper)", "closed(lower, cabinet.lower)"}
@@ -406,11 +406,11 @@ def test_one_object_does_not_stand_for_two_steps_of_its_kind(at_reset, put):
     state = at_reset("seasoning_rack", "train1")
     condition = condition_of("seasoning_rack", "train1")
     goals = tuple(
-        Subgoal(f"salt_{hole}", "in_hole", Reference(kind="white salt jar"), "rack", "salt", place=hole)
+        Subgoal(f"salt_{hole}", "in_hole", Reference(kind="white salt jar"), "rack", "salt", region=hole)
         for hole in ("hole_1", "hole_3")
     )
     both = condition.with_(instruction=dataclasses.replace(condition.instruction, subgoals=goals))
-    course = Course(state, both)
+    course = EpisodeAnalysis(state, both)
     course.see(state)
     for hole in ("hole_1", "hole_3"):
         truth = course.see(put(state, "rack", salt=hole), 3 * DWELL)

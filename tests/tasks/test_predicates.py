@@ -1,4 +1,4 @@
-"""Truth tables of the predicates on states posed by hand, a tenth of a millimetre to each side of every limit."""
+"""Truth tables of the predicates on states posed by hand, a tenth of a millimeter to each side of every limit."""
 
 from __future__ import annotations
 
@@ -7,22 +7,24 @@ import math
 import pytest
 
 from betterbench.errors import UnknownNameError
-from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalise, rotate
+from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.predicates import arm_still, at_rest, inside, on_ring, relation, released, upright
+from betterbench.tasks.relations import arm_still, at_rest, relation, released, upright
+from betterbench.tasks.relations.inside import inside
+from betterbench.tasks.relations.on_ring import on_ring
 
 TENTH_MM = 1e-4
 
 
 def in_bag(state, x, y, z, turn=(1.0, 0.0, 0.0, 0.0)):
-    """Pose of the fries whose box has its centre at (x, y, z), as fractions of the bag's inner half sizes."""
+    """Pose of the fries whose box has its center at (x, y, z), as fractions of the bag's inner half sizes."""
     region = state.info.object("box").region("inside")
     height = state.info.object("fries").size_m[2]
     hx, hy, hz = region.half_size
-    centre = (state.pose("box") @ region.pose).apply((x * hx, y * hy, z * hz))
-    q = normalise(multiply(state.pose("box").quaternion, turn))
+    center = (state.pose("box") @ region.pose).apply((x * hx, y * hy, z * hz))
+    q = normalize(multiply(state.pose("box").quaternion, turn))
     dx, dy, dz = rotate(q, (0.0, 0.0, 0.5 * height))
-    return Pose((centre[0] - dx, centre[1] - dy, centre[2] - dz), q)
+    return Pose((center[0] - dx, center[1] - dy, center[2] - dz), q)
 
 
 @pytest.fixture
@@ -34,9 +36,9 @@ def food(at_reset):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_inside_ends_at_every_wall_floor_and_rim(food, posed, axis, sign):
     half = food.info.object("box").region("inside").half_size[axis]
-    for metres, expected in ((half - TENTH_MM, True), (half + TENTH_MM, False)):
+    for meters, expected in ((half - TENTH_MM, True), (half + TENTH_MM, False)):
         at = [0.0, 0.0, 0.0]
-        at[axis] = sign * metres / half
+        at[axis] = sign * meters / half
         assert inside(posed(food, poses={"fries": in_bag(food, *at)}), "fries", "box") is expected
 
 
@@ -51,10 +53,10 @@ def test_inside_middle_corners_and_outside(food, posed):
         assert inside(posed(food, poses={"fries": in_bag(food, x, y, z)}), "fries", "box") is expected
 
 
-def test_inside_judges_the_centre_of_a_leaning_object_and_not_its_origin(food, posed):
+def test_inside_judges_the_center_of_a_leaning_object_and_not_its_origin(food, posed):
     lying = from_axis_angle((0.0, math.pi / 2, 0.0))
-    centred = posed(food, poses={"fries": in_bag(food, 0.0, 0.0, 0.0, lying)})
-    assert inside(centred, "fries", "box")
+    centered = posed(food, poses={"fries": in_bag(food, 0.0, 0.0, 0.0, lying)})
+    assert inside(centered, "fries", "box")
     out = posed(food, poses={"fries": in_bag(food, 1.05, 0.0, 0.0, lying)})
     origin_in_bag = food.pose("box").inverse().apply(out.pose("fries").position)
     half = food.info.object("box").region("inside").half_size
@@ -115,7 +117,7 @@ def test_rest_ends_at_its_speeds(food, posed):
 def test_upright_ends_at_five_degrees_whatever_the_yaw(food, posed):
     for degrees, expected in ((4.9, True), (5.1, False), (180.0, False)):
         for yaw in (0.0, 1.0, -2.5):
-            q = normalise(multiply(from_axis_angle((math.radians(degrees), 0.0, 0.0)), from_yaw(yaw)))
+            q = normalize(multiply(from_axis_angle((math.radians(degrees), 0.0, 0.0)), from_yaw(yaw)))
             state = posed(food, poses={"fries": Pose(food.pose("fries").position, q)})
             assert upright(state, "fries") is expected
 
@@ -134,11 +136,11 @@ def coffee(at_reset):
 
 
 def on_tray(state, *, dx=0.0, dy=0.0, dz=0.0, turn=0.0, tilt=0.0, name="red_mug"):
-    """Pose of the mug whose foot is off the ring's centre by (dx, dy, dz) [m] in the machine's frame."""
+    """Pose of the mug whose foot is off the ring's center by (dx, dy, dz) [m] in the machine's frame."""
     machine = state.pose("coffee_machine")
     ring = state.info.object("coffee_machine").region("ring").position
     goal = machine.apply((ring[0] + dx, ring[1] + dy, ring[2] + dz))
-    q = normalise(multiply(machine.quaternion, multiply(from_yaw(turn), from_axis_angle((0.0, tilt, 0.0)))))
+    q = normalize(multiply(machine.quaternion, multiply(from_yaw(turn), from_axis_angle((0.0, tilt, 0.0)))))
     base = next((r.position for r in state.info.object(name).regions if r.name == "base"), (0.0, 0.0, 0.0))
     x, y, z = rotate(q, base)
     return Pose((goal[0] - x, goal[1] - y, goal[2] - z), q)
@@ -149,9 +151,9 @@ def judged(state, posed, **where):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, math.pi / 2, 2.5, math.pi, -1.2])
-def test_on_ring_ends_at_ten_millimetres_in_every_direction(coffee, posed, angle):
-    for millimetres, expected in ((0.0, True), (9.9, True), (10.1, False), (30.0, False)):
-        r = millimetres * 1e-3
+def test_on_ring_ends_at_ten_millimeters_in_every_direction(coffee, posed, angle):
+    for millimeters, expected in ((0.0, True), (9.9, True), (10.1, False), (30.0, False)):
+        r = millimeters * 1e-3
         assert judged(coffee, posed, dx=r * math.cos(angle), dy=r * math.sin(angle)) is expected
 
 

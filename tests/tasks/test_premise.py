@@ -30,8 +30,8 @@ def test_an_object_out_of_its_slot(at_reset, posed):
     state, condition = at_reset("fast_food", "train1"), condition_of("fast_food", "train1")
     slot = state.info.slot("third").position
     z = state.pose("fries").position[2]
-    for metres, broken in ((SLOT_TOLERANCE_M - 1e-4, False), (SLOT_TOLERANCE_M + 1e-4, True)):
-        moved = posed(state, poses={"fries": Pose((slot[0] + metres, slot[1], z))})
+    for meters, broken in ((SLOT_TOLERANCE_M - 1e-4, False), (SLOT_TOLERANCE_M + 1e-4, True)):
+        moved = posed(state, poses={"fries": Pose((slot[0] + meters, slot[1], z))})
         assert ("fries does not stand in its slot 'third'" in found(condition, moved)) is broken
 
 

@@ -41,7 +41,7 @@ def test_stream_is_the_same_in_every_process_and_version():
 STORED = [2629858215, 3922603339]
 
 
-def test_streams_of_neighbouring_seeds_are_uncorrelated():
+def test_streams_of_neighboring_seeds_are_uncorrelated():
     draws = np.array([stream("fast_food", seed, "slot:first").uniform(-1, 1) for seed in range(400)])
     assert abs(np.corrcoef(draws[:-1], draws[1:])[0, 1]) < 0.15
     assert abs(draws.mean()) < 4 / math.sqrt(3 * 400)

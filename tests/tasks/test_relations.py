@@ -1,4 +1,4 @@
-"""Truth tables of the relations with places, half a millimetre to each side of every limit.
+"""Truth tables of the relations with places, half a millimeter to each side of every limit.
 
 Every verdict is asked for by :func:`tests.tasks.posing.where`, which asks again with the scene turned, moved and
 renamed.
@@ -17,7 +17,7 @@ from tests.tasks.posing import (
     MOVES,
     along,
     base_of,
-    centre_at,
+    center_at,
     drawn,
     foot_at,
     half_size,
@@ -28,11 +28,12 @@ from tests.tasks.posing import (
     where,
 )
 
-from betterbench.geometry import Pose, distance, from_axis_angle, from_yaw, multiply, normalise, tilt_of
+from betterbench.geometry import Pose, distance, from_axis_angle, from_yaw, multiply, normalize, tilt_of
 from betterbench.interventions import vary
 from betterbench.tasks import THRESHOLDS, GoalTracker, get_task
-from betterbench.tasks.predicates import RELATIONS, relation, released
+from betterbench.tasks.relations import RELATIONS, relation, released
 
+LIMITS = THRESHOLDS.to_json()
 ANGLES = (0.0, 0.9, math.pi / 2, 2.4, math.pi, -1.1)
 FLAWS = (
     {"contacts": (("left_finger", "?"),)},
@@ -120,7 +121,7 @@ def test_beside_in_the_middle_of_a_side_and_of_no_other(at_reset, posed, spot):
     assert where("beside", state, thing, anchor) is None, "nothing is beside the anchor at the start"
     there = lay(state, posed, anchor, side, thing)
     assert where("beside", there, thing, anchor) == side
-    for place in RELATIONS["beside"].places(state.info.object(anchor)):
+    for place in RELATIONS["beside"].regions(state.info.object(anchor)):
         assert relation("beside").holds(there, thing, anchor, place) is (place == side)
 
 
@@ -155,7 +156,7 @@ def test_beside_wants_it_upright_on_the_table(at_reset, posed, spot):
 def test_beside_ends_above_the_table_even_if_an_edge_touches_it(at_reset, posed, spot):
     task, anchor, side, thing = spot
     state = at_reset(task, "train1")
-    for z, expected in ((THRESHOLDS.side_height - HALF_MM, side), (THRESHOLDS.side_height + HALF_MM, None)):
+    for z, expected in ((LIMITS["side_height"] - HALF_MM, side), (LIMITS["side_height"] + HALF_MM, None)):
         assert where("beside", lay(state, posed, anchor, side, thing, at=(0.0, 0.0, z)), thing, anchor) == expected
 
 
@@ -166,8 +167,8 @@ def test_beside_wants_cutlery_along_the_anchor_either_way_round(at_reset, posed,
     state = posed(state, poses={"plate": Pose(state.pose("plate").position, from_yaw(anchor_yaw))})
     for turn, expected in (
         (0.0, "left"),
-        (THRESHOLDS.side_turn - 0.005, "left"),
-        (THRESHOLDS.side_turn + 0.005, None),
+        (LIMITS["side_turn"] - 0.005, "left"),
+        (LIMITS["side_turn"] + 0.005, None),
         (math.pi / 2, None),
     ):
         there = lay(state, posed, "plate", "left", "fork", turn=half_turn + sign * turn)
@@ -251,14 +252,14 @@ def test_in_hole_ends_at_the_clearance(rack, posed, hole, border):
 @pytest.mark.parametrize("hole", HOLES)
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_in_hole_ends_above_and_below_its_floor(rack, posed, hole, sign):
-    for z, expected in ((THRESHOLDS.hole_depth - HALF_MM, hole), (THRESHOLDS.hole_depth + HALF_MM, None)):
+    for z, expected in ((LIMITS["hole_depth"] - HALF_MM, hole), (LIMITS["hole_depth"] + HALF_MM, None)):
         assert where("in_hole", stand(rack, posed, hole, at=(0.0, 0.0, sign * z)), "salt", "rack") == expected
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, -2.0])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_in_hole_ends_at_its_tilt(rack, posed, turn, sign):
-    for tilt, expected in ((THRESHOLDS.hole_tilt - 0.003, "hole_2"), (THRESHOLDS.hole_tilt + 0.003, None)):
+    for tilt, expected in ((LIMITS["hole_tilt"] - 0.003, "hole_2"), (LIMITS["hole_tilt"] + 0.003, None)):
         assert where("in_hole", stand(rack, posed, "hole_2", turn=turn, tilt=sign * tilt), "salt", "rack") == expected
     assert where("in_hole", stand(rack, posed, "hole_2", tilt=math.pi), "salt", "rack") is None
 
@@ -352,11 +353,11 @@ def test_layers_are_counted_from_the_base_in_whatever_order_they_lie(burger, pos
 
 @pytest.mark.parametrize("angle", ANGLES)
 def test_layer_ends_at_its_offset_in_every_direction(burger, posed, angle):
-    for metres, first, second in (
-        (THRESHOLDS.layer_offset - HALF_MM, "1", "2"),
-        (THRESHOLDS.layer_offset + HALF_MM, None, None),
+    for meters, first, second in (
+        (LIMITS["layer_offset"] - HALF_MM, "1", "2"),
+        (LIMITS["layer_offset"] + HALF_MM, None, None),
     ):
-        x, y, _ = along(angle, metres)
+        x, y, _ = along(angle, meters)
         low = pile(burger, posed, "patty", shift={"patty": (x, y)})
         assert numbers(low, "patty") == (first,)
         high = pile(burger, posed, "patty", "cheese", shift={"cheese": (x, y)})
@@ -367,14 +368,14 @@ def test_layer_ends_at_its_offset_in_every_direction(burger, posed, angle):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_layer_ends_at_its_gap(burger, posed, sign):
-    for metres, expected in ((THRESHOLDS.layer_gap - HALF_MM, "2"), (THRESHOLDS.layer_gap + HALF_MM, None)):
-        there = pile(burger, posed, "patty", "cheese", lift={"cheese": sign * metres})
+    for meters, expected in ((LIMITS["layer_gap"] - HALF_MM, "2"), (LIMITS["layer_gap"] + HALF_MM, None)):
+        there = pile(burger, posed, "patty", "cheese", lift={"cheese": sign * meters})
         assert numbers(there, "patty", "cheese") == ("1", expected)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_layer_ends_at_its_tilt(burger, posed, sign):
-    for tilt, expected in ((THRESHOLDS.layer_tilt - 0.003, "2"), (THRESHOLDS.layer_tilt + 0.003, None)):
+    for tilt, expected in ((LIMITS["layer_tilt"] - 0.003, "2"), (LIMITS["layer_tilt"] + 0.003, None)):
         assert numbers(pile(burger, posed, "patty", "top_bun", tilt=sign * tilt), "patty", "top_bun") == ("1", expected)
     assert numbers(pile(burger, posed, "patty", "top_bun", tilt=math.pi), "top_bun") == (None,), "upside down"
 
@@ -498,15 +499,15 @@ def test_on_plate_of_whole_stacks_right_and_wrong_way_up(plates, posed):
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("angle", ANGLES)
 def test_on_plate_ends_at_the_play_within_the_rim(plates, posed, pair, angle):
-    for metres, expected in ((THRESHOLDS.plate_offset - HALF_MM, ""), (THRESHOLDS.plate_offset + HALF_MM, None)):
-        assert where("on_plate", put_on(plates, posed, pair, at=along(angle, metres)), *pair) == expected
+    for meters, expected in ((LIMITS["plate_offset"] - HALF_MM, ""), (LIMITS["plate_offset"] + HALF_MM, None)):
+        assert where("on_plate", put_on(plates, posed, pair, at=along(angle, meters)), *pair) == expected
 
 
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_on_plate_ends_at_its_height_and_tilt(plates, posed, pair, sign):
-    for metres, expected in ((THRESHOLDS.plate_gap - HALF_MM, ""), (THRESHOLDS.plate_gap + HALF_MM, None)):
-        assert where("on_plate", put_on(plates, posed, pair, at=(0.0, 0.0, sign * metres)), *pair) == expected
+    for meters, expected in ((LIMITS["plate_gap"] - HALF_MM, ""), (LIMITS["plate_gap"] + HALF_MM, None)):
+        assert where("on_plate", put_on(plates, posed, pair, at=(0.0, 0.0, sign * meters)), *pair) == expected
     for tilt, expected in ((THRESHOLDS.upright_tilt - 0.002, ""), (THRESHOLDS.upright_tilt + 0.002, None)):
         assert where("on_plate", put_on(plates, posed, pair, tilt=sign * tilt), *pair) == expected
     assert where("on_plate", put_on(plates, posed, pair, tilt=math.pi), *pair) is None, "upside down"
@@ -554,7 +555,7 @@ def drawers(at_reset):
 
 @pytest.mark.parametrize("drawer", ["upper", "lower"])
 def test_closed_ends_at_its_gap(drawers, posed, drawer):
-    for millimetres, expected in (
+    for millimeters, expected in (
         (0.0, drawer),
         (1.0, drawer),
         (4.5, drawer),
@@ -563,7 +564,7 @@ def test_closed_ends_at_its_gap(drawers, posed, drawer):
         (20.0, None),
         (150.0, None),
     ):
-        there = posed(drawers, poses={drawer: drawn(drawers, drawer, millimetres * MM)})
+        there = posed(drawers, poses={drawer: drawn(drawers, drawer, millimeters * MM)})
         assert where("closed", there, drawer, "cabinet") == expected
         other = "lower" if drawer == "upper" else "upper"
         assert where("closed", there, other, "cabinet") == other, "the other drawer has no say"
@@ -594,9 +595,9 @@ def test_a_drawer_off_its_rails_is_not_closed(drawers, posed, drawer, sideways):
 
 
 def into(state, posed, drawer, *, at=(0.0, 0.0, 0.0), thing="tape", opened=0.15, **fields):
-    """Returns a state with a thing whose box has its centre at a point of the opened drawer's inside."""
+    """Returns a state with a thing whose box has its center at a point of the opened drawer's inside."""
     pulled = posed(state, poses={drawer: drawn(state, drawer, opened)})
-    pose = centre_at(pulled, thing, at, frame=region_frame(pulled, drawer, "inside"))
+    pose = center_at(pulled, thing, at, frame=region_frame(pulled, drawer, "inside"))
     return posed(pulled, poses={thing: pose}, **fields)
 
 
@@ -606,9 +607,9 @@ def into(state, posed, drawer, *, at=(0.0, 0.0, 0.0), thing="tape", opened=0.15,
 def test_inside_of_a_drawer_ends_at_every_wall_its_floor_and_its_rim(drawers, posed, drawer, axis, sign):
     half = half_size(drawers, drawer, "inside")[axis]
     other = "lower" if drawer == "upper" else "upper"
-    for metres, expected in ((half - HALF_MM, ""), (half + HALF_MM, None)):
+    for meters, expected in ((half - HALF_MM, ""), (half + HALF_MM, None)):
         at = [0.0, 0.0, 0.0]
-        at[axis] = sign * metres
+        at[axis] = sign * meters
         there = into(drawers, posed, drawer, at=tuple(at))
         assert where("inside", there, "tape", drawer) == expected
         assert where("inside", there, "tape", other) is None, "the wrong drawer"
@@ -629,8 +630,8 @@ def test_inside_a_drawer_under_or_on_something(drawers, posed):
     under = into(drawers, posed, "upper", at=(0.0, 0.0, 0.012 - rim))
     assert where("inside", under, "tape", "upper") == ""
     frame = region_frame(under, "upper", "inside")
-    low = centre_at(under, "stapler", (0.0, 0.0, rim - HALF_MM), frame=frame)
-    high = centre_at(under, "stapler", (0.0, 0.0, rim + HALF_MM), frame=frame)
+    low = center_at(under, "stapler", (0.0, 0.0, rim - HALF_MM), frame=frame)
+    high = center_at(under, "stapler", (0.0, 0.0, rim + HALF_MM), frame=frame)
     on = (("stapler", "tape"), ("tape", "upper"))
     assert where("inside", posed(under, poses={"stapler": low}, contacts=on), "stapler", "upper") == ""
     heaped = posed(under, poses={"stapler": high}, contacts=on)
@@ -653,13 +654,13 @@ def test_on_the_table_under_a_drawer_and_on_the_cabinet_are_not_inside(drawers, 
         assert [where("inside", there, "tape", d) for d in ("upper", "lower")] == [None, None]
 
 
-def test_a_stapler_across_the_front_of_a_drawer_is_inside_with_its_centre(drawers, posed):
+def test_a_stapler_across_the_front_of_a_drawer_is_inside_with_its_center(drawers, posed):
     hx, _, hz = half_size(drawers, "upper", "inside")
     for tilt in (0.3, -0.3):
         for x, expected in ((hx - 2 * MM, ""), (hx + 2 * MM, None)):
             pulled = posed(drawers, poses={"upper": drawn(drawers, "upper", 0.15)})
             frame = region_frame(pulled, "upper", "inside")
-            q = normalise(multiply(frame.quaternion, from_axis_angle((0.0, tilt, 0.0))))
+            q = normalize(multiply(frame.quaternion, from_axis_angle((0.0, tilt, 0.0))))
             at = Pose(frame.apply((x, 0.0, hz - 5 * MM)), q)
             pose = at @ Pose((0.0, 0.0, -0.5 * drawers.info.object("stapler").size_m[2]))
             there = posed(pulled, poses={"stapler": pose}, contacts=(("stapler", "upper"),))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import pytest
+from tests.looping import each
 
 from betterbench.assets import build
 from betterbench.errors import UnknownNameError
@@ -22,20 +23,18 @@ from betterbench.tasks import (
     Variation,
     all_tasks,
     get_task,
-    regime_of,
     task_names,
+    training_distribution_of,
 )
-from betterbench.tasks.predicates import RELATIONS
+from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.templates import CONTAINER_LOADING, LOOSE_PACKING, RECURSIVE_STACKING
 
 TASKS = all_tasks()
 VARIATIONS = [(t, v) for t in TASKS for v in t.variations]
 CONDITIONS = [(t, c) for t in TASKS for c in t.training] + [(t, vary(t, v)[0]) for t, v in VARIATIONS]
-each_task = pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
-each_variation = pytest.mark.parametrize(
-    ("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS]
-)
-each_condition = pytest.mark.parametrize(("task", "condition"), CONDITIONS, ids=[c.id for _, c in CONDITIONS])
+each_task = each("task", TASKS, lambda t: t.id)
+each_variation = each("task, variation", VARIATIONS, lambda t, v: f"{t.id}/{v.name}")
+each_condition = each("task, condition", CONDITIONS, lambda _, c: c.id)
 
 RECURSIVE = (RECURSIVE_STACKING,)
 """Templates whose targets are things that are themselves put somewhere."""
@@ -152,7 +151,7 @@ def test_every_reference_resolves(task, condition):
 def test_every_target_offers_the_place_that_is_asked_for(at_reset, task, condition):
     info = at_reset(task.id, condition.name).info
     for goal in condition.instruction.subgoals:
-        assert goal.place in RELATIONS[goal.relation].places(info.object(goal.target)), goal.name
+        assert goal.region in RELATIONS[goal.relation].regions(info.object(goal.target)), goal.name
 
 
 @each_task
@@ -162,7 +161,7 @@ def test_every_thing_is_seen_in_at_least_three_looks(task):
     for category, spec in specs.items():
         drawn = sorted({look_of(task.id, seed, spec) for seed in range(20)})
         assert len(drawn) >= 3
-        assert len({build(category, look=look, colour=spec.colour).content_hash() for look in drawn[:3]}) == 3
+        assert len({build(category, look=look, color=spec.color).content_hash() for look in drawn[:3]}) == 3
 
 
 @each_condition
@@ -170,27 +169,26 @@ def test_condition_survives_json_as_plain_data(task, condition):
     form = condition.to_json()
     assert form["name"] == condition.name
     assert form["layout"] == dict(condition.layout)
-    assert form["preplaced"] == {n: {"target": p.target, "at": p.at} for n, p in condition.preplaced.items()}
+    assert form["preplaced"] == {n: {"target": p.target, "region": p.region} for n, p in condition.preplaced.items()}
     assert form["opened"] == dict(condition.opened)
     for o, written in zip(condition.objects, form["objects"], strict=True):
-        assert written["mount"] == (None if o.mount is None else {"target": o.mount.target, "at": o.mount.at})
+        assert written["mount"] == (None if o.mount is None else {"target": o.mount.target, "region": o.mount.region})
     assert [o["name"] for o in form["objects"]] == [o.name for o in condition.objects]
 
 
 @each_condition
 def test_instructed_objects_can_be_told_apart_from_look_alikes(task, condition):
-    """Two objects of one kind are interchangeable, so they must be the same category and colour."""
+    """Two objects of one kind are interchangeable, so they must be the same category and color."""
     by_kind: dict[str, set[tuple[str, str | None]]] = {}
     for o in condition.objects:
-        by_kind.setdefault(o.kind, set()).add((o.category, o.colour))
+        by_kind.setdefault(o.kind, set()).add((o.category, o.color))
     assert all(len(looks) == 1 for looks in by_kind.values())
 
 
 @each_variation
-def test_expected_behaviour_is_that_of_the_suite(task, variation):
+def test_expected_behavior_is_that_of_the_suite(task, variation):
     exceptions = {"fruit_lunch/O1": Expected.REFUSE, "morning_coffee/T1": Expected.STAY_STILL}
     assert variation.expected is exceptions.get(f"{task.id}/{variation.name}", Expected.SUCCEED)
-    assert variation.exposes
     assert variation.hypothesis.endswith(".")
     assert variation.title
 
@@ -216,7 +214,7 @@ def releases(condition: Condition) -> set[tuple[str, str, str, str]]:
     found, stacked = set(), {}
     for goal in condition.instruction.subgoals:
         where = ground(condition, goal.target, stacked)
-        found.add((goal.relation, condition.object(goal.target).kind, goal.place, where))
+        found.add((goal.relation, condition.object(goal.target).kind, goal.region, where))
         for name in condition.resolve(goal.reference):
             if condition.object(name).mount is None:
                 stacked[name] = goal.target
@@ -227,16 +225,16 @@ def releases(condition: Condition) -> set[tuple[str, str, str, str]]:
 def test_support_every_pick_slot_target_and_grasped_kind_was_trained(task, variation):
     """Suite, section 3: what may be new is the combination, never a slot, a target or a grasp."""
     condition, _ = vary(task, variation)
-    regime = regime_of(task)
-    picked = {slot for slots in regime.kind_slots.values() for slot in slots}
-    stood = set(regime.standing_kinds)
+    trained = training_distribution_of(task)
+    picked = {slot for slots in trained.kind_slots.values() for slot in slots}
+    stood = set(trained.standing_kinds)
     assert releases(condition) <= {r for c in task.training for r in releases(c)}
     if variation.support is Support.NOVEL:
         return
     assert set(condition.layout.values()) <= stood, "something stands where nothing ever stood in training"
     for goal in condition.instruction.subgoals:
         for name in condition.resolve(goal.reference):
-            assert condition.object(name).kind in regime.kind_slots, f"{name} was never grasped in training"
+            assert condition.object(name).kind in trained.kind_slots, f"{name} was never grasped in training"
             if name in condition.layout:
                 assert condition.layout[name] in picked, f"{name} stands where nothing was picked in training"
 
@@ -259,12 +257,12 @@ def test_support_follows_what_carries_a_target():
 def test_support_what_is_preplaced_rests_where_training_put_it(task, variation):
     condition, _ = vary(task, variation)
     trained = {
-        (c.object(n).kind, g.target, g.place)
+        (c.object(n).kind, g.target, g.region)
         for c in task.training
         for g in c.instruction.subgoals
         for n in c.resolve(g.reference)
     }
-    assert {(condition.object(n).kind, p.target, p.at) for n, p in condition.preplaced.items()} <= trained
+    assert {(condition.object(n).kind, p.target, p.region) for n, p in condition.preplaced.items()} <= trained
 
 
 @each_variation
@@ -302,8 +300,9 @@ def test_axis_letters():
 
 
 def test_variation_named_against_its_axis_is_refused():
-    with pytest.raises(ValueError, match="must begin with R"):
-        Variation("L1", Axis.PRIMITIVE_RECOMPOSITION, "train1", (), "t", "h.", ())
+    with pytest.raises(ValueError, match="must begin with the letter of its axis: L"):
+        Variation("X1", (), "t", "h.")
+    assert Variation("R1", (), "t", "h.").axis is Axis.PRIMITIVE_RECOMPOSITION
 
 
 def test_reference_names_exactly_one_thing():
@@ -328,29 +327,29 @@ def test_resolve_by_kind_is_sorted_and_by_slot_follows_the_layout():
 
 
 def test_fast_food_regime_has_the_confounds_of_the_suite():
-    regime = regime_of(get_task("fast_food"))
-    assert regime.first_kinds == (("burger", 2),)
-    assert set(regime.sequences) == {("burger", "fries"), ("burger", "drink")}
-    assert regime.word_slots == {"burger": ("first", "second"), "fries": ("third",), "drink": ("fourth",)}
-    assert regime.standing_kinds["first"] == ("burger",)
-    assert regime.initial_items == 4
+    trained = training_distribution_of(get_task("fast_food"))
+    assert trained.first_kinds == (("burger", 2),)
+    assert set(trained.sequences) == {("burger", "fries"), ("burger", "drink")}
+    assert trained.word_slots == {"burger": ("first", "second"), "fries": ("third",), "drink": ("fourth",)}
+    assert trained.standing_kinds["first"] == ("burger",)
+    assert trained.initial_items == 4
 
 
-def test_morning_coffee_regime_ties_colours_to_layout_1_and_places_to_layout_2():
+def test_morning_coffee_regime_ties_colors_to_layout_1_and_places_to_layout_2():
     task = get_task("morning_coffee")
-    regime = regime_of(task)
-    assert regime.word_slots == {"red": ("near",), "blue": ("far",), "top": ("far",), "bottom": ("near",)}
-    assert regime.kind_slots == {"red mug": ("far", "near"), "blue mug": ("far", "near")}
-    assert regime.standing_kinds["near"] == ("blue mug", "red mug")
-    assert regime.first_kinds == (("blue mug", 2), ("red mug", 2))
-    assert regime.initial_items == 2
+    trained = training_distribution_of(task)
+    assert trained.word_slots == {"red": ("near",), "blue": ("far",), "top": ("far",), "bottom": ("near",)}
+    assert trained.kind_slots == {"red mug": ("far", "near"), "blue mug": ("far", "near")}
+    assert trained.standing_kinds["near"] == ("blue mug", "red mug")
+    assert trained.first_kinds == (("blue mug", 2), ("red mug", 2))
+    assert trained.initial_items == 2
 
 
 @each_task
 def test_regime_is_computed_from_all_training_conditions(task):
-    regime = regime_of(task)
-    assert len(regime.sequences) == len(task.training)
-    assert sum(n for _, n in regime.first_kinds) == len(task.training)
-    assert [n for _, n in regime.first_kinds] == sorted((n for _, n in regime.first_kinds), reverse=True)
+    trained = training_distribution_of(task)
+    assert len(trained.sequences) == len(task.training)
+    assert sum(n for _, n in trained.first_kinds) == len(task.training)
+    assert [n for _, n in trained.first_kinds] == sorted((n for _, n in trained.first_kinds), reverse=True)
     words = {g.word for c in task.training for g in c.instruction.subgoals}
-    assert set(regime.word_slots) == words
+    assert set(trained.word_slots) == words

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from betterbench.audit.finding import Finding, Verdict
-from betterbench.audit.load import Source
-from betterbench.audit.table import Rule, Table, misprints
+from betterbench.audit.finding import AuditFinding, Verdict
+from betterbench.audit.load import PaperSource
+from betterbench.audit.table import AuditedTable, AuditRule, misprints
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +20,8 @@ class TableAudit:
         findings: The findings, worst first.
     """
 
-    table: Table
-    findings: tuple[Finding, ...]
+    table: AuditedTable
+    findings: tuple[AuditFinding, ...]
 
     def count(self, verdict: Verdict) -> int:
         """Return how many findings have a verdict."""
@@ -41,7 +41,7 @@ class Audit:
     tables: tuple[TableAudit, ...]
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[AuditFinding, ...]:
         """All findings, table by table."""
         return tuple(f for table in self.tables for f in table.findings)
 
@@ -62,11 +62,8 @@ class Audit:
         }
 
 
-def audit_source(source: Source) -> Audit:
+def audit_source(source: PaperSource) -> Audit:
     """Check everything that the tables of a source promise.
-
-    Args:
-        source: The tables with their rules.
 
     Returns:
         The audit: per table its findings, worst first.
@@ -78,20 +75,16 @@ def audit_source(source: Source) -> Audit:
     return Audit(source.name, tuple(audit_table(table, rules, paper) for table, rules in source.tables))
 
 
-def audit_table(table: Table, rules: Sequence[Rule], paper: Mapping[str, Table] | None = None) -> TableAudit:
-    """Check what one table promises.
-
-    Args:
-        table: The table.
-        rules: What it promises.
-        paper: All tables by name, for promises about other tables; this one alone if not given.
-    """
+def audit_table(
+    table: AuditedTable, rules: Sequence[AuditRule], paper: Mapping[str, AuditedTable] | None = None
+) -> TableAudit:
+    """Check what one table promises."""
     found = [f for rule in rules for f in rule.findings(table, paper or {table.name: table})]
     found += _unread(table, found)
     return TableAudit(table, tuple(sorted(found, key=lambda f: f.verdict.rank)))
 
 
-def _unread(table: Table, found: Sequence[Finding]) -> Iterator[Finding]:
+def _unread(table: AuditedTable, found: Sequence[AuditFinding]) -> Iterator[AuditFinding]:
     """Yield one finding per number that no rule reads."""
     read = {cell for f in found for cell in f.covers}
     for (row, column), number in table.printed():
@@ -99,6 +92,6 @@ def _unread(table: Table, found: Sequence[Finding]) -> Iterator[Finding]:
             possible = len(tuple(misprints(number)))
             why = "Nothing else in the source is tied to this number."
             covers = ((row, column),)
-            yield Finding(
+            yield AuditFinding(
                 table.name, "unread", row, column, str(number), "", Verdict.UNKNOWN, why, covers, possible, possible
             )

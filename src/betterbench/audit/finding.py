@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -25,7 +25,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Support:
+class ClaimSupport:
     """What the trials behind a claim can carry.
 
     Attributes:
@@ -46,21 +46,9 @@ class Support:
     high_pp: float
     p_fisher: float | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "test": self.test,
-            "p_value": self.p_value,
-            "p_holm": self.p_holm,
-            "trials": list(self.trials),
-            "low_pp": self.low_pp,
-            "high_pp": self.high_pp,
-            "p_fisher": self.p_fisher,
-        }
-
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class AuditFinding:
     """What one check says about one number, or about one claim.
 
     Attributes:
@@ -89,20 +77,11 @@ class Finding:
     covers: tuple[Cell, ...] = ()
     unnoticed: int = 0
     misprints: int = 0
-    support: Support | None = None
+    support: ClaimSupport | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {
-            "table": self.table,
-            "rule": self.rule,
-            "row": self.row,
-            "cell": self.cell,
-            "printed": self.printed,
-            "recomputed": self.recomputed,
-            "verdict": self.verdict.value,
-            "why": self.why,
-            "unnoticed_misprints": self.unnoticed,
-            "possible_misprints": self.misprints,
-            "support": None if self.support is None else self.support.to_json(),
-        }
+        form = asdict(self)
+        del form["covers"]
+        form["unnoticed_misprints"], form["possible_misprints"] = form.pop("unnoticed"), form.pop("misprints")
+        return form

@@ -7,55 +7,51 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from betterbench.audit.counts import count_behind, nearest_count, shown, smallest_multiple, with_dropped
-from betterbench.audit.finding import Finding, Verdict
-from betterbench.audit.form import Form
-from betterbench.audit.table import Table, blindness, decimals
+from betterbench.audit.fields import Columns, Count, Rows, exact_fields
+from betterbench.audit.finding import AuditFinding, Verdict
+from betterbench.audit.table import AuditedTable, blindness, decimals
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
     """Each cell is a share of the same number of trials.
 
     Attributes:
-        rows: Rows it is promised for.
-        columns: Columns it is promised for.
         trials: Number of trials behind each cell.
+        rows: Rows it is promised for; all if none is named.
+        columns: Columns it is promised for; all if none is named.
     """
 
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    trials: int
+    trials: Count
+    rows: Rows = ()
+    columns: Columns = ()
 
-    @classmethod
-    def read(cls, form: Form, table: Table) -> Grid:
-        """Return the rule that a form describes."""
-        rows = form.names("rows", table.row_names, table.row_names)
-        return cls(rows, form.names("columns", table.columns, table.columns), form.count("trials"))
-
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
-        cells = [(r, c, n) for r in self.rows for c in self.columns if (n := table.cell(r, c)) is not None]
+        rows, columns = self.rows or table.row_names, self.columns or table.columns
+        cells = [(r, c, n) for r in rows for c in columns if (n := table.cell(r, c)) is not None]
         telling = [cell for cell in cells if self.trials < 100 * 10 ** decimals(cell[2])]
         if cells and not telling:
             yield self._mute(table, cells[0][2])
         for row, column, printed in telling:
             yield self._judge(table, row, column, printed)
 
-    def _mute(self, table: Table, example: Decimal) -> Finding:
+    def _mute(self, table: AuditedTable, example: Decimal) -> AuditFinding:
         digits = decimals(example)
         written = f"{digits} decimal{'s' * (digits != 1)}"
-        return Finding(
+        return AuditFinding(
             table.name,
             "grid",
             "",
-            ", ".join(self.columns),
+            ", ".join(self.columns or table.columns),
             written,
             f"k/{self.trials}",
             Verdict.UNKNOWN,
             f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing.",
         )
 
-    def _judge(self, table: Table, row: str, column: str, printed: Decimal) -> Finding:
+    def _judge(self, table: AuditedTable, row: str, column: str, printed: Decimal) -> AuditFinding:
         count = count_behind(printed, self.trials)
         digits = decimals(printed)
         cell = (row, column)
@@ -66,7 +62,9 @@ class Grid:
         else:
             found, verdict = shown(nearest_count(printed, self.trials), digits), Verdict.BROKEN
             why = f"{printed} is no k/{self.trials}{self._explain(printed)}."
-        return Finding(table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible)
+        return AuditFinding(
+            table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible
+        )
 
     def _explain(self, printed: Decimal) -> str:
         parts = []

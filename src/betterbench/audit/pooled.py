@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.audit.counts import Count, all_with_dropped, count_behind, shown
-from betterbench.audit.finding import Cell, Finding, Verdict
-from betterbench.audit.form import Form
+from betterbench.audit.counts import CountBehind, all_with_dropped, count_behind, shown
+from betterbench.audit.fields import Column, Columns, exact_fields
+from betterbench.audit.finding import AuditFinding, Cell, Verdict
 from betterbench.audit.sums import missing_parts
-from betterbench.audit.table import Table, blindness, decimals, one_digit_apart, replaced
+from betterbench.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 from betterbench.statistics import round_half_up
 
 LARGEST_SIZE = 1000
@@ -54,6 +54,7 @@ class Sizes:
         return sum(self.parts)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
     """In each row, one column is the micro average of others.
@@ -63,15 +64,10 @@ class Pooled:
         parts: Columns of the parts.
     """
 
-    target: str
-    parts: tuple[str, ...]
+    target: Column
+    parts: Columns
 
-    @classmethod
-    def read(cls, form: Form, table: Table) -> Pooled:
-        """Return the rule that a form describes."""
-        return cls(form.name("target", table.columns), form.names("parts", table.columns))
-
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the sizes, and what is wrong or right with each row."""
         rows = self.rows(table)
         sizes = recover_sizes(tuple(rows.values()))
@@ -86,7 +82,7 @@ class Pooled:
         for name, row in rows.items():
             yield from self._judge(table, name, row, sizes)
 
-    def rows(self, table: Table) -> dict[str, Row]:
+    def rows(self, table: AuditedTable) -> dict[str, Row]:
         """Return the rows that print the overall rate and all parts."""
         found: dict[str, Row] = {}
         for name in table.row_names:
@@ -96,12 +92,12 @@ class Pooled:
                 found[name] = (parts, whole)
         return found
 
-    def _no_sizes(self, table: Table, rows: Mapping[str, Row]) -> Finding:
+    def _no_sizes(self, table: AuditedTable, rows: Mapping[str, Row]) -> AuditFinding:
         why = f"No sizes of up to {LARGEST_SIZE} questions per part reproduce most of the rows."
         covers = tuple((r, c) for r in rows for c in (*self.parts, self.target))
-        return Finding(table.name, "pooled", "", self.target, "", "", Verdict.UNKNOWN, why, covers, 1, 1)
+        return AuditFinding(table.name, "pooled", "", self.target, "", "", Verdict.UNKNOWN, why, covers, 1, 1)
 
-    def _about_sizes(self, table: Table, sizes: Sizes, rows: Mapping[str, Row]) -> Finding:
+    def _about_sizes(self, table: AuditedTable, sizes: Sizes, rows: Mapping[str, Row]) -> AuditFinding:
         plain = sum(
             round_half_up(sum(map(Fraction, parts), Fraction(0)) / len(parts), decimals(whole)) == whole
             for parts, whole in rows.values()
@@ -111,9 +107,11 @@ class Pooled:
             f"The smallest sizes that reproduce most rows are {listed} = {sizes.total}: {sizes.reproduced} of "
             f"{sizes.rows} distinct rows in every digit. The plain mean of the parts fits {plain}/{len(rows)} rows."
         )
-        return Finding(table.name, "pooled", "", self.target, "micro average", str(sizes.total), Verdict.HOLDS, why)
+        return AuditFinding(
+            table.name, "pooled", "", self.target, "micro average", str(sizes.total), Verdict.HOLDS, why
+        )
 
-    def _judge(self, table: Table, name: str, row: Row, sizes: Sizes) -> Iterator[Finding]:
+    def _judge(self, table: AuditedTable, name: str, row: Row, sizes: Sizes) -> Iterator[AuditFinding]:
         parts, whole = row
         numbers: dict[Cell, Decimal] = {(name, c): n for c, n in zip(self.parts, parts, strict=True)}
         numbers[(name, self.target)] = whole
@@ -127,11 +125,11 @@ class Pooled:
             why = f"The parts are {', '.join(map(str, counts))}, together {value}{'' if right else f', not {whole}'}."
             verdict = Verdict.HOLDS if right else Verdict.BROKEN
             covers = tuple(numbers)
-            yield Finding(table.name, "pooled", name, self.target, str(whole), value, verdict, why, covers, *blind)
+            yield AuditFinding(table.name, "pooled", name, self.target, str(whole), value, verdict, why, covers, *blind)
             return
         repaired, explanation = _explain(row, sizes, misfits)
         for i in misfits:
-            yield Finding(
+            yield AuditFinding(
                 table.name,
                 "pooled",
                 name,
@@ -203,12 +201,12 @@ def _unnoticed(row: Row, sizes: tuple[int, ...]) -> tuple[int, int]:
     return blindness(numbers, holds)
 
 
-def _pool(counts: list[Count]) -> Count:
+def _pool(counts: list[CountBehind]) -> CountBehind:
     """Return several counts together."""
-    return Count(sum(c.k for c in counts), sum(c.n for c in counts))
+    return CountBehind(sum(c.k for c in counts), sum(c.n for c in counts))
 
 
-def _prints(count: Count, printed: Decimal) -> bool:
+def _prints(count: CountBehind, printed: Decimal) -> bool:
     """Return whether a count is printed as a percentage."""
     return round_half_up(Fraction(100 * count.k, count.n), decimals(printed)) == printed
 
@@ -235,11 +233,11 @@ def _explain(row: Row, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str]
         i, size = misfits[0], sizes.parts[misfits[0]]
         for k in range(size + 1):
             value = round_half_up(Fraction(100 * k, size), decimals(parts[i]))
-            pool = _pool([*fitting, Count(k, size)])
+            pool = _pool([*fitting, CountBehind(k, size)])
             if one_digit_apart(value, parts[i]) and _prints(pool, whole):
                 repaired[i] = str(value)
                 sentences.append(
-                    f"One digit apart, {value} = {Count(k, size)} gives {shown(pool, decimals(whole))} as printed: "
+                    f"One digit apart, {value} = {k}/{size} gives {shown(pool, decimals(whole))} as printed: "
                     "very likely a misprint."
                 )
     if fewer and not repaired:

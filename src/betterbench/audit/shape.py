@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
-from betterbench.audit.finding import Cell, Finding, Verdict
-from betterbench.audit.form import Form
-from betterbench.audit.table import Table, blindness, replaced
+from betterbench.audit.fields import Column, Columns, exact_fields
+from betterbench.audit.finding import AuditFinding, Cell, Verdict
+from betterbench.audit.table import AuditedTable, blindness, replaced
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
     """From column to column the rates of a row never rise (solving five tasks in a row means solving four).
@@ -21,14 +22,9 @@ class Falling:
         columns: The columns in order.
     """
 
-    columns: tuple[str, ...]
+    columns: Columns
 
-    @classmethod
-    def read(cls, form: Form, table: Table) -> Falling:
-        """Return the rule that a form describes."""
-        return cls(form.names("columns", table.columns))
-
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
         for row in table.row_names:
             numbers: dict[Cell, Decimal] = {(row, c): n for c in self.columns if (n := table.cell(row, c)) is not None}
@@ -38,7 +34,7 @@ class Falling:
             cell = f"{self.columns[0]} to {self.columns[-1]}"
             verdict, blind = (Verdict.BROKEN, (0, 0)) if rises else (Verdict.HOLDS, _unnoticed_rises(row_numbers))
             why = f"The rates rise: {', '.join(rises)}." if rises else "The rates never rise."
-            yield Finding(table.name, "falling", row, cell, listed, "", verdict, why, tuple(numbers), *blind)
+            yield AuditFinding(table.name, "falling", row, cell, listed, "", verdict, why, tuple(numbers), *blind)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -51,6 +47,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
     return blindness(numbers, holds)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
     """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
@@ -59,14 +56,9 @@ class Measured:
         columns: The group of columns.
     """
 
-    columns: tuple[str, ...]
+    columns: Columns
 
-    @classmethod
-    def read(cls, form: Form, table: Table) -> Measured:
-        """Return the rule that a form describes."""
-        return cls(form.names("columns", table.columns))
-
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row that repeats an earlier one, or one finding that there is none."""
         others = [c for c in table.columns if c not in self.columns]
         cell = f"{self.columns[0]} to {self.columns[-1]}"
@@ -84,12 +76,13 @@ class Measured:
             )
             listed = "/".join(map(str, here))
             covers = tuple((row, c) for row in (first, second) for c in self.columns)
-            yield Finding(table.name, "measured", second, cell, listed, listed, Verdict.BROKEN, why, covers)
+            yield AuditFinding(table.name, "measured", second, cell, listed, listed, Verdict.BROKEN, why, covers)
         if not repeated:
             why = "No two rows agree in all these columns."
-            yield Finding(table.name, "measured", "", cell, f"{len(table.rows)} rows", "", Verdict.HOLDS, why)
+            yield AuditFinding(table.name, "measured", "", cell, f"{len(table.rows)} rows", "", Verdict.HOLDS, why)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
     """Weights of a mixture, of which only the weights are printed: the shares that they amount to.
@@ -98,19 +91,14 @@ class Shares:
         column: Column of the weights.
     """
 
-    column: str
+    column: Column
 
-    @classmethod
-    def read(cls, form: Form, table: Table) -> Shares:
-        """Return the rule that a form describes."""
-        return cls(form.name("column", table.columns))
-
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:  # noqa: ARG002 - see Rule
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per weight: its share, which nothing printed confirms."""
         weights = {row: n for row in table.row_names if (n := table.cell(row, self.column)) is not None}
         total = sum(weights.values())
         for row, weight in weights.items():
             share = f"{weight}/{total} = {(100 * weight / total).normalize():f} %" if total else ""
-            why = "Only the weight is printed; no share to compare with."
+            why = "Only the weight is printed; no share to compare it with."
             cell = (row, self.column)
-            yield Finding(table.name, "shares", *cell, str(weight), share, Verdict.UNKNOWN, why, (cell,), 1, 1)
+            yield AuditFinding(table.name, "shares", *cell, str(weight), share, Verdict.UNKNOWN, why, (cell,), 1, 1)

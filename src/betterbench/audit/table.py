@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Protocol
 
-from betterbench.audit.finding import Cell, Finding
+from betterbench.audit.finding import AuditFinding, Cell
 from betterbench.errors import UnknownNameError
 
 DIGITS = "0123456789"
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class AuditedTable:
     """One table.
 
     Attributes:
@@ -54,7 +54,7 @@ class Table:
                 if number is not None:
                     yield (name, column), number
 
-    def with_cell(self, row: str, column: str, number: Decimal) -> Table:
+    def with_cell(self, row: str, column: str, number: Decimal) -> AuditedTable:
         """Return the table with one number changed."""
         at = self.columns.index(column)
         rows = tuple(
@@ -64,10 +64,10 @@ class Table:
         return replace(self, rows=rows)
 
 
-class Rule(Protocol):
+class AuditRule(Protocol):
     """Something that a table promises about its numbers."""
 
-    def findings(self, table: Table, paper: Mapping[str, Table]) -> Iterator[Finding]:
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield what checking the rule finds.
 
         Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.audit.finding import Support
+from betterbench.audit.finding import ClaimSupport
 from betterbench.statistics import Rate, round_half_up
 
 ALPHA = 0.05
@@ -17,7 +17,7 @@ def shown_rate(rate: Rate) -> str:
     return f"{round_half_up(POINTS * (rate.value or 0.0), 2).normalize():f}"
 
 
-def ends(support: Support) -> str:
+def ends(support: ClaimSupport) -> str:
     """Return the ends of an interval with one decimal."""
     return f"{round_half_up(support.low_pp, 1)} to {round_half_up(support.high_pp, 1)}"
 

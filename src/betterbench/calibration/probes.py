@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from betterbench.diagnosis import ProbeCell, TrialDiagnosis
-from betterbench.experts.mind import Situation
-from betterbench.experts.zoo.blind import sentences
+from betterbench.experts.decisions import Situation
+from betterbench.experts.faulty.blind import sentences
 from betterbench.interventions import vary
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.tasks import Condition, Instruction, get_task
@@ -48,7 +48,7 @@ def chance_of(task_name: str, name: str) -> float:
 def _meaning(instruction: Instruction, condition: Condition) -> object:
     """Return what a sentence asks for in a scene: which objects where, and in which order if that matters."""
     steps = [
-        (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.place, g.count)
+        (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals
     ]
     return tuple(steps) if instruction.ordered else frozenset(steps)

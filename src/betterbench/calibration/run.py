@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from betterbench.calibration.arms import Arm
+from betterbench.calibration.policies import CalibrationPolicy
 from betterbench.calibration.probes import probe_cells
 from betterbench.calibration.truth import true_label
 from betterbench.diagnosis import Calibration, Judged, ProbeCell, RunDiagnosis, diagnose_run
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.recording import RunFolder, TrialKey
+from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +30,14 @@ class CalibrationProgress:
     policy: str
 
 
-def plan_of(arm: Arm, tasks: Sequence[str]) -> Plan:
+def plan_of(entry: CalibrationPolicy, tasks: Sequence[str]) -> Plan:
     """Return the plan of one policy of a calibration; a probe has nothing to show on the training conditions."""
-    plan = make_plan(str(arm.address), tasks=tasks, trials=arm.trials, seed=arm.seed, observation="state_only")
-    return replace(plan, trials=tuple(t for t in plan.trials if t.variation is not None)) if arm.probe else plan
+    plan = make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
+    return replace(plan, trials=tuple(t for t in plan.trials if t.variation is not None)) if entry.probe else plan
 
 
 def calibrate(
-    arms: Sequence[Arm],
+    planned: Sequence[CalibrationPolicy],
     out: Path,
     *,
     tasks: Sequence[str] = (),
@@ -46,7 +47,7 @@ def calibrate(
     """Run the zoo, diagnose it from its records, and hold the labels against the true ones.
 
     Args:
-        arms: The policies.
+        planned: The policies.
         out: Folder of the calibration; an unfinished one with the same plans is continued.
         tasks: Task ids; all of the suite if empty.
         workers: Worker processes.
@@ -57,35 +58,35 @@ def calibrate(
         InvalidInputError: If a number is out of range.
         RecordError: If a record cannot be read.
     """
-    plans = [plan_of(arm, tasks) for arm in arms]
-    planned = sum(len(plan.trials) for plan in plans)
+    plans = [plan_of(entry, tasks) for entry in planned]
+    total = sum(len(plan.trials) for plan in plans)
     before = 0
     runs: list[RunFolder] = []
-    for arm, plan in zip(arms, plans, strict=True):
+    for entry, plan in zip(planned, plans, strict=True):
 
-        def told(progress: Progress, arm: Arm = arm, offset: int = before) -> None:
+        def told(progress: Progress, entry: CalibrationPolicy = entry, offset: int = before) -> None:
             if on_progress is not None:
-                on_progress(CalibrationProgress(offset + progress.done, planned, str(arm.address)))
+                on_progress(CalibrationProgress(offset + progress.done, total, str(entry.address)))
 
-        runs.append(evaluate(plan, out / arm.folder, workers=workers, on_progress=told))
+        runs.append(evaluate(plan, out / entry.folder, workers=workers, on_progress=told))
         before += len(plan.trials)
-    return assess(runs, arms)
+    return assess(runs, planned)
 
 
-def assess(runs: Sequence[RunFolder], arms: Sequence[Arm]) -> Calibration:
+def assess(runs: Sequence[RunFolder], planned: Sequence[CalibrationPolicy]) -> Calibration:
     """Return the calibration that finished runs give, from their records and journals.
 
     Args:
         runs: The runs.
-        arms: The policy of each.
+        planned: The policy of each.
     """
     trials: list[Judged] = []
     probes: list[ProbeCell] = []
     versions: dict[str, str] = {}
-    for run, arm in zip(runs, arms, strict=True):
+    for run, entry in zip(runs, planned, strict=True):
         diagnosis = diagnose_run(run)
         versions |= {k: v for k, v in diagnosis.versions.items() if not k.startswith("policy")}
-        if arm.probe:
+        if entry.probe:
             probes += probe_cells(diagnosis.trials)
         else:
             trials += _judged(run, diagnosis)
@@ -93,9 +94,9 @@ def assess(runs: Sequence[RunFolder], arms: Sequence[Arm]) -> Calibration:
 
 
 def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:
-    remarks = {e.key: e.remarks for e in run.entries() if e.status == "done"}
+    ground_truth = {e.key: e.ground_truth for e in run.entries() if e.status == "done"}
     for trial in diagnosis.trials:
-        said = remarks.get(TrialKey(trial.task, trial.variation or trial.condition, trial.seed))
+        said = ground_truth.get(TrialId(trial.task, trial.variation or trial.condition, trial.seed))
         if said is None:
             continue  # it broke down outside the policy; evaluate has said so, and runs it again
         truth = true_label(said, expected=trial.expected, success=trial.success)

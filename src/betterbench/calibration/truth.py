@@ -5,27 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from betterbench.diagnosis import Label
+from betterbench.diagnosis.modes.success import SUCCESS_LABELS
 from betterbench.errors import RecordError
+from betterbench.tasks import Expected
 
-_RIGHT = {"succeed": Label.SUCCESS, "stay_still": Label.CORRECT_FREEZE, "refuse": Label.CORRECT_REFUSAL}
 
-
-def true_label(remarks: Mapping[str, str], *, expected: str, success: bool) -> Label:
+def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
     """Return the label that a trial of the zoo deserves.
 
     A trial whose goal is met is a success, whatever was decided on the way (suite, section 5). Otherwise the first
     wrong decision names the fault; and where every decision was right, only the hand can have failed.
 
     Args:
-        remarks: What the policy said of its episode in the journal.
+        ground_truth: What the policy said of its episode in the journal.
         expected: What a right policy does: "succeed", "refuse" or "stay_still".
         success: Whether the trial succeeded, by the goal tracker that ran in the episode.
 
     Raises:
         RecordError: If the policy said nothing, so that its truth is unknown.
     """
-    if "truth" not in remarks:
+    if "truth" not in ground_truth:
         raise RecordError("The journal holds no true label. Only policies of the zoo know theirs; run it again.")
     if success:
-        return _RIGHT[expected]
-    return Label(remarks["truth"]) if remarks["truth"] else Label.EXECUTION_FAILURE
+        return SUCCESS_LABELS[Expected(expected)]
+    return Label(ground_truth["truth"]) if ground_truth["truth"] else Label.EXECUTION_FAILURE

@@ -8,10 +8,10 @@ The values (:mod:`~betterbench.certification.certificate`, :mod:`~betterbench.ce
 from betterbench.certification.certificate import (
     CLAUSES,
     Certificate,
+    CertificateVersions,
     Clause,
     Summary,
     TrialCertificate,
-    Versions,
     summaries,
 )
 from betterbench.certification.coverage import Coverage, Gap, load_coverage, packaged_coverage
@@ -19,12 +19,12 @@ from betterbench.certification.coverage import Coverage, Gap, load_coverage, pac
 __all__ = [
     "CLAUSES",
     "Certificate",
+    "CertificateVersions",
     "Clause",
     "Coverage",
     "Gap",
     "Summary",
     "TrialCertificate",
-    "Versions",
     "load_coverage",
     "packaged_coverage",
     "summaries",

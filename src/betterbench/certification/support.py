@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from betterbench.geometry import Pose, distance, yaw_of
 from betterbench.state import WorldState
 from betterbench.state.world import GRIPPER_BODIES
-from betterbench.tasks import THRESHOLDS, Condition, Slot, Task
-from betterbench.tasks.predicates import RELATIONS, at_rest
+from betterbench.tasks import Condition, Slot, Task
+from betterbench.tasks.relations import RELATIONS, at_rest
+from betterbench.tasks.relations.closed import GAP
 
 POSITION_TOLERANCE_M = 0.001
 """Distance beyond a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
@@ -24,7 +25,7 @@ YAW_TOLERANCE_RAD = 0.02
 """Turning beyond a slot's yaw jitter that still counts as inside [rad]; a resting asset turns by less."""
 PUSHED_TOLERANCE_M = 0.005
 """The same for a movable target at the time something is put on it [m]: setting things down may push it so far."""
-SLIDE_M = THRESHOLDS.closed_gap
+SLIDE_M = GAP
 """Distance from which a drawer counts as moved [m]."""
 LONGEST_CHAIN = 8
 """Most hops from a target down to what stands in a slot: a stack of four on something in a mounted drawer has six."""
@@ -53,7 +54,7 @@ class Put:
         object: Its name.
         relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
         target_kind: Kind of the target.
-        place: Place of the target, where it offers several.
+        place: TargetRegion of the target, where it offers several.
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
         level: Number of things below, down to the slot; the mount of a drawer does not count.
         base_pose: Pose of what stands in that slot.
@@ -64,7 +65,7 @@ class Put:
     object: str
     relation: str | None
     target_kind: str
-    place: str
+    region: str
     slot: str | None
     level: int
     base_pose: Pose
@@ -73,7 +74,7 @@ class Put:
 
 
 @dataclass(frozen=True, slots=True)
-class Slide:
+class DrawerMove:
     """A drawer opened or shut.
 
     Attributes:
@@ -87,7 +88,7 @@ class Slide:
     slot: str | None
 
 
-Primitive = Pick | Put | Slide
+Primitive = Pick | Put | DrawerMove
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ class Found:
 
     Attributes:
         text: What was done, one phrase.
-        problem: Why it is outside the regime, or None.
+        problem: Why it is outside the trained, or None.
         slack_m: Distance to the border of the jitter region [m], negative outside; None where there is none.
     """
 
@@ -118,7 +119,7 @@ class Handling:
         self._carried: str | None = None
         self._settling: str | None = None
         self._found: list[Primitive] = []
-        self._slid: dict[str, Slide] = {}
+        self._slid: dict[str, DrawerMove] = {}
         self._last: WorldState | None = None
 
     def update(self, state: WorldState) -> None:
@@ -130,7 +131,7 @@ class Handling:
         for name, start in self._shut_at.items():
             if name not in self._slid and distance(state.pose(name).position, start.position) > SLIDE_M:
                 kind = state.info.object(name).kind
-                self._slid[name] = Slide(name, kind, _ground(self._condition, name, self._resting_on)[0])
+                self._slid[name] = DrawerMove(name, kind, _ground(self._condition, name, self._resting_on)[0])
         if self._carried is not None and not _in_fingers(state, self._carried):
             self._settling, self._carried = self._carried, None
         held = state.held
@@ -167,7 +168,7 @@ class Handling:
             if state.info.object(name).role not in relation.roles:
                 continue
             for target in state.info.objects:
-                if target.name == name or not relation.places(target):
+                if target.name == name or not relation.regions(target):
                     continue
                 place = relation.where(state, name, target.name)
                 if place is not None:
@@ -213,7 +214,7 @@ def _ground(condition: Condition, name: str, resting_on: Mapping[str, str]) -> t
 
 
 @dataclass(frozen=True)
-class Regime:
+class TrainedSupport:
     """The support of a task's training regime.
 
     Attributes:
@@ -232,7 +233,7 @@ class Regime:
     slots: Mapping[str, Slot] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, task: Task) -> Regime:
+    def of(cls, task: Task) -> TrainedSupport:
         """Collect the primitives that the training conditions ask for.
 
         A subgoal of a drawer that has to be shut is a slide; every other one picks its object and puts it at a target.
@@ -246,7 +247,7 @@ class Regime:
             resting_on = {name: place.target for name, place in condition.preplaced.items()}
             for goal in condition.instruction.subgoals:
                 names = condition.resolve(goal.reference)
-                if RELATIONS[goal.relation].roles == ("drawer",):
+                if not RELATIONS[goal.relation].carried:
                     for name in names:
                         slot = _ground(condition, name, resting_on)[0]
                         if slot is not None:
@@ -257,10 +258,10 @@ class Regime:
                         slot = condition.layout[name]
                         picks[slot] = task.slot(slot)
                         grasped.add(condition.object(name).kind)
-                targets.add((goal.relation, condition.object(goal.target).kind, goal.place))
+                targets.add((goal.relation, condition.object(goal.target).kind, goal.region))
                 slot, level, _ = _ground(condition, goal.target, resting_on)
                 if slot is not None:
-                    spots.add((slot, goal.relation, goal.place, level))
+                    spots.add((slot, goal.relation, goal.region, level))
                 resting_on.update(dict.fromkeys(names, goal.target))
         return cls(
             tuple(picks.values()),
@@ -275,7 +276,7 @@ class Regime:
         """Tell whether a primitive lies inside the support."""
         if isinstance(primitive, Pick):
             return self._judge_pick(primitive)
-        if isinstance(primitive, Slide):
+        if isinstance(primitive, DrawerMove):
             text = f"moves the {primitive.kind} of the cabinet in {primitive.slot}"
             known = (primitive.kind, primitive.slot or "") in self.slides
             return Found(text, None if known else f"{text}, which no demonstration does", None)
@@ -301,10 +302,10 @@ class Regime:
     def _judge_put(self, put: Put) -> Found:
         if put.relation is None:
             return Found(f"loses the {put.object} on the way", None, None)
-        where = f"{put.target_kind}{'.' if put.place else ''}{put.place}"
+        where = f"{put.target_kind}{'.' if put.region else ''}{put.region}"
         level = f" at level {put.level}" if put.level > 1 else ""
         text = f"puts {put.object} {put.relation} {where} in {put.slot}{level}"
-        if (put.relation, put.target_kind, put.place) not in self.targets:
+        if (put.relation, put.target_kind, put.region) not in self.targets:
             return Found(text, f"{text}, but no demonstration puts anything {put.relation} {where}", None)
         if put.slot is None:
             return Found(text, f"{text}: the target stands in no slot", None)
@@ -317,7 +318,7 @@ class Regime:
         return Found(text, None, slack if self.slots[put.slot].jitter_m > 0.0 else None)
 
     def _is_spot(self, put: Put) -> bool:
-        return (put.slot or "", put.relation or "", put.place, put.level) in self.spots
+        return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from betterbench.audit import Audit, Finding, TableAudit, Verdict, audit_source, load_tables, paper_tables
+from betterbench.audit import Audit, AuditFinding, TableAudit, Verdict, audit_source, load_tables, paper_tables
 from betterbench.cli.console import OUT, print_json
 
 _STYLES = {
@@ -70,14 +70,14 @@ def _listing(audit: TableAudit) -> Table:
     return listing
 
 
-def _verdict(finding: Finding) -> str:
+def _verdict(finding: AuditFinding) -> str:
     """Return the verdict with the trials in place of n."""
     if finding.support is None:
         return finding.verdict.value
     return finding.verdict.value.replace(" n ", f" {min(finding.support.trials)} ")
 
 
-def _line(finding: Finding) -> str:
+def _line(finding: AuditFinding) -> str:
     """Return a finding as one line of markup."""
     place = ", ".join(part for part in (finding.row, finding.cell) if part)
     told = finding.support is not None or finding.recomputed in ("", finding.printed)

@@ -7,9 +7,9 @@ import os
 from importlib import resources
 from pathlib import Path
 
-from betterbench.calibration import CalibrationProgress, default_arms
+from betterbench.calibration import CalibrationProgress, calibration_policies
 from betterbench.calibration import calibrate as run_calibration
-from betterbench.calibration.arms import STRENGTHS
+from betterbench.calibration.policies import STRENGTHS
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.cli.evaluate import prepare_robot
 from betterbench.diagnosis import Calibration
@@ -60,13 +60,15 @@ def calibrate(
             "--write-package", "it replaces the calibration of the whole suite", "Leave out --tasks and --policies"
         )
     prepare_robot("panda")
-    arms = default_arms(policies=policies, strengths=strengths, trials=trials, probe_trials=probe_trials, seed=seed)
+    planned = calibration_policies(
+        policies=policies, strengths=strengths, trials=trials, probe_trials=probe_trials, seed=seed
+    )
     with progress_bar("calibrate", 0) as (bar, task):
 
         def told(progress: CalibrationProgress) -> None:
             bar.update(task, completed=progress.done, total=progress.planned, note=progress.policy)
 
-        found = run_calibration(arms, out, tasks=tasks, workers=workers or os.cpu_count() or 1, on_progress=told)
+        found = run_calibration(planned, out, tasks=tasks, workers=workers or os.cpu_count() or 1, on_progress=told)
     text = json_module.dumps(found.to_json(), indent=1) + "\n"
     beside = out / ".calibration.json.part"
     beside.write_text(text, encoding="utf-8")

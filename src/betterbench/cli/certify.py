@@ -9,15 +9,14 @@ from typing import Any
 
 from betterbench.certification import CLAUSES, Certificate, summaries
 from betterbench.certification.coverage import PACKAGED
-from betterbench.certification.examine import Subject
 from betterbench.certification.runner import CertificationProgress, write_coverage
 from betterbench.certification.runner import certify as run_certification
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.cli.evaluate import prepare_robot
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import Plan, make_plan
+from betterbench.evaluation import make_plan
 from betterbench.report.certificate_page import write_certificate_page
-from betterbench.tasks import suite_tasks
+from betterbench.tasks import TrialId, suite_tasks
 
 
 def certify(
@@ -54,8 +53,9 @@ def certify(
             "--write-package", "it replaces the certificate of the whole suite", "Leave out --tasks"
         )
     prepare_robot("panda")
-    subjects = subjects_of(make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed))
-    with progress_bar("certify", len(subjects)) as (bar, task):
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
+    with progress_bar("certify", len(planned)) as (bar, task):
 
         def told(progress: CertificationProgress) -> None:
             last = progress.last
@@ -65,7 +65,7 @@ def certify(
                 reasons = "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed)
                 say(f"{last.task}/{last.condition} seed {last.seed}: {reasons}")
 
-        certificate = run_certification(subjects, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        certificate = run_certification(planned, out, workers=workers or os.cpu_count() or 1, on_progress=told)
     page = write_certificate_page(certificate, out / "certificate.html")
     if write_package:
         with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
@@ -75,11 +75,6 @@ def certify(
         return
     print_certificate(certificate)
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
-
-
-def subjects_of(plan: Plan) -> list[Subject]:
-    """Return the trials of a plan as trials to examine."""
-    return [Subject(t.task, t.condition, t.seed) for t in plan.trials]
 
 
 def print_certificate(certificate: Certificate) -> None:

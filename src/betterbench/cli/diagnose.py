@@ -106,14 +106,14 @@ def print_changes(changes: DiagnosisChanges) -> None:
 
 
 def _headline(changes: DiagnosisChanges) -> str:
-    relabelled = sum(changes.counts.values())
+    relabeled = sum(changes.counts.values())
     source = f"version {changes.version_before}"
     if changes.version_before != changes.version_now:
         source += f" (now {changes.version_now})"
     if not changes.trials:
         return f"The stored diagnosis of {source} judges every trial alike."
-    s = "" if relabelled == 1 else "s"
-    return f"Changes since the stored diagnosis of {source}: {relabelled} trial{s} with another label."
+    s = "" if relabeled == 1 else "s"
+    return f"Changes since the stored diagnosis of {source}: {relabeled} trial{s} with another label."
 
 
 def _print_trial(change: TrialChange) -> None:

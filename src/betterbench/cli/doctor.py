@@ -16,8 +16,8 @@ from betterbench import __version__
 from betterbench.cli.console import OUT, print_json, print_table, say
 from betterbench.cli.evaluate import default_folder
 from betterbench.errors import BetterError
-from betterbench.evaluation import Consultation, Convention, TrialName, consult, probe_encoder
-from betterbench.evaluation.consultation_view import draw_consultation, numbers_text
+from betterbench.evaluation import Convention, PreflightCheck, TrialName, probe_encoder, run_preflight
+from betterbench.evaluation.preflight.view import draw_preflight, numbers_text
 from betterbench.interface.actions import EE_DELTA
 from betterbench.robots import robot_names
 from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
@@ -25,7 +25,7 @@ from betterbench.tasks import all_tasks, get_task
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Check:
     """One thing that was tried.
 
     Attributes:
@@ -56,7 +56,7 @@ def doctor(
     """Try everything that a run needs, and say how to mend what does not work. Exits with status 2 if something fails.
 
     With --policy: do the handshake, show the policy one observation, ask for one answer, measure how long it takes, and
-    draw a picture of exactly what the policy is shown and of what it does.
+    draw a image of exactly what the policy is shown and of what it does.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
@@ -73,7 +73,7 @@ def doctor(
     """
     if policy is not None:
         trial = TrialName.of(task, condition, seed)
-        found = consult(
+        found = run_preflight(
             policy,
             trial,
             action_space_name=action_space,
@@ -83,7 +83,7 @@ def doctor(
         )
         out = out or Path(f"doctor-{default_folder(policy)}.png")
         out.parent.mkdir(parents=True, exist_ok=True)
-        draw_consultation(found).save(out)
+        draw_preflight(found).save(out)
         _show_consultation(found, json=json)
         say(f"wrote {out}")
         return
@@ -109,7 +109,7 @@ def _show_conventions(conventions: tuple[Convention, ...]) -> None:
     print_table(["convention", "", "this side", "the policy"], rows)
 
 
-def _show_consultation(found: Consultation, *, json: bool) -> None:
+def _show_consultation(found: PreflightCheck, *, json: bool) -> None:
     if json:
         print_json(found.to_json())
         return
@@ -118,7 +118,7 @@ def _show_consultation(found: Consultation, *, json: bool) -> None:
     rows = [
         *([["assumed", assumed]] if assumed else []),
         ["prompt", found.prompt],
-        *[[f"picture {s.key}", s.note] for s in found.shown],
+        *[[f"image {s.key}", s.note] for s in found.shown],
         *[[f"state {key}", numbers_text(values)] for key, values in found.state],
         ["answer", f"{len(found.actions)} x {found.actions.shape[1]} in {found.info.action_space}; first: {first}"],
         *(
@@ -132,13 +132,13 @@ def _show_consultation(found: Consultation, *, json: bool) -> None:
     print_table(["asked", "found"], rows)
 
 
-def _try(name: str, check: Callable[[], str]) -> Finding:
+def _try(name: str, check: Callable[[], str]) -> Check:
     try:
-        return Finding(name, True, check())
+        return Check(name, True, check())
     except BetterError as error:
-        return Finding(name, False, "does not work", str(error))
+        return Check(name, False, "does not work", str(error))
     except Exception as error:  # noqa: BLE001 - a doctor reports whatever is broken
-        return Finding(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
+        return Check(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
 
 
 def _versions() -> str:
@@ -177,7 +177,7 @@ def _rendering() -> str:
         rate = frames / (time.perf_counter() - began)
     if view.rgb is None or view.rgb.std() < 5.0:
         raise BetterError(
-            "The picture is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa."
+            "The image is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa."
         )
     return f"{gl_backend()}, {renderer_fingerprint().get('renderer', '?')}, {rate:.0f} frames per second at 256 x 256"
 

@@ -15,19 +15,19 @@ import tyro
 from betterbench.certification import Coverage, load_coverage, packaged_coverage
 from betterbench.certification.coverage import cure_for
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
-from betterbench.cli.tally import Tally, service
+from betterbench.cli.tally import RunTally, service
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import Plan, Progress, make_plan
 from betterbench.evaluation import evaluate as run_plan
-from betterbench.evaluation.agents import needs_no_thread
-from betterbench.evaluation.cluster import ANYWHERE, Cluster
-from betterbench.evaluation.repeat import repeated_plan
-from betterbench.evaluation.trial import POLICY_TIMEOUT_S
+from betterbench.evaluation.planning.repeat import repeated_plan
+from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster
+from betterbench.evaluation.trials.policy_factory import needs_no_thread
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
-from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task, suite_tasks
 
 LOG_EVERY_S = 60.0
 """How often a line tells how far a run is where there is no terminal to draw a bar on [s]: the log of a batch job."""
@@ -164,19 +164,19 @@ def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials
         InvalidInputError: If a trial is not covered; the text names the first one and the cure.
     """
     coverage: Coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
-    planned = [(t.task, t.condition, t.seed) for t in plan.trials]
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in plan.trials)}
     gap = coverage.gap(planned, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
         raise InvalidInputError(
-            f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
+            f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
             f"it is not certified ({gap.reason})",
             cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials),
         )
     unsolved = coverage.unsolved(planned)
     if unsolved:
-        named = ", ".join(f"{task}/{condition} seed {number}" for task, condition, number in unsolved[:5])
+        named = ", ".join(f"{t.task}/{t.condition} seed {t.seed}" for t in unsolved[:5])
         more = f" and {len(unsolved) - 5} more" if len(unsolved) > 5 else ""
         say(f"The expert did not solve {len(unsolved)} of the planned trials: {named}{more}.")
 
@@ -266,7 +266,7 @@ def run_with_bar(
         repeats: Run whose policy has to be the same.
     """
     prepare_robot(plan.robot)
-    tally, folder, ended, elapsed_s = Tally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
+    tally, folder, ended, elapsed_s = RunTally(), RunFolder(out, {}, {}), list[JournalEntry](), 0.0
     next_line_s = 0.0
     with progress_bar(plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from betterbench.assets import categories, colours, looks
+from betterbench.assets import categories, colors, looks
 from betterbench.cli.console import OUT, print_json, print_table
 from betterbench.evaluation import known_policies
 from betterbench.tasks import TEMPLATES, all_tasks
@@ -63,8 +63,8 @@ def _policies() -> tuple[list[str], list[list[str]]]:
 
 
 def _assets() -> tuple[list[str], list[list[str]]]:
-    rows = [[name, str(len(looks(name))), ", ".join(colours(name))] for name in categories()]
-    return ["asset", "looks", "colours"], rows
+    rows = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
+    return ["asset", "looks", "colors"], rows
 
 
 def _templates() -> tuple[list[str], list[list[str]]]:

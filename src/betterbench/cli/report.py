@@ -83,8 +83,8 @@ def _choice(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
 def _films(run: RunFolder, showings: Sequence[Showing]) -> dict[str, Film]:
     wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
     with progress_bar("film strips", len(wanted)) as (bar, task):
-        pictures = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
-    return {s.key: _film(s, pictures) for s in showings}
+        images = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
+    return {s.key: _film(s, images) for s in showings}
 
 
 def _moments(showing: Showing) -> list[tuple[str, float]]:
@@ -97,9 +97,9 @@ def _shot(key: str, time_s: float) -> Shot:
     return Shot(task, condition, int(seed), time_s)
 
 
-def _film(showing: Showing, pictures: dict[Shot, bytes]) -> Film:
+def _film(showing: Showing, images: dict[Shot, bytes]) -> Film:
     def frames(key: str, times: Sequence[float], captions: Sequence[str]) -> tuple[Frame, ...]:
-        return tuple(Frame(t, pictures[_shot(key, t)], c) for t, c in zip(times, captions, strict=True))
+        return tuple(Frame(t, images[_shot(key, t)], c) for t, c in zip(times, captions, strict=True))
 
     twin = () if showing.twin is None else frames(showing.twin, showing.twin_times_s, showing.twin_captions)
     return Film(

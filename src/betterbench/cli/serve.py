@@ -16,7 +16,8 @@ import tyro
 from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import TrialName, open_server
-from betterbench.evaluation.agents import (
+from betterbench.evaluation.serving.server import DEFAULT_CHUNK
+from betterbench.evaluation.trials.policy_factory import (
     close_policy,
     is_in_process_model,
     is_privileged,
@@ -24,7 +25,6 @@ from betterbench.evaluation.agents import (
     make_policy,
     needs_no_thread,
 )
-from betterbench.evaluation.serving import DEFAULT_CHUNK
 from betterbench.interface import BatchPolicy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK
@@ -156,7 +156,7 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def _stopped_by_signal() -> Iterator[threading.Event]:
-    """Give an event that SIGTERM and Ctrl-C set; what the signals did before comes back afterwards.
+    """Give an event that SIGTERM and Ctrl-C set; what the signals did before comes back afterward.
 
     A second signal ends the process at once: a policy that hangs would otherwise keep it.
     """

@@ -22,10 +22,10 @@ def show(
         what: TASK for its training conditions, or TASK/VARIATION.
         out: PNG file to write.
         seed: Seed of both scenes.
-        size: Side of each picture in pixels.
+        size: Side of each image in pixels.
     """
     task, _, name = what.partition("/")
-    picture = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
+    image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
     out.parent.mkdir(parents=True, exist_ok=True)
-    picture.save(out)
+    image.save(out)
     say(f"wrote {out}")

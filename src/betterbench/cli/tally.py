@@ -10,7 +10,7 @@ from betterbench.recording import JournalEntry, RunFolder, read_outcome
 
 
 @dataclass(slots=True)
-class Tally:
+class RunTally:
     """Counts of a run as it goes on.
 
     Attributes:

@@ -11,8 +11,8 @@ from betterbench.comparison.contrast import (
     Contrast,
     Counted,
     Group,
+    OutcomeCounts,
     SequentialContrast,
-    Tally,
     could_have_shown,
     judged,
     rate_of,
@@ -20,10 +20,10 @@ from betterbench.comparison.contrast import (
 from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
-from betterbench.diagnosis import Kind, Label, TrialDiagnosis
+from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
-from betterbench.tasks import Axis
+from betterbench.tasks import Axis, all_labels
 
 Trials = Sequence[TrialDiagnosis]
 
@@ -145,7 +145,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
     # A label that nobody shows cannot differ; leaving it out of the correction depends on no difference.
     shown = {t.label for t in varied if t.kind is not Kind.NONE}
-    yield [_Question(label.value, "overall") for label in Label if label in shown]
+    yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:
@@ -153,10 +153,10 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
     counted = {q: [q.counted(side) for side in matching.trials] for q in family}
     asked = [q for q, sides in counted.items() if all(sides)]
     pairs = list(itertools.combinations(range(len(names)), 2))
-    drafts: list[tuple[_Question, Tally, Contrast]] = []
+    drafts: list[tuple[_Question, OutcomeCounts, Contrast]] = []
     for q in asked:
         for i, j in pairs:
-            tally = Tally(counted[q][i], counted[q][j])
+            tally = OutcomeCounts(counted[q][i], counted[q][j])
             found = _contrast(q, tally, (names[i], names[j]), paired=matching.paired, alpha=alpha)
             drafts.append((q, tally, found))
     corrected = holm([c.p_value for _, _, c in drafts])
@@ -176,7 +176,9 @@ def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Match
         yield Group(question.measure, question.scope, names, rates, _letters(rates, mine, pairs), tuple(mine))
 
 
-def _contrast(question: _Question, tally: Tally, names: tuple[str, str], *, paired: bool, alpha: float) -> Contrast:
+def _contrast(
+    question: _Question, tally: OutcomeCounts, names: tuple[str, str], *, paired: bool, alpha: float
+) -> Contrast:
     """Return two sides before the correction over their family."""
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)

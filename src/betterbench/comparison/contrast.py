@@ -159,7 +159,7 @@ def rate_of(counted: Counted) -> Rate:
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class OutcomeCounts:
     """How often something happened on two sides.
 
     Attributes:
@@ -181,7 +181,7 @@ class Tally:
         return PairedTable.from_outcomes((a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True))
 
 
-def paired_difference(tally: Tally, *, purpose: str, confidence: float) -> Difference:
+def paired_difference(tally: OutcomeCounts, *, purpose: str, confidence: float) -> Difference:
     """Return the difference of pairs with the wider of two intervals.
 
     The bootstrap knows that several variations share the twin of their seed, but has no width where all pairs agree;
@@ -206,7 +206,7 @@ def paired_difference(tally: Tally, *, purpose: str, confidence: float) -> Diffe
     return Difference(drawn.value, low, high, "paired bootstrap or Newcombe, the wider", confidence)
 
 
-def judged(tally: Tally, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
+def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
     """Return the difference, the name of its test and the p-value."""
     if paired:
         difference = paired_difference(tally, purpose=purpose, confidence=confidence)
@@ -217,7 +217,7 @@ def judged(tally: Tally, *, paired: bool, purpose: str, confidence: float) -> tu
     return difference, "Boschloo" if small else "Barnard", (boschloo_p if small else barnard_p)(a, b)
 
 
-def could_have_shown(tally: Tally, *, paired: bool, alpha: float) -> DetectableDifference | None:
+def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> DetectableDifference | None:
     """Return the smallest difference that as many trials find with 80 % power, or None without trials.
 
     For pairs, the share that differs the other way is the one seen: policies that fail on different trials need more of

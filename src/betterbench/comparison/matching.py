@@ -14,7 +14,7 @@ _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "rob
 """Conventions under which the same trial is another one: numbers made under different ones are not comparable."""
 
 _CAMERAS = ("camera_preset", "render_quality")
-"""Conventions that say nothing where a policy looked at no picture."""
+"""Conventions that say nothing where a policy looked at no image."""
 
 
 @dataclass(frozen=True, slots=True)

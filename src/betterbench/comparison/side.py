@@ -72,7 +72,7 @@ def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
     )
 
 
-def conventions_of(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
+def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
     """Return the conventions that a plan and the records made under it name.
 
     Args:
@@ -92,7 +92,7 @@ def _load(path: Path, *, allow_mixed: bool) -> Side:
     diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
     ended = {f"{e.task}/{e.variation or e.condition}/{e.seed}" for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
-    return Side(diagnosis.policy, diagnosis, str(path), unfinished, conventions_of(run.plan, diagnosis.versions))
+    return Side(diagnosis.policy, diagnosis, str(path), unfinished, side_conventions(run.plan, diagnosis.versions))
 
 
 def _shown(value: object) -> str:

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Bools, Floats, Trace
 from betterbench.tasks import THRESHOLDS
 
 
 @dataclass(frozen=True, slots=True)
-class Grasp:
+class GraspAttempt:
     """One grasp attempt, before it is known what was asked for.
 
     Attributes:
@@ -34,13 +33,13 @@ class Grasp:
     secured: bool
 
 
-def find_grasps(trace: Trace) -> tuple[Grasp, ...]:
+def find_grasps(trace: Trace) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in time.
 
     Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
     is in the hand already are no attempts; closings that only a flicker separates are one.
     """
-    grasps: list[Grasp] = []
+    grasps: list[GraspAttempt] = []
     for start, stop in _closings(trace):
         before = start - 1
         last = grasps[-1] if grasps else None
@@ -64,19 +63,19 @@ def _closings(trace: Trace) -> list[tuple[int, int]]:
         if not closing[row]:
             continue
         stop = int(edges[k + 1]) if k + 1 < len(edges) else trace.rows
-        if spans and (row - spans[-1][1]) / trace.rate_hz < LIMITS.chatter_time:
+        if spans and (row - spans[-1][1]) / trace.rate_hz < THRESHOLDS.chatter_time:
             spans[-1] = (spans[-1][0], stop)
         else:
             spans.append((row, stop))
     return spans
 
 
-def _still_gripped(trace: Trace, last: Grasp, row: int) -> bool:
+def _still_gripped(trace: Trace, last: GraspAttempt, row: int) -> bool:
     i = last.object
     return i is not None and last.secured and bool(trace.left[row, i] and trace.right[row, i])
 
 
-def _in_place(trace: Trace, last: Grasp, grasp: Grasp) -> bool:
+def _in_place(trace: Trace, last: GraspAttempt, grasp: GraspAttempt) -> bool:
     """Tell whether a hand only closes again on what it has just put somewhere, before it has gone away from it."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not trace.there[grasp.start, i]:
@@ -85,12 +84,12 @@ def _in_place(trace: Trace, last: Grasp, grasp: Grasp) -> bool:
     return bool((away <= THRESHOLDS.slot_reach).all())
 
 
-def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
+def _resolve(trace: Trace, start: int, stop: int) -> GraspAttempt | None:
     """Return the attempt that a closing is, or None if it is none."""
     before = start - 1
     limit = min(stop, start + trace.steps(THRESHOLDS.attempt_window), trace.rows)
     widths = trace.width[before:limit]
-    if float(widths[0] - widths.min()) < LIMITS.finger_travel:
+    if float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
         return None
     settled = before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0])
     touched = _touched(trace, start, limit, settled)
@@ -100,15 +99,15 @@ def _resolve(trace: Trace, start: int, stop: int) -> Grasp | None:
         if i in trace.items:  # a container beside a slot is not what stands in it
             slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
             slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
-        return Grasp(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
-    if limit == trace.rows and (limit - start < trace.steps(LIMITS.stop_time) or _still_closing(trace, limit)):
+        return GraspAttempt(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
+    if limit == trace.rows and (limit - start < trace.steps(THRESHOLDS.stop_time) or _still_closing(trace, limit)):
         return None  # the episode ended before the fingers could reach anything
     return _air_grasp(trace, before, settled, stop)
 
 
 def _still_closing(trace: Trace, limit: int) -> bool:
     """Tell whether the fingers were on their way when the episode ended: nobody knows what they would have met."""
-    return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > LIMITS.finger_travel
+    return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
 def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, int] | None:
@@ -122,7 +121,7 @@ def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, i
     free[list(trace.items)] = True
     free &= ~trace.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
     stopped = (
-        limit - start >= trace.steps(LIMITS.stop_time)
+        limit - start >= trace.steps(THRESHOLDS.stop_time)
         and trace.width[limit - 1] > THRESHOLDS.closed_width
         and not _still_closing(trace, limit)
     )
@@ -155,7 +154,7 @@ def _lifted(trace: Trace, i: int | None, start: int, stop: int) -> bool:
     return bool((gripped & risen).any())
 
 
-def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | None:
+def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> GraspAttempt | None:
     """Return a null attempt, or None where nothing is within reach of the hand."""
     tool = trace.tool[settled]
     home = np.array(trace.info.home_position)
@@ -163,13 +162,13 @@ def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | No
         return None
     if float(np.linalg.norm((tool - trace.tool[before])[:2])) > THRESHOLDS.slot_reach:
         return None  # a hand that closes while it travels past aims at nothing
-    boxes, centres = trace.box_distances(before, tool), trace.centre_distances(before, tool)
+    boxes, centers = trace.box_distances(before, tool), trace.center_distances(before, tool)
     within = [
-        (float(centres[i]), i)
+        (float(centers[i]), i)
         for i in trace.items
         if not trace.there[before, i]
         and trace.on_table(before, i)
-        and (boxes[i] <= THRESHOLDS.grasp_reach or max(centres[i], boxes[i]) <= THRESHOLDS.slot_reach)
+        and (boxes[i] <= THRESHOLDS.grasp_reach or max(centers[i], boxes[i]) <= THRESHOLDS.slot_reach)
     ]
     aim = min(within)[1] if within else None
     slot = None
@@ -180,4 +179,4 @@ def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> Grasp | No
         slot = slot or trace.slot_near(tool, THRESHOLDS.slot_reach)
     if aim is None and slot is None:
         return None
-    return Grasp(before, settled, stop, None, aim, slot, secured=False)
+    return GraspAttempt(before, settled, stop, None, aim, slot, secured=False)

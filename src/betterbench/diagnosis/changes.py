@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeVar
 
+from betterbench.diagnosis.failure_mode import labels_of_second_pass
 from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
-from betterbench.diagnosis.verdict import Label
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -17,9 +17,6 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
 other "evidence" of the same rule. Or the "record" is another one, because the run went on. A trial is "new" or "gone"
 where only one of the two diagnoses has it."""
-
-_OF_SECOND_PASS = frozenset((Label.LEXICAL_KINEMATIC_SHORTCUT.value, Label.VISUAL_LAYOUT_BIAS.value))
-"""Labels that no trial gets by itself."""
 
 _SAME_TIME = 1e-6
 """Times closer than this are the same [s]; a control step is 0.05 s."""
@@ -47,9 +44,9 @@ class TrialChange:
     Attributes:
         key: The trial ("fast_food/T1/3").
         sort: What changed.
-        before: The stored judgement, or None for a new trial.
-        now: The judgement now, or None for a trial that is gone.
-        reasons: Why, as far as the two judgements show it; sentences without a full stop.
+        before: The stored judgment, or None for a new trial.
+        now: The judgment now, or None for a trial that is gone.
+        reasons: Why, as far as the two judgments show it; sentences without a full stop.
     """
 
     key: str
@@ -184,14 +181,14 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield what two judgements of the same record show about the cause of the change."""
+    """Yield what two judgments of the same record show about the cause of the change."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts
     if not same_attempts:
         a, b = len(before.attempts), len(now.attempts)
         yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read otherwise"
-    given = {before.label, now.label} & _OF_SECOND_PASS or before.candidates != now.candidates
+    given = {before.label, now.label} & set(labels_of_second_pass()) or before.candidates != now.candidates
     if same_attempts and given and (before.label, before.rule) != (now.label, now.rule):
         yield f"the second pass rules otherwise on the attempt at {min(before.start_s, now.start_s):.2f} s"
     else:

@@ -4,35 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.course import Course, Step
-from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
 from betterbench.diagnosis.trace import Bools, Trace
 from betterbench.tasks import THRESHOLDS
 
 
-def find_halt(course: Course) -> tuple[int, int] | None:
+def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
     A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy
     grasps again is none.
 
     Args:
-        course: The course of the episode.
+        episode: The course of the episode.
 
     Returns:
         First and last row of the halt.
     """
-    trace = course.trace
+    trace = episode.trace
     still = _still(trace)
-    for step in course.steps:
+    for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that lets go of something has not halted yet
-        still[release : release + trace.steps(LIMITS.stop_time)] = False
-    last = max((_busy_until(trace, s) for s in course.steps), default=-1)
+        still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
+    last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
     for start, stop in _runs(still):
         begin = max(start, last + 1)
-        if stop - begin >= needed and course.open_goals(begin + needed - 1):
+        if stop - begin >= needed and episode.open_goals(begin + needed - 1):
             return begin, stop - 1
     return None
 
@@ -51,14 +50,14 @@ def _busy_until(trace: Trace, step: Step) -> int:
 
 
 def travel(trace: Trace) -> np.ndarray:
-    """Return the length of the path of the tool centre point up to each row, shape (T,) [m]."""
+    """Return the length of the path of the tool center point up to each row, shape (T,) [m]."""
     lengths = np.linalg.norm(np.diff(trace.tool, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(lengths)))
 
 
 def _still(trace: Trace) -> Bools:
-    """Return the rows at which the tool centre point moves slower than ``halt_speed``, averaged over a short time."""
-    window = min(trace.steps(LIMITS.stillness_window), max(1, trace.rows - 1))
+    """Return the rows at which the tool center point moves slower than ``halt_speed``, averaged over a short time."""
+    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
     gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
     slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
     still = np.zeros(trace.rows, dtype=np.bool_)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
-from betterbench.diagnosis.verdict import Kind, Metric, TrialDiagnosis
+from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
 from betterbench.statistics import (
     Difference,
     PairedTable,
@@ -17,6 +17,7 @@ from betterbench.statistics import (
     paired_bootstrap,
 )
 from betterbench.tasks import Axis, stream
+from betterbench.tasks.labels import Kind
 
 Trials = Sequence[TrialDiagnosis]
 

@@ -23,11 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.diagnosis.labels import ALONE, Ruling
-from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.ruling import ALONE, CONFUSION, HABIT, PLACE, WORD, Ruling
 from betterbench.diagnosis.trial import Choice
+from betterbench.tasks import THRESHOLDS
 
-WORD, HABIT, PLACE, CONFUSION = "word", "habit", "place", "confusion"
 FAMILIES = (WORD, HABIT, PLACE, CONFUSION)
 
 _GRID = np.linspace(0.0, 0.99, 100)
@@ -35,7 +34,7 @@ _GRID = np.linspace(0.0, 0.99, 100)
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class PolicyRule:
     """One rule, judged on all first attempts of a task.
 
     Attributes:
@@ -79,7 +78,7 @@ class TaskRules:
         undecided: Number of trials in which word and place cannot be told apart for lack of trials.
     """
 
-    rules: tuple[Rule, ...]
+    rules: tuple[PolicyRule, ...]
     confusion: float
     upheld: tuple[str, ...]
     rulings: Mapping[str, Ruling]
@@ -104,7 +103,7 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
 def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
     """Return what each kind of rule costs before a task is looked at, from all tasks together [nats, 0 for the usual].
 
-    The weights of a mixture are fitted to the tasks that hold wrong attempts, by expectation maximisation (Dempster,
+    The weights of a mixture are fitted to the tasks that hold wrong attempts, by expectation maximization (Dempster,
     Laird & Rubin 1977), each kind with half a task of prior weight (Jeffreys' prior for a multinomial).
 
     Args:
@@ -178,7 +177,7 @@ def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     return False
 
 
-def _rule_on(choice: Choice, rules: Sequence[Rule], proven: set[str], choices: Sequence[Choice]) -> Ruling:
+def _rule_on(choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choices: Sequence[Choice]) -> Ruling:
     """Return the ruling on one trial: the cheapest proven rule that fits it."""
     if choice.correct or choice.slot is None:
         return Ruling("rejected")
@@ -208,17 +207,17 @@ def _fits(name: str, choice: Choice) -> bool:
     return choice.slot is not None and choice.slot in _predicted(name, choice)
 
 
-def _judge(name: str, choices: Sequence[Choice], price: float) -> Rule:
+def _judge(name: str, choices: Sequence[Choice], price: float) -> PolicyRule:
     """Return a rule with its likelihood at the best strength."""
     log = np.zeros_like(_GRID)
     explained = opportunities = errors_elsewhere = elsewhere = 0
     for choice in choices:
         predicted = _predicted(name, choice)
         if not predicted:
-            log += math.log(_chance(choice, LIMITS.slip))
+            log += math.log(_chance(choice, THRESHOLDS.slip))
             continue
         fits = _fits(name, choice)
-        otherwise = _chance(choice, LIMITS.slip)
+        otherwise = _chance(choice, THRESHOLDS.slip)
         log += np.log(_GRID * fits + (1.0 - _GRID) * otherwise)
         if predicted & choice.right:
             elsewhere += 1
@@ -227,7 +226,7 @@ def _judge(name: str, choices: Sequence[Choice], price: float) -> Rule:
             opportunities += 1
         explained += fits and not choice.correct
     best = int(np.argmax(log))
-    return Rule(
+    return PolicyRule(
         name,
         price - float(log[best]),
         float(_GRID[best]),

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
 from betterbench.state import SceneInfo
-from betterbench.tasks import Condition
-from betterbench.tasks.predicates import RELATIONS, relation
+from betterbench.tasks import THRESHOLDS, Condition
+from betterbench.tasks.relations import RELATIONS, relation
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -27,29 +26,29 @@ class Whereabout:
         object: Index of the object.
         relation: Name of the relation.
         target: Index of the target.
-        place: Place of the target, "" if it offers just one.
+        place: TargetRegion of the target, "" if it offers just one.
         rows: (T,) whether it was there.
     """
 
     object: int
     relation: str
     target: int
-    place: str
+    region: str
     rows: Bools
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One episode as arrays. ``T`` rows, ``n`` objects, ``g`` subgoals; world frame, metres, seconds.
+    """One episode as arrays. ``T`` rows, ``n`` objects, ``g`` subgoals; world frame, meters, seconds.
 
     Attributes:
         info: The scene.
         rate_hz: Control rate [Hz].
         time: (T,) time since reset.
-        tool: (T, 3) tool centre point.
+        tool: (T, 3) tool center point.
         width: (T,) distance of the finger pads.
         closing: (T,) whether the gripper is commanded to close; a command of zero keeps the last one.
-        positions: (T, n, 3) object positions (centre of the bottom face).
+        positions: (T, n, 3) object positions (center of the bottom face).
         quaternions: (T, n, 4) object rotations (w, x, y, z).
         left: (T, n) whether the left finger touches the object.
         right: (T, n) whether the right finger touches it.
@@ -97,7 +96,7 @@ class Trace:
 
     def on_table(self, row: int, i: int) -> bool:
         """Tell whether an object has not fallen off the table."""
-        return bool(self.positions[row, i, 2] > -LIMITS.fallen_below)
+        return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def placed(self, row: int, i: int) -> Whereabout | None:
         """Return where an object is with respect to a target at a row, or None if at no place of any."""
@@ -132,7 +131,7 @@ class Trace:
         outside: Floats = np.linalg.norm(np.maximum(np.abs(local) - 0.5 * size, 0.0), axis=1)
         return outside
 
-    def centre_distances(self, row: int, point: Floats) -> Floats:
+    def center_distances(self, row: int, point: Floats) -> Floats:
         """Return the horizontal distance [m] of a point to every object, shape (n,)."""
         distances: Floats = np.linalg.norm(self.positions[row, :, :2] - point[:2], axis=1)
         return distances
@@ -185,7 +184,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     targets = tuple(_index_of_kind(info, condition.object(goal.target).kind) for goal in goals)
     for g, goal in enumerate(goals):
         for i in meant[g]:
-            label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.place)
+            label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
     left, right = _touches(record, rows)
     stands = {o.slot for o in objects if o.role in ("container", "fixture")}
@@ -241,9 +240,9 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
     found = []
-    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
+    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried):
         for t, target in enumerate(objects):
-            for place in kind.places(target):
+            for place in kind.regions(target):
                 for i in items:
                     c = column.get(kind.label(objects[i].name, target.name, place))
                     if c is not None:
@@ -260,7 +259,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     for o in condition.objects:
         if o.mount is not None:
             cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
-            place = info.objects[cabinet].region(o.mount.at).position
+            place = info.objects[cabinet].region(o.mount.region).position
             found.append((_index_of_kind(info, o.kind), cabinet, place))
     return tuple(found)
 

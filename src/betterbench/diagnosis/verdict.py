@@ -3,48 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from enum import StrEnum
 from typing import Any
 
 from betterbench.statistics import Rate
-
-
-class Kind(StrEnum):
-    """What sort of failure a label is."""
-
-    NONE = "none"
-    REASONING = "reasoning"
-    EXECUTION = "execution"
-    SYSTEM = "system"
-
-
-class Label(StrEnum):
-    """The one outcome of a trial (suite, section 5)."""
-
-    SUCCESS = "success"
-    CORRECT_FREEZE = "correct_freeze"
-    CORRECT_REFUSAL = "correct_refusal"
-    LEXICAL_KINEMATIC_SHORTCUT = "lexical_kinematic_shortcut"
-    VISUAL_LAYOUT_BIAS = "visual_layout_bias"
-    BEHAVIORAL_INERTIA = "behavioral_inertia"
-    CAUSAL_CONFUSION = "causal_confusion"
-    SEMANTIC_FEATURE_COLLAPSE = "semantic_feature_collapse"
-    ORDER_VIOLATION = "order_violation"
-    PHASE_CONFLICT = "phase_conflict"
-    EARLY_HALT = "early_halt"
-    WRONG_OBJECT = "wrong_object"
-    EXECUTION_FAILURE = "execution_failure"
-    TIMEOUT = "timeout"
-    POLICY_ERROR = "policy_error"
-
-    @property
-    def kind(self) -> Kind:
-        """What sort of failure the label is."""
-        if self in (Label.SUCCESS, Label.CORRECT_FREEZE, Label.CORRECT_REFUSAL):
-            return Kind.NONE
-        if self in (Label.EXECUTION_FAILURE, Label.TIMEOUT):
-            return Kind.EXECUTION
-        return Kind.SYSTEM if self is Label.POLICY_ERROR else Kind.REASONING
+from betterbench.tasks.labels import Kind, Label
+from betterbench.tasks.trial_id import TrialId
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +20,7 @@ class Evidence:
         start_s: Beginning of the span that shows it [s].
         end_s: End of the span [s].
         objects: Objects involved.
-        shared: For a look-alike, what it shares with the target ("colour", "shape", "slot"), or nothing.
+        shared: For a look-alike, what it shares with the target ("color", "shape", "slot"), or nothing.
         candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
     """
 
@@ -106,9 +69,15 @@ class TrialDiagnosis:
         success: Whether the trial succeeded.
         expected: "succeed", "refuse" or "stay_still".
         label: The outcome.
-        first_attempt: Object of the first grasp attempt, or None; a drawer that had to be moved for it is not counted.
+        first_attempt: Object of the first grasp attempt, or None if there is none or it was an air grasp; a drawer that
+            had to be moved for it is not counted.
+        first_attempt_kind: Its kind.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object (kind) that the first attempt should have been at, or None where none should be.
+        intended: Object that the first attempt should have been at, or None where none should be. Where it was right,
+            the object that it was at; else the first of ``intended_any``.
+        intended_kind: Its kind.
+        intended_any: All objects at which the first attempt would have been right, in the order of the subgoals and
+            then of the slots in which they stand.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
         progress: Subgoals completed in a valid order divided by subgoals asked.
         attempts: All grasp attempts, in time.
@@ -130,8 +99,11 @@ class TrialDiagnosis:
     expected: str
     label: Label
     first_attempt: str | None
+    first_attempt_kind: str | None
     first_slot: str | None
     intended: str | None
+    intended_kind: str | None
+    intended_any: tuple[str, ...]
     intention_correct: bool | None
     progress: float
     attempts: tuple[Attempt, ...]
@@ -147,14 +119,19 @@ class TrialDiagnosis:
         return self.label.kind
 
     @property
+    def trial_id(self) -> TrialId:
+        """The trial: its task, the variation or training condition, and its seed."""
+        return TrialId(self.task, self.variation or self.condition, self.seed)
+
+    @property
     def key(self) -> str:
-        """Identifier within a run ("fast_food/T1/3", "fast_food/train1/3")."""
-        return f"{self.task}/{self.variation or self.condition}/{self.seed}"
+        """Text form of the trial ("fast_food/T1/3", "fast_food/train1/3")."""
+        return str(self.trial_id)
 
     @property
     def twin_key(self) -> str | None:
-        """Identifier of the counterfactual twin, or None on a training condition."""
-        return None if self.variation is None else f"{self.task}/{self.condition}/{self.seed}"
+        """Text form of the counterfactual twin, or None on a training condition."""
+        return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -211,7 +188,7 @@ class RunDiagnosis:
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
         thresholds: The thresholds in force.
-        versions: Versions found in the records.
+        versions: RecordVersions found in the records.
         pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
             that nobody writes to any more: what it has not finished is then among the trials, without a record.
     """

@@ -1,14 +1,14 @@
-"""Episodes: one rollout of one mind in one scene, and what it leaves behind."""
+"""Episodes: one rollout of one policy in one scene, and what it leaves behind."""
 
-from betterbench.episodes.answers import POLICY_BOUNDARY, Mind, Question, Reply, answer
+from betterbench.episodes.answers import POLICY_BOUNDARY, AnyPolicy, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import EpisodeResult, Steps, episode_steps, run_episode
 from betterbench.episodes.observer import Observer
 
 __all__ = [
     "POLICY_BOUNDARY",
+    "AnyPolicy",
     "EpisodeResult",
-    "Mind",
     "Observer",
     "Question",
     "Reply",

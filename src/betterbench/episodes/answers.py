@@ -1,4 +1,4 @@
-"""Questions and replies between an episode and its mind, and the boundary that no policy can break."""
+"""Questions and replies between an episode and its policy, and the boundary that no policy can break."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import PrivilegedPolicy, WorldState
 
-Mind = Policy | PrivilegedPolicy
+AnyPolicy = Policy | PrivilegedPolicy
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What an episode shows its mind.
+    """What an episode shows its policy.
 
     Attributes:
-        seen: The start of the episode, which asks for no actions; an observation; or the state, for a privileged mind.
+        seen: The start of the episode, which asks for no actions; an observation; or the privileged state.
         wanted_in: Control steps for which the episode can go on without the reply; 0 where it has to wait.
     """
 
@@ -30,7 +30,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What a mind answered.
+    """What a policy answered.
 
     Attributes:
         actions: The answer as an array of any shape and type; empty for the start of an episode.
@@ -44,11 +44,11 @@ class Reply:
 _NO_ACTIONS = np.empty(0)
 
 
-def answer(mind: Mind, seen: EpisodeStart | Observation | WorldState) -> Reply:
-    """Ask a mind and wait for what it says.
+def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> Reply:
+    """Ask a policy and wait for what it says.
 
     Args:
-        mind: The policy.
+        policy: The policy.
         seen: What it is shown.
 
     Raises:
@@ -59,12 +59,12 @@ def answer(mind: Mind, seen: EpisodeStart | Observation | WorldState) -> Reply:
     began = time.perf_counter()
     with POLICY_BOUNDARY:
         if isinstance(seen, WorldState):
-            actions = np.asarray(mind.act_on_state(seen))  # type: ignore[union-attr]
+            actions = np.asarray(policy.act_on_state(seen))  # type: ignore[union-attr]
         elif isinstance(seen, EpisodeStart):
-            mind.reset(seen)  # type: ignore[union-attr]
+            policy.reset(seen)  # type: ignore[union-attr]
             actions = _NO_ACTIONS
         else:
-            actions = np.asarray(mind.act(seen))  # type: ignore[union-attr]
+            actions = np.asarray(policy.act(seen))  # type: ignore[union-attr]
     return Reply(actions, time.perf_counter() - began)
 
 
@@ -73,7 +73,7 @@ class PolicyBoundary:
 
     Two things pass as they are, because they concern the whole run: a server that cannot be reached, and one that
     declares other conventions than before. A context manager that keeps nothing, so one of it is enough: it is entered
-    at every control step of a privileged mind.
+    at every control step of a privileged policy.
     """
 
     __slots__ = ()

@@ -75,7 +75,7 @@ class Chunks:
         if not queue:
             question, passed = (None, self._passing) if self._asked else (Question(self._see(state)), 0)
             self._asked = False
-            # What `_pause` does, without a generator of its own: a privileged mind is asked at every control step.
+            # What `_pause` does, without a generator of its own: a privileged policy is asked at every control step.
             self._simulation_s += time.perf_counter() - self._resumed
             try:
                 reply = yield question
@@ -91,7 +91,7 @@ class Chunks:
         return queue.popleft()
 
     def look(self, step: int) -> None:
-        """Take the pictures of the next question, if it comes at once, before anything else is done with the state.
+        """Take the images of the next question, if it comes at once, before anything else is done with the state.
 
         Drawing leaves cold caches behind; all that follows, up to the next action, then shares the way back.
 
@@ -133,7 +133,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return what the mind is shown."""
+        """Return what the policy is shown."""
         if self._observer is None:
             return state
         began = time.perf_counter()

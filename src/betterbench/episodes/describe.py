@@ -21,7 +21,7 @@ class TrialContext:
         axis: Axis of the variation, or None.
         base_condition: Training condition the variation is derived from, or None.
         interventions: The operations as text.
-        camera_preset: Name of the observation preset, or None where no picture is rendered.
+        camera_preset: Name of the observation preset, or None where no image is rendered.
     """
 
     policy: str

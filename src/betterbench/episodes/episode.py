@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.episodes.answers import Mind, Question, Reply, answer
+from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.observer import Observer
@@ -42,7 +42,7 @@ class EpisodeResult:
 def _settled_heap() -> Iterator[None]:
     """Keep the garbage collector from searching, in the middle of an episode, what was there before it.
 
-    A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with pictures.
+    A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with images.
     What an episode itself leaves behind is collected as ever.
     """
     if gc.get_freeze_count():
@@ -56,7 +56,7 @@ def _settled_heap() -> Iterator[None]:
 
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
-"""An episode that waits for its mind. It yields a question; where the question can wait (``wanted_in`` > 0) None is
+"""An episode that waits for its policy. It yields a question; where the question can wait (``wanted_in`` > 0) None is
 sent back at once, and the reply when the episode yields None. A :class:`~betterbench.errors.PolicyError` is thrown in
 where a reply would be sent."""
 
@@ -65,17 +65,17 @@ _PLAIN = Execution()
 
 def run_episode(
     scene: Scene,
-    mind: Mind,
+    policy: AnyPolicy,
     *,
     context: TrialContext,
     observer: Observer | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> EpisodeResult:
-    """Run one episode from reset to its end, with a mind that answers in this thread.
+    """Run one episode from reset to its end, with a policy that answers in this thread.
 
     Args:
         scene: The scene; it is reset first, and its premise is checked.
-        mind: The policy. With an observer it is asked for ``act``, without one for ``act_on_state``.
+        policy: The policy. With an observer it is asked for ``act``, without one for ``act_on_state``.
         context: What the trial is called within the run.
         observer: Makes observations; None for a privileged policy.
         on_step: Called with the number of each control step.
@@ -88,7 +88,7 @@ def run_episode(
         PolicyUnavailableError: If the policy's server cannot be reached.
         HandshakeError: If the policy has become another one.
     """
-    execution = _PLAIN if observer is None else mind.info.execution  # type: ignore[union-attr]
+    execution = _PLAIN if observer is None else policy.info.execution  # type: ignore[union-attr]
     steps = episode_steps(scene, context=context, observer=observer, execution=execution, on_step=on_step)
     outcome: Reply | PolicyError | None = None
     kept: Reply | PolicyError | None = None
@@ -100,7 +100,7 @@ def run_episode(
                     outcome, kept = kept, None
                 else:
                     try:
-                        outcome = answer(mind, question.seen)
+                        outcome = answer(policy, question.seen)
                     except PolicyUnavailableError:
                         raise
                     except PolicyError as problem:
@@ -123,7 +123,7 @@ def episode_steps(
     execution: Execution = _PLAIN,
     on_step: Callable[[int], None] | None = None,
 ) -> Steps:
-    """Run one episode from reset to its end, and stop wherever the mind has to answer first.
+    """Run one episode from reset to its end, and stop wherever the policy has to answer first.
 
     One thread can so interleave many episodes. What happens does not depend on how long an answer takes: an episode
     that asks ahead plays the same actions until it uses the reply, and drops as many of it.

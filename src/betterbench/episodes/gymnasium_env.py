@@ -32,7 +32,7 @@ _BOUNDS = {
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
     """One task under one condition; every reset is one seed of it.
 
-    Observation: a dictionary with one (height, width, 3) uint8 picture per camera, ``joint_positions`` (7,) [rad],
+    Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
     The sentence is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of success,
     else 0. Nothing privileged is observed; ``info`` holds the truth for training and evaluation code that wants it.
@@ -43,7 +43,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
-        render_mode: "rgb_array" for pictures of the front camera.
+        render_mode: "rgb_array" for images of the front camera.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - Gymnasium's own convention
@@ -147,7 +147,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         )
 
     def render(self) -> np.ndarray | None:
-        """Return the front camera's picture, (256, 256, 3) uint8, in mode "rgb_array"."""
+        """Return the front camera's image, (256, 256, 3) uint8, in mode "rgb_array"."""
         if self.render_mode is None or self._scene is None:
             return None
         if self._renderer is None or self._renderer.model is not self._scene.model:

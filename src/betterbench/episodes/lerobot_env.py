@@ -14,8 +14,8 @@ from typing import Any
 import gymnasium
 from gymnasium.vector import VectorEnv
 
+from betterbench.episodes.lazy_vector_env import ActiveEnv, LazyAsyncVectorEnv, LazySyncVectorEnv
 from betterbench.episodes.lerobot_task import LeRobotTaskEnv
-from betterbench.episodes.napping import NappingAsync, NappingSync, Shift
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import InvalidInputError
 
@@ -72,19 +72,19 @@ def make_env(
         raise InvalidInputError("n_envs", f"{n_envs} is not positive", "Give at least 1")
     if getattr(cfg, "max_parallel_tasks", 1) > 1:
         raise InvalidInputError(
-            "max_parallel_tasks", "an off-screen picture belongs to one thread", "Leave it at 1 and raise n_envs"
+            "max_parallel_tasks", "an off-screen image belongs to one thread", "Leave it at 1 and raise n_envs"
         )
     wanted = conditions if conditions is not None else getattr(cfg, "task", None)
     given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings
-    shift = Shift()
+    shift = ActiveEnv()
     envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
     for task, name in select_conditions(wanted):
         make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
         seen = _Seen(make())  # a wrong setting is told now, not at the first reset
         env = (
-            NappingAsync([make] * n_envs, shift, stand_ins=[seen] * n_envs)
+            LazyAsyncVectorEnv([make] * n_envs, shift, stand_ins=[seen] * n_envs)
             if use_async_envs
-            else NappingSync([make] * n_envs, shift)
+            else LazySyncVectorEnv([make] * n_envs, shift)
         )
         envs[f"{task}-{name}"] = {0: env}
     return envs

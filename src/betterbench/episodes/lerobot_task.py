@@ -48,7 +48,7 @@ STATE_DIM = 8
 class LeRobotTaskEnv(TaskEnv):
     """One task under one condition, with LeRobot's observation keys.
 
-    Observation: ``pixels``, one (height, width, 3) uint8 picture per camera, upright as ``better eval`` shows them, and
+    Observation: ``pixels``, one (height, width, 3) uint8 image per camera, upright as ``better eval`` shows them, and
     ``agent_pos`` (8,) float32. ``info["is_success"]`` is there at reset and at every step.
 
     Args:
@@ -59,7 +59,7 @@ class LeRobotTaskEnv(TaskEnv):
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
-        render_mode: "rgb_array" for pictures of the front camera.
+        render_mode: "rgb_array" for images of the front camera.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class LeRobotTaskEnv(TaskEnv):
                         for c in self._spec.cameras
                     }
                 ),
-                # Wider than anything that can happen: joints within 3.8 rad, rotation vectors within 2 pi, and metres.
+                # Wider than anything that can happen: joints within 3.8 rad, rotation vectors within 2 pi, and meters.
                 "agent_pos": spaces.Box(-7.0, 7.0, (STATE_DIM,), np.float32),
             }
         )
@@ -113,7 +113,7 @@ class LeRobotTaskEnv(TaskEnv):
 
     def _form(self, seen: Observation) -> dict[str, Any]:
         return {
-            "pixels": {self._names[name]: picture for name, picture in seen.images.items()},
+            "pixels": {self._names[name]: image for name, image in seen.images.items()},
             "agent_pos": self._state_of(seen),
         }
 

@@ -14,7 +14,7 @@ from betterbench.state import WorldState
 _KEPT_RENDERERS = 4
 
 Views = Mapping[str, Images]
-"""Pictures by camera."""
+"""Images by camera."""
 
 
 class Observer:
@@ -34,17 +34,17 @@ class Observer:
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
     def look(self, scene: Scene) -> Views:
-        """Return the pictures of what is now, by camera.
+        """Return the images of what is now, by camera.
 
         Raises:
-            MissingDependencyError: If pictures are asked for and no off-screen OpenGL works here.
+            MissingDependencyError: If images are asked for and no off-screen OpenGL works here.
         """
         if not self.spec.cameras:
             return {}
-        pictures = self._renderer(scene).render_views(
+        images = self._renderer(scene).render_views(
             scene.data, self._wanted, depth=self.spec.depth, masks=self.spec.masks
         )
-        return dict(zip(self._names, pictures, strict=True))
+        return dict(zip(self._names, images, strict=True))
 
     def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return what a policy sees now.
@@ -52,10 +52,10 @@ class Observer:
         Args:
             scene: The scene.
             state: Its state now.
-            views: Pictures of this state that :meth:`look` has taken already.
+            views: Images of this state that :meth:`look` has taken already.
 
         Raises:
-            MissingDependencyError: If pictures are asked for and no off-screen OpenGL works here.
+            MissingDependencyError: If images are asked for and no off-screen OpenGL works here.
         """
         if views is None:
             views = self.look(scene)

@@ -1,4 +1,4 @@
-"""Privileged experts and the calibration zoo: skills that see the truth, minds that are right or wrong on purpose."""
+"""Privileged policies: the expert, and the faulty policies that calibrate the diagnosis."""
 
 from betterbench.experts.privileged import PrivilegedAgent
 from betterbench.experts.registry import EXPERTS, REPLAYS, Address, expert_names, make_expert, parse_address

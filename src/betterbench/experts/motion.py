@@ -1,4 +1,4 @@
-"""Moving the tool centre point: straight segments, a bounded speed profile, and actions that follow it."""
+"""Moving the tool center point: straight segments, a bounded speed profile, and actions that follow it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Pace:
     """How fast a motion may be.
 
     Attributes:
-        speed: Largest speed of the tool centre point [m/s].
+        speed: Largest speed of the tool center point [m/s].
         corner_speed: Speed at the corners between segments [m/s].
         acceleration: Largest acceleration [m/s^2].
         turning: Largest turning speed [rad/s].
@@ -47,7 +47,7 @@ class Pace:
 FREE = Pace(0.50, 0.15, 1.6, 1.8)
 """Pace without a load."""
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
-"""Pace with an object in the hand, held with 40 N: slip stays below a millimetre, where a lagging arm lost objects."""
+"""Pace with an object in the hand, held with 40 N: slip stays below a millimeter, where a lagging arm lost objects."""
 RAILS = Pace(0.14, 0.05, 0.4)
 """Pace of a drawer: what is in it must not slide."""
 APPROACH = Pace(0.16, 0.05, 0.6)

@@ -11,7 +11,6 @@ import numpy as np
 
 from betterbench.assets import Asset, Grasp
 from betterbench.errors import PlanningError
-from betterbench.experts.targets import PlaceGoal
 from betterbench.geometry import (
     Pose,
     Quaternion,
@@ -20,19 +19,20 @@ from betterbench.geometry import (
     from_axis_angle,
     from_yaw,
     multiply,
-    normalise,
+    normalize,
     rotate,
     slerp,
 )
 from betterbench.robots import ArmIK
 from betterbench.scenes import Clearance, Scene
 from betterbench.state import WorldState
-from betterbench.tasks.predicates import inside
+from betterbench.tasks.relations import PlaceGoal
+from betterbench.tasks.relations.inside import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""
 SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
-"""Heights of the tool centre point at which objects are carried across the table, lowest first."""
+"""Heights of the tool center point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
 """Distance between configurations that are checked along a way."""
 MAX_JOINT_STEP_RAD = 0.6
@@ -51,7 +51,7 @@ class PickPlan:
 
     Attributes:
         object: Name of the object.
-        way: Poses of the tool centre point to pass, the last one above the grasp.
+        way: Poses of the tool center point to pass, the last one above the grasp.
         grasp: Pose ``T_world_tcp`` at which the gripper closes.
         width_m: Opening of the gripper on the way down [m].
     """
@@ -67,9 +67,9 @@ class PlacePlan:
     """A collision-free way to put the held object down.
 
     Attributes:
-        way: Poses of the tool centre point to pass.
+        way: Poses of the tool center point to pass.
         release: Pose ``T_world_tcp`` at which the gripper opens.
-        retreat: Pose to go to afterwards.
+        retreat: Pose to go to afterward.
         release_width_m: How far the hand opens to let go [m].
     """
 
@@ -246,7 +246,7 @@ class Planner:
         """Yield grasps from above for an object that has fallen over, across its narrow horizontal directions."""
         info = state.info.object(name)
         pose = state.pose(name)
-        centre = pose.apply((0.0, 0.0, 0.5 * info.size_m[2]))
+        center = pose.apply((0.0, 0.0, 0.5 * info.size_m[2]))
         for axis in range(3):
             if info.size_m[axis] > self._opening - 0.008:
                 continue
@@ -255,10 +255,10 @@ class Planner:
             if abs(z) > 0.3:
                 continue
             yaw = math.atan2(y, x) - 0.5 * math.pi
-            height = max(0.012, centre[2] - 0.005)
+            height = max(0.012, center[2] - 0.005)
             for flip in (0.0, math.pi):
-                down = normalise(multiply(from_yaw(yaw + flip), DOWN))
-                yield Pose((centre[0], centre[1], height), down), info.size_m[axis]
+                down = normalize(multiply(from_yaw(yaw + flip), DOWN))
+                yield Pose((center[0], center[1], height), down), info.size_m[axis]
 
     def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
         """Return joint angles that reach a pose and keep ``margin`` [rad] from the joint limits, or None."""
@@ -312,7 +312,7 @@ class Planner:
 
         Args:
             joints: (7,) joint angles at its beginning [rad].
-            way: Poses of the tool centre point.
+            way: Poses of the tool center point.
             width: Distance of the finger pads [m].
             held: Object in the hand, or None.
             T_tcp_object: Where the held object is in the hand.
@@ -322,7 +322,7 @@ class Planner:
         Returns:
             What blocks the way, or None if it is free; and the joint angles where the check ended.
         """
-        travelled = 0.0
+        traveled = 0.0
         for start, end in itertools.pairwise(way):
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
@@ -341,9 +341,9 @@ class Planner:
                 hits = self._clearance.touches(
                     joints, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore
                 )
-                if hits and not (lenient_start and travelled + f * length < 0.05):
+                if hits and not (lenient_start and traveled + f * length < 0.05):
                     return ", ".join(hits), joints
-            travelled += length
+            traveled += length
         return None, joints
 
 

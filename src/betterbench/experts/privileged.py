@@ -1,4 +1,4 @@
-"""A privileged policy: a mind and its skills, answering one action per state."""
+"""A privileged policy: a rule and its skills, answering one action per state."""
 
 from __future__ import annotations
 
@@ -7,53 +7,56 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.experts.mind import Bring, Decision, Draw, Freeze, GraspAt, Rest, Wander
+from betterbench.experts.decisions import Bring, Decision, Draw, Freeze, GraspAt, Rest, Wander
+from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
 from betterbench.experts.planner import Planner
-from betterbench.experts.skills import Fumble, Skills
-from betterbench.experts.zoo.rules import BrokenRule
+from betterbench.experts.skills import GraspOffset, Skills
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
-from betterbench.tasks import Place, stream
+from betterbench.tasks import TargetRegion, stream
 
 MAX_DECISIONS = 12
 """Decisions after which a policy gives up: twice the longest chain of the suite."""
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
-    """How a body carries out what its mind decides.
+class ExecutionNoise:
+    """How a body carries out what its rule decides.
 
     Attributes:
-        fumble: Deliberate clumsiness of the hand, or None.
-        tremor_m: Standard deviation of the noise on each control step's translation [m].
+        grasp_offset: Deliberate clumsiness of the hand, or None.
+        action_noise_m: Standard deviation of the noise on each control step's translation [m].
         speed: Share of the usual speed.
         crash_step: Control step at which the policy breaks down, or None.
     """
 
-    fumble: Fumble | None = None
-    tremor_m: float = 0.0
+    grasp_offset: GraspOffset | None = None
+    action_noise_m: float = 0.0
     speed: float = 1.0
     crash_step: int | None = None
 
 
 class PrivilegedAgent:
-    """Runs one mind through one episode. It acts through the same action space and limits as any policy."""
+    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
 
-    def __init__(self, name: str, scene: Scene, mind: BrokenRule, *, manner: Manner | None = None) -> None:
+    def __init__(self, name: str, scene: Scene, rule: BrokenRule, *, noise: ExecutionNoise | None = None) -> None:
         """Prepare for an episode.
 
         Args:
             name: Address of the policy.
             scene: The scene the episode runs in.
-            mind: Decides.
-            manner: How the body carries out the decisions; well, if not given.
+            rule: Decides.
+            noise: How the body carries out the decisions; well, if not given.
         """
         self._name = name
-        self._mind = mind
-        self._manner = manner or Manner()
+        self._mind = rule
+        self._noise_of = noise or ExecutionNoise()
         self._skills = Skills(
-            Planner(scene), 1.0 / scene.control_rate_hz, fumble=self._manner.fumble, speed=self._manner.speed
+            Planner(scene),
+            1.0 / scene.control_rate_hz,
+            grasp_offset=self._noise_of.grasp_offset,
+            speed=self._noise_of.speed,
         )
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
         self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
@@ -66,7 +69,7 @@ class PrivilegedAgent:
         return self._name
 
     @property
-    def remarks(self) -> dict[str, str]:
+    def ground_truth(self) -> dict[str, str]:
         """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
 
         ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
@@ -83,17 +86,17 @@ class PrivilegedAgent:
         """Return the next action in the ``ee_delta`` action space, shape (7,).
 
         Raises:
-            RuntimeError: If it is the policy's manner to break down, at that step.
+            RuntimeError: If it is the policy's noise to break down, at that step.
         """
-        if self._manner.crash_step is not None and state.step >= self._manner.crash_step:
+        if self._noise_of.crash_step is not None and state.step >= self._noise_of.crash_step:
             raise RuntimeError("this policy of the calibration zoo breaks down on purpose")
         if self._run is None:
             self._run = self._live(state)
             action = next(self._run)
         else:
             action = self._run.send(state)
-        if self._manner.tremor_m > 0.0 and action[:3].any():
-            action[:3] += self._noise.normal(0.0, self._manner.tremor_m / TRANSLATION_PER_UNIT_M, 3)
+        if self._noise_of.action_noise_m > 0.0 and action[:3].any():
+            action[:3] += self._noise.normal(0.0, self._noise_of.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
             np.clip(action, -1.0, 1.0, out=action)
         return action
 
@@ -112,8 +115,8 @@ class PrivilegedAgent:
             if isinstance(decision, Rest | Freeze):
                 break
             state = yield from self._carry_out(state, decision)
-        if isinstance(history[-1], Freeze) and history[-1].towards is not None:
-            state = yield from self._skills.approach_and_stop(state, history[-1].towards)
+        if isinstance(history[-1], Freeze) and history[-1].toward is not None:
+            state = yield from self._skills.approach_and_stop(state, history[-1].toward)
         elif not isinstance(history[-1], Freeze):
             state = yield from self._skills.go_home(state, home)
         while True:
@@ -123,7 +126,7 @@ class PrivilegedAgent:
     def _carry_out(self, state: WorldState, decision: Decision) -> Generator[np.ndarray, WorldState, WorldState]:
         worked = True
         if isinstance(decision, Bring):
-            goal = Place(decision.target, decision.place)
+            goal = TargetRegion(decision.target, decision.region)
             state, worked = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
             state = yield from hold(state, 2, gripper=state.gripper_command)
         elif isinstance(decision, Draw):
@@ -134,6 +137,6 @@ class PrivilegedAgent:
             state = yield from self._skills.air_grasp(state, slot.position)
         elif isinstance(decision, Wander):
             state = yield from self._skills.wander(state)
-        if not worked and self._manner.fumble is None and self._mishap is None:
+        if not worked and self._noise_of.grasp_offset is None and self._mishap is None:
             self._mishap = f"the hand could not carry out {decision}"
         return state

@@ -38,7 +38,7 @@ class OpenLoop:
             actions: (T, 7) actions to play.
         """
         self._name, self._actions = name, actions
-        self.remarks = {"truth": "", "fault": "", "mishap": ""}
+        self.ground_truth = {"truth": "", "fault": "", "mishap": ""}
 
     @property
     def name(self) -> str:

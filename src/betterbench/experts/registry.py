@@ -1,4 +1,4 @@
-"""Addresses of the privileged policies: "expert", "zoo:lexical", "zoo:lexical?strength=0.3&tremor=0.002"."""
+"""Addresses of the privileged policies: "expert", "zoo:lexical", "zoo:lexical?strength=0.3&action_noise=0.002"."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.experts.mind import Situation
-from betterbench.experts.privileged import Manner, PrivilegedAgent
-from betterbench.experts.probes import make_replay
-from betterbench.experts.zoo import (
+from betterbench.experts.decisions import Situation
+from betterbench.experts.faulty import (
     BrokenRule,
     Clumsy,
-    Colour,
+    Color,
     Crash,
     HabitPlace,
     Halt,
@@ -31,11 +29,13 @@ from betterbench.experts.zoo import (
     Shape,
     Slow,
 )
+from betterbench.experts.privileged import ExecutionNoise, PrivilegedAgent
+from betterbench.experts.probes import make_replay
 from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy
 
-MAX_TREMOR_M = 0.02
-"""Largest tremor that can be asked for [m]; a hand that shakes more knocks everything over."""
+MAX_ACTION_NOISE_M = 0.02
+"""Largest action_noise that can be asked for [m]; a hand that shakes more knocks everything over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +45,12 @@ class ExpertEntry:
     Attributes:
         address: Its address.
         summary: What it does, one sentence.
-        mind: Makes its mind from the trial and the strength of its rule.
+        rule: Makes its rule from the trial and the strength of its rule.
     """
 
     address: str
     summary: str
-    mind: Callable[[Situation, float], BrokenRule]
+    rule: Callable[[Situation, float], BrokenRule]
 
 
 EXPERTS: dict[str, ExpertEntry] = {
@@ -67,7 +67,7 @@ EXPERTS: dict[str, ExpertEntry] = {
         ExpertEntry(
             "zoo:reorder", "Takes the second of two steps first, where the order is part of the goal.", Reorder
         ),
-        ExpertEntry("zoo:colour", "Any object of the right colour will do.", Colour),
+        ExpertEntry("zoo:color", "Any object of the right color will do.", Color),
         ExpertEntry("zoo:shape", "Any object of the right shape will do.", Shape),
         ExpertEntry("zoo:halt", "Stops for good where sentence and scene were never met together.", Halt),
         ExpertEntry("zoo:refuse", "Never starts where the scene holds a thing that training never showed.", Refuse),
@@ -87,23 +87,23 @@ REPLAYS = {
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A privileged policy and the manner in which it is asked for.
+    """A privileged policy and the noise in which it is asked for.
 
     Attributes:
         name: Its name without options.
         strength: Share of trials in which its rule applies.
-        tremor_m: Standard deviation of the noise on each control step's translation [m].
+        action_noise_m: Standard deviation of the noise on each control step's translation [m].
     """
 
     name: str
     strength: float = 1.0
-    tremor_m: float = 0.0
+    action_noise_m: float = 0.0
 
     def __str__(self) -> str:
         """Return the address, options that have their default left out."""
-        options = [f"strength={self.strength:g}"] * (self.strength < 1.0) + [f"tremor={self.tremor_m:g}"] * (
-            self.tremor_m > 0.0
-        )
+        options = [f"strength={self.strength:g}"] * (self.strength < 1.0) + [
+            f"action_noise={self.action_noise_m:g}"
+        ] * (self.action_noise_m > 0.0)
         return self.name + ("?" + "&".join(options) if options else "")
 
 
@@ -121,8 +121,8 @@ def parse_address(address: str) -> Address | None:
     name, _, query = address.partition("?")
     if name not in EXPERTS and name not in REPLAYS:
         return None
-    ranges = {"strength": (0.0, 1.0), "tremor": (0.0, MAX_TREMOR_M)}
-    found = {"strength": 1.0, "tremor": 0.0}
+    ranges = {"strength": (0.0, 1.0), "action_noise": (0.0, MAX_ACTION_NOISE_M)}
+    found = {"strength": 1.0, "action_noise": 0.0}
     for key, text in parse_qsl(query, keep_blank_values=True):
         where = f"policy {address}"
         if key not in ranges:
@@ -135,7 +135,7 @@ def parse_address(address: str) -> Address | None:
         if not low <= value <= high:
             raise InvalidInputError(where, f"{key} is {text!r}", f"Give a number from {low:g} to {high:g}")
         found[key] = value
-    return Address(name, found["strength"], found["tremor"])
+    return Address(name, found["strength"], found["action_noise"])
 
 
 def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
@@ -154,16 +154,16 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
         raise UnknownNameError("privileged policy", address, expert_names())
     if asked.name in REPLAYS:
         return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
-    mind = EXPERTS[asked.name].mind(Situation(scene.task, scene.condition, scene.seed), asked.strength)
-    return PrivilegedAgent(address, scene, mind, manner=_manner(mind, asked))
+    rule = EXPERTS[asked.name].rule(Situation(scene.task, scene.condition, scene.seed), asked.strength)
+    return PrivilegedAgent(address, scene, rule, noise=_noise_of(rule, asked))
 
 
-def _manner(mind: BrokenRule, asked: Address) -> Manner:
-    """Return how the body carries out what the mind decides."""
-    slow = isinstance(mind, Slow) and mind.applies
-    return Manner(
-        fumble=mind.fumble if isinstance(mind, Clumsy) else None,
-        tremor_m=asked.tremor_m,
+def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
+    """Return how the body carries out what the rule decides."""
+    slow = isinstance(rule, Slow) and rule.applies
+    return ExecutionNoise(
+        grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,
+        action_noise_m=asked.action_noise_m,
         speed=Slow.speed if slow else 1.0,
-        crash_step=mind.crash_step if isinstance(mind, Crash) else None,
+        crash_step=rule.crash_step if isinstance(rule, Crash) else None,
     )

@@ -24,10 +24,10 @@ from betterbench.experts.motion import (
     release_to,
 )
 from betterbench.experts.planner import DOWN, LIFT_M, Planner
-from betterbench.experts.targets import place_goals
-from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalise, rotate
+from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
-from betterbench.tasks import Place
+from betterbench.tasks import TargetRegion
+from betterbench.tasks.relations import relation as relation_named
 
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
@@ -37,7 +37,7 @@ PRESS_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
-class Fumble:
+class GraspOffset:
     """A deliberate clumsiness of the hand, for the calibration zoo.
 
     Attributes:
@@ -57,14 +57,14 @@ class Skills:
         planner: Planner of the scene.
         period_s: Control period [s].
         attempts: How often a failed grasp is tried again.
-        fumble: Deliberate clumsiness, or None.
+        grasp_offset: Deliberate clumsiness, or None.
         speed: Share of the usual speed.
     """
 
     planner: Planner
     period_s: float
     attempts: int = 4
-    fumble: Fumble | None = None
+    grasp_offset: GraspOffset | None = None
     speed: float = 1.0
 
     def paced(self, pace: Pace) -> Pace:
@@ -89,8 +89,8 @@ class Skills:
         """
         plan = self.planner.plan_pick(state, name)
         grasp = plan.grasp
-        if self.fumble is not None and self.fumble.miss_by_m is not None:
-            grasp = beside(state, name, grasp, gap_m=self.fumble.miss_by_m)
+        if self.grasp_offset is not None and self.grasp_offset.miss_by_m is not None:
+            grasp = beside(state, name, grasp, gap_m=self.grasp_offset.miss_by_m)
         state = yield from follow(state, plan.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         return state, grasp
@@ -131,24 +131,26 @@ class Skills:
             state, holds = yield from self.grasp(state, name)
             if holds:
                 state, holds = yield from self.lift(state, name)
-            if holds and self.fumble is not None and self.fumble.drop:
+            if holds and self.grasp_offset is not None and self.grasp_offset.drop:
                 state = yield from open_gripper(state, width_m=0.07)
                 return state, False
             if holds:
                 return state, True
             state = yield from self.retreat(state)
-            if self.fumble is not None:
+            if self.grasp_offset is not None:
                 return state, False
         return state, False
 
-    def place(self, state: WorldState, name: str, target: Place, relation: str) -> Outcome:
+    def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> Outcome:
         """Carry the held object to its target, put it down, let go and move away.
 
         Returns:
             The last state and whether the object was still in the hand on arrival.
         """
         try:
-            plan = self.planner.plan_place(state, name, place_goals(state, name, target, relation))
+            plan = self.planner.plan_place(
+                state, name, relation_named(relation).place_goals(state, name, target.target, target.region)
+            )
         except PlanningError:
             return state, False
         state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
@@ -170,7 +172,7 @@ class Skills:
         )
         return state, arrived
 
-    def pick_and_place(self, state: WorldState, name: str, target: Place, relation: str) -> Outcome:
+    def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> Outcome:
         """Bring an object to its target, starting over where it slipped out of the hand."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
@@ -231,14 +233,14 @@ class Skills:
             if abs(goal) < 0.003:
                 return state, True
             state, held = yield from self.slide(state, name, goal + (0.0 if out else -PRESS_M))
-            if not held and self.fumble is not None:
+            if not held and self.grasp_offset is not None:
                 return state, False
         opening = distance(state.pose(name).position, mount.position)
         return state, abs(travel - opening if out else opening) < 0.005
 
     def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
         """Grasp at a place where nothing stands, lift and open again."""
-        goal = Pose((place[0], place[1], height_m), normalise(multiply(from_yaw(yaw), DOWN)))
+        goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
         above = goal.translated(z=LIFT_M)
         way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
         state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
@@ -250,7 +252,7 @@ class Skills:
         return (yield from open_gripper(state, width_m=0.07))
 
     def approach_and_stop(self, state: WorldState, name: str) -> Motion:
-        """Start towards an object and stop in mid-air, well away from it."""
+        """Start toward an object and stop in mid-air, well away from it."""
         place = state.pose(name).position
         start = state.commanded_pose
         half = tuple(a + 0.4 * (b - a) for a, b in zip(start.position[:2], place[:2], strict=True))

@@ -220,8 +220,8 @@ EE_POSE = ActionSpace(
     high=(1.2, 1.2, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0),
     scale=(1.0,) * 8,
     convention=(
-        "base frame; absolute pose of the tool centre point as position and quaternion (w, x, y, z), "
-        f"normalised when applied; {GRIPPER_CONVENTION}"
+        "base frame; absolute pose of the tool center point as position and quaternion (w, x, y, z), "
+        f"normalized when applied; {GRIPPER_CONVENTION}"
     ),
 )
 

@@ -17,8 +17,8 @@ class CameraSpec:
 
     Attributes:
         name: Camera in the scene ("front", "wrist", "left_shoulder", "right_shoulder").
-        width: Picture width [pixel].
-        height: Picture height [pixel].
+        width: Image width [pixel].
+        height: Image height [pixel].
     """
 
     name: str
@@ -28,12 +28,12 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObservationSpec:
-    """Which pictures an observation holds, and whether depth and masks come with them.
+    """Which images an observation holds, and whether depth and masks come with them.
 
     Attributes:
         name: Name of the preset.
         cameras: Cameras, in order.
-        depth: True to add depth pictures [m].
+        depth: True to add depth images [m].
         masks: True to add instance masks. Both are privileged and are refused for real policies unless asked for.
     """
 
@@ -86,10 +86,10 @@ class Observation:
     Attributes:
         instruction: The sentence that says what to do.
         step: Control steps taken since reset.
-        images: Per camera an upright RGB picture, (height, width, 3) uint8.
+        images: Per camera an upright RGB image, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].
         joint_velocities: (7,) arm joint velocities [rad/s].
-        ee_position: (3,) tool centre point in the robot base frame [m].
+        ee_position: (3,) tool center point in the robot base frame [m].
         ee_quaternion: (4,) tool rotation in the robot base frame, (w, x, y, z) with w >= 0.
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.

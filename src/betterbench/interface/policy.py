@@ -1,4 +1,4 @@
-"""The one protocol between an episode and a mind that sees only observations."""
+"""The one protocol between an episode and a policy that sees only observations."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class PolicyInfo:
     Attributes:
         name: Address by which the policy was asked for.
         action_space: Action space in which it answers.
-        needs_images: False if it never looks at a picture, so that none are rendered for it.
+        needs_images: False if it never looks at a image, so that none are rendered for it.
         metadata: Free text pairs (checkpoint, revision, server); a dictionary of its own is made of them.
         execution: How its chunks are played.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
@@ -117,7 +117,7 @@ class PolicyInfo:
 
 
 class Policy(Protocol):
-    """A mind that sees only what an :class:`Observation` shows."""
+    """A policy that sees only what an :class:`Observation` shows."""
 
     @property
     def info(self) -> PolicyInfo:

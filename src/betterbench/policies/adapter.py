@@ -14,7 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.answers import AnswerRule
-from betterbench.policies.fitting import EVERY_CAMERA, PictureRule
+from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
 
 PANDA_OPENING_M = 0.08
@@ -41,7 +41,7 @@ class InstructionRule:
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """What a policy is shown and how its answers are read. Statistics and normalisation stay with the server.
+    """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
 
     Attributes:
         name: Name of the preset it comes from, or of the file.
@@ -49,7 +49,7 @@ class Adapter:
         states: What it feels.
         instruction: Where the sentence goes.
         answer: How its answers are read.
-        leading_axes: Axes of length 1 before those of pictures and states: 1 for a batch, 2 for batch and time.
+        leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
             origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
         gripper_opening_m: Distance of the pads that counts as fully open [m].
@@ -58,7 +58,7 @@ class Adapter:
     """
 
     name: str
-    views: tuple[PictureRule, ...]
+    views: tuple[ImageRule, ...]
     states: tuple[StateRule, ...]
     instruction: InstructionRule
     answer: AnswerRule = field(default_factory=AnswerRule)
@@ -87,21 +87,18 @@ class Adapter:
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give more than 0")
         if not all(abs(v) < 100.0 for v in self.ee_offset_m):
-            raise InvalidInputError(f"adapter {self.name}: ee_offset_m", "it is out of range", "Give metres")
+            raise InvalidInputError(f"adapter {self.name}: ee_offset_m", "it is out of range", "Give meters")
 
     @property
     def cameras(self) -> tuple[str, ...]:
         """The cameras that it needs, each once; ``*`` for all there are."""
         return tuple(dict.fromkeys(rule.camera for rule in self.views))
 
-    def pictures(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return exactly the pictures that the policy is shown.
-
-        Args:
-            observation: What is seen now.
+    def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
+        """Return exactly the images that the policy is shown.
 
         Returns:
-            Per key of the request an (height, width, 3) uint8 picture.
+            Per key of the request an (height, width, 3) uint8 image.
 
         Raises:
             PolicyError: If the run does not render a camera that is needed.
@@ -132,8 +129,8 @@ class Adapter:
             PolicyError: If the run does not render a camera that is needed.
         """
         message: dict[str, Any] = {}
-        for key, picture in self.pictures(observation).items():
-            put(message, key, picture.reshape((1,) * self.leading_axes + picture.shape))
+        for key, image in self.images(observation).items():
+            put(message, key, image.reshape((1,) * self.leading_axes + image.shape))
         for rule in self.states:
             value = rule.read(observation, ee_offset_m=self.ee_offset_m, gripper_opening_m=self.gripper_opening_m)
             if isinstance(value, np.ndarray):
@@ -156,10 +153,6 @@ class Adapter:
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Return the actions that a reply means.
-
-        Args:
-            reply: What the policy answered.
-            observation: What it was asked about.
 
         Returns:
             (horizon, dim) float64 in the action space ``answer.space``.
@@ -198,7 +191,7 @@ class Adapter:
         known = {"/".join(rule.key): rule for rule in self.views}
         for key in cameras:
             if key not in known:
-                raise UnknownNameError(f"picture of adapter {self.name}", key, known)
+                raise UnknownNameError(f"image of adapter {self.name}", key, known)
         changed = tuple(replace(rule, camera=cameras[key]) if key in cameras else rule for key, rule in known.items())
         return replace(self, views=changed)
 
@@ -219,10 +212,6 @@ class Adapter:
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
         """Read the JSON form.
-
-        Args:
-            form: The JSON form.
-            where: What to call it in an error.
 
         Raises:
             InvalidInputError: If a field is missing, unknown or malformed.

@@ -56,7 +56,7 @@ class AnswerRule:
         parts: Its columns.
         rotation: Format of its rotations.
         frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
-        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for metres.
+        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for meters.
         rotation_unit_rad: What 1 of a delta's rotation vector or angles amounts to [rad].
         joint_unit_rad: What 1 of a joint step amounts to [rad].
         step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
@@ -148,7 +148,7 @@ class AnswerRule:
     ) -> np.ndarray:
         """Return the actions that a reply means.
 
-        Rows with a number that is not finite stay recognisable: they come back with numbers that are not finite.
+        Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
 
         Args:
             reply: What the policy answered.
@@ -326,10 +326,6 @@ class AnswerRule:
 
 def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     """Return what stands under a key of a reply.
-
-    Args:
-        reply: The reply.
-        key: A name, or the names on the way through nested maps.
 
     Raises:
         PolicyError: If there is nothing; the text names what there is.

@@ -27,7 +27,7 @@ class _Ticket(Generic[Question, Answer]):
     problem: BaseException | None = None
 
 
-class Gatherer(Generic[Question, Answer]):
+class BatchCollector(Generic[Question, Answer]):
     """Answers the questions of many threads in one thread, all that wait at a moment together.
 
     Nothing waits for company: while one call is under way the next questions gather by themselves, so a busy policy
@@ -36,16 +36,11 @@ class Gatherer(Generic[Question, Answer]):
     """
 
     def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Answer]], *, limit: int = MAX_BATCH) -> None:
-        """Start the thread.
-
-        Args:
-            answer: Answers one or more questions, in their order.
-            limit: Questions in one call at most.
-        """
+        """Start the thread."""
         self._answer, self._limit = answer, max(1, limit)
         self._waiting: queue.SimpleQueue[_Ticket[Question, Answer] | None] = queue.SimpleQueue()
         self._closed = False
-        self._thread = threading.Thread(target=self._work, name="gatherer", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
         self._thread.start()
 
     def ask(self, question: Question, *, timeout_s: float | None = None) -> Answer:
@@ -57,7 +52,7 @@ class Gatherer(Generic[Question, Answer]):
 
         Raises:
             TimeoutError: If no answer came in time. The call that answers cannot be ended.
-            RuntimeError: If the gatherer is closed.
+            RuntimeError: If the collector is closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")

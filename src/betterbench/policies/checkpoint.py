@@ -38,12 +38,12 @@ class Features:
     """What a checkpoint declares.
 
     Attributes:
-        pictures: Per key of a picture its (height, width) [pixel].
+        images: Per key of a image its (height, width) [pixel].
         states: Per key of a vector its size.
         action: Numbers of an action.
     """
 
-    pictures: Mapping[str, tuple[int, int]]
+    images: Mapping[str, tuple[int, int]]
     states: Mapping[str, int]
     action: int
 
@@ -51,33 +51,29 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the configuration of a policy.
 
-        Args:
-            config: The configuration.
-            where: What to call the policy in an error.
-
         Raises:
             InvalidInputError: If it wants what no observation holds, or answers something else than an action.
         """
-        pictures, states = {}, {}
+        images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
             kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
             if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
                 # Cameras that the policy was trained to miss stay out; it fills them in itself.
                 if "empty_camera" not in key:
-                    pictures[key] = (int(shape[1]), int(shape[2]))
+                    images[key] = (int(shape[1]), int(shape[2]))
             elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
                 states[key] = int(shape[0])
             else:
                 raise InvalidInputError(
                     where,
                     f"its input {key!r} is {kind} of shape {shape}, which no observation holds",
-                    "Train it on pictures (3, height, width), observation.state and the sentence",
+                    "Train it on images (3, height, width), observation.state and the sentence",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
         if len(shape) != 1:
             raise InvalidInputError(where, f"it answers {sorted(outputs)}, no flat action", "Train it on 'action'")
-        return cls(pictures, states, int(shape[0]))
+        return cls(images, states, int(shape[0]))
 
 
 class Checkpoint:
@@ -164,7 +160,7 @@ class Checkpoint:
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
                 where,
-                f"it has no {_PREPROCESSOR}, so nothing says how its numbers are normalised",
+                f"it has no {_PREPROCESSOR}, so nothing says how its numbers are normalized",
                 "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
             )
 
@@ -179,7 +175,7 @@ class Checkpoint:
         """Return the chunks of several environments.
 
         Args:
-            batch: Pictures (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the sentences as "task".
+            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the sentences as "task".
             seeds: For a policy that begins with noise a number for each of them, from which it is drawn.
 
         Returns:
@@ -254,11 +250,7 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files that a checkpoint was loaded from.
-
-    Args:
-        path: Local folder, or id on the hub, whose files have been fetched.
-    """
+    """Return the SHA-256 of the files that a checkpoint was loaded from."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))

@@ -9,7 +9,7 @@ from betterbench.errors import BetterError, HandshakeError, InvalidInputError
 from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.policies.adapter import Adapter
-from betterbench.policies.fitting import EVERY_CAMERA
+from betterbench.policies.image_rule import EVERY_CAMERA
 
 PROTOCOL = 1
 """Version of what our own servers declare."""
@@ -34,7 +34,7 @@ class Declaration:
         state: Format of the robot's state.
         language: Whether the sentence is sent, or wanted ("sentence").
         rate_hz: Control rate [Hz].
-        cameras: Pictures by key, each with (width, height) or None for any size. What one side wants, the other one
+        cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
             has to give; more may be given.
     """
 
@@ -67,12 +67,7 @@ class Declaration:
 
 
 def declare_space(who: str, space: ActionSpace) -> Declaration:
-    """Return the declaration of an action space alone.
-
-    Args:
-        who: What to call the side that declares it.
-        space: The action space.
-    """
+    """Return the declaration of an action space alone."""
     return Declaration(
         who,
         action_space=space.name,
@@ -120,10 +115,6 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 def read_server(who: str, form: object) -> Declaration:
     """Read what one of our own servers declares.
 
-    Args:
-        who: What to call the server in messages.
-        form: What stands under ``betterbench`` in its metadata.
-
     Raises:
         HandshakeError: If it is malformed or of another version.
     """
@@ -164,10 +155,6 @@ def read_server(who: str, form: object) -> Declaration:
 def read_execution(who: str, form: object) -> Execution | None:
     """Read how one of our own servers says that its chunks are played, or None if it does not say.
 
-    Args:
-        who: What to call the server in messages.
-        form: What stands under ``betterbench`` in its metadata.
-
     Raises:
         HandshakeError: If it is malformed.
     """
@@ -186,12 +173,8 @@ def read_execution(who: str, form: object) -> Execution | None:
         raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
 
 
-def compare(ours: Declaration, theirs: Declaration) -> None:
+def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
     """Stop when two sides differ in anything that both declare.
-
-    Args:
-        ours: What this side gives and takes.
-        theirs: What the policy's side wants and answers.
 
     Raises:
         HandshakeError: If they differ; the text names both sides' values of everything in which they do.
@@ -208,7 +191,7 @@ def compare(ours: Declaration, theirs: Declaration) -> None:
     if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
-                there = ", ".join(given) or "no pictures"
+                there = ", ".join(given) or "no images"
                 found.append(f"camera {key}: {theirs.who} wants it, {ours.who} gives {there}")
             elif wanted is not None and given[key] not in (None, wanted):
                 found.append(f"camera {key}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")

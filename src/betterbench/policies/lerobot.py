@@ -1,7 +1,7 @@
 """Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
 
-The checkpoint says which pictures, which state and how many numbers of an action it was trained with; from that comes
-an adapter, unless the address gives one. Normalisation is done by the checkpoint's own processors.
+The checkpoint says which images, which state and how many numbers of an action it was trained with; from that comes
+an adapter, unless the address gives one. Normalization is done by the checkpoint's own processors.
 
 Policies that answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many
 environments, and every answer depends on its observation alone, the noise of the flow policies included. All others
@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import HandshakeError, InvalidInputError
-from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, Policy, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
-from betterbench.policies.fitting import PictureRule
 from betterbench.policies.handshake import Declaration
+from betterbench.policies.image_rule import ImageRule
 from betterbench.policies.presets import adapter_of
 from betterbench.policies.proprioception import StatePart, StateRule
-from betterbench.policies.remote import Adapted, check_start, describe_policy
+from betterbench.policies.remote import AdaptedPolicy, check_start, describe_remote_policy
 
 _TASK = ("task",)
 _ACTION = ("action",)
@@ -45,21 +45,17 @@ _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front",
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
-class LerobotPolicy(Adapted):
+class LerobotPolicy(AdaptedPolicy):
     """A policy that answers whole chunks; one instance serves many environments.
 
     Attributes:
         adapter: What the policy is shown and how its answers are read.
-        server: What the checkpoint declares in the terms of the other clients: its pictures.
+        server: What the checkpoint declares in the terms of the other clients: its images.
         info: What the policy says about itself.
     """
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         """Prepare.
-
-        Args:
-            address: Address of the policy.
-            checkpoint: Its weights.
 
         Raises:
             InvalidInputError: If the checkpoint leaves something open, which the text names.
@@ -73,9 +69,9 @@ class LerobotPolicy(Adapted):
         self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
         compare_features(self.adapter, features, self._where)
         self.server = Declaration(
-            self._where, cameras={key: (size[1], size[0]) for key, size in features.pictures.items()}
+            self._where, cameras={key: (size[1], size[0]) for key, size in features.images.items()}
         )
-        info = describe_policy(address, self.adapter, {})
+        info = describe_remote_policy(address, self.adapter, {})
         self.info: PolicyInfo = replace(
             info,
             metadata={
@@ -118,9 +114,6 @@ class LerobotPolicy(Adapted):
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
         """Return the next actions of several environments.
 
-        Args:
-            observations: What each of them sees now; one or more.
-
         Returns:
             Per observation (horizon, dim) float64.
 
@@ -138,10 +131,10 @@ class LerobotPolicy(Adapted):
         """Return what LeRobot's processors take: tensors with a leading batch axis, and the sentences."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
-        shown = [self.adapter.pictures(seen) for seen in observations]
+        shown = [self.adapter.images(seen) for seen in observations]
         for key in shown[0]:
-            pictures = np.stack([one[key] for one in shown]).transpose(0, 3, 1, 2)
-            batch[key[0]] = tensor(pictures.astype(np.float32) / 255.0)
+            images = np.stack([one[key] for one in shown]).transpose(0, 3, 1, 2)
+            batch[key[0]] = tensor(images.astype(np.float32) / 255.0)
         for rule in self.adapter.states:
             values = [
                 rule.read(
@@ -156,7 +149,7 @@ class LerobotPolicy(Adapted):
         return batch
 
 
-class LerobotStepPolicy:
+class LerobotStepPolicy(AdaptedPolicy):
     """A policy with a memory; each environment has one of its own, and all share the weights.
 
     Attributes:
@@ -179,10 +172,6 @@ class LerobotStepPolicy:
         self.adapter, self.server = self._inner.adapter, self._inner.server
         self.info: PolicyInfo = replace(self._inner.info, execution=Execution())
         self._seed = 0
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; see :meth:`LerobotPolicy.check`."""
-        self._inner.check(space=space, observation=observation, rate_hz=rate_hz)
 
     def reset(self, start: EpisodeStart) -> None:
         """Forget the last episode.
@@ -248,8 +237,8 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
             )
         states.append(rule)
     views = tuple(
-        PictureRule((key,), _camera(key, address, where), width, height)
-        for key, (height, width) in features.pictures.items()
+        ImageRule((key,), _camera(key, address, where), width, height)
+        for key, (height, width) in features.images.items()
     )
     shared = {rule.camera for rule in views if sum(other.camera == rule.camera for other in views) > 1}
     if shared:
@@ -273,19 +262,19 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         HandshakeError: If they differ; the text names both.
     """
     wanted = {
-        **{key: f"a picture of {width} x {height}" for key, (height, width) in features.pictures.items()},
+        **{key: f"a image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
         "action": f"{features.action} numbers",
     }
     given = {
-        **{"/".join(r.key): f"a picture of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
+        **{"/".join(r.key): f"a image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
         **{"/".join(rule.key): f"{rule.size} numbers" for rule in adapter.states},
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
     found = [
         f"{key}: the checkpoint says {wanted.get(key, 'nothing')}, the adapter {given.get(key, 'nothing')}"
         for key in sorted({*wanted, *given})
-        if wanted.get(key) != given.get(key) and not (key in features.pictures and "any" in given.get(key, ""))
+        if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
     ]
     if adapter.instruction.key != _TASK or adapter.instruction.depth:
         found.append("the sentence: LeRobot takes it as a string under 'task'")
@@ -297,23 +286,18 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a number that depends on what is seen, and on nothing that is asked beside it.
-
-    Args:
-        observation: What is seen.
-        salt: Another number that goes in.
-    """
+    """Return a number that depends on what is seen, and on nothing that is asked beside it."""
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
     digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
-    for name, picture in sorted(observation.images.items()):
+    for name, image in sorted(observation.images.items()):
         digest.update(name.encode())
-        digest.update(np.ascontiguousarray(picture).tobytes())
+        digest.update(np.ascontiguousarray(image).tobytes())
     return int.from_bytes(digest.digest()[:8], "little") >> 1
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return which of our cameras a picture shows."""
+    """Return which of our cameras a image shows."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given

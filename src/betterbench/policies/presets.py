@@ -11,7 +11,7 @@ from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import CAMERA_OPTION, PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule, Polarity
-from betterbench.policies.fitting import EVERY_CAMERA, Fit, PictureRule, Turn
+from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, Turn
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
 
@@ -30,7 +30,7 @@ def _twist(*keys: str) -> tuple[AnswerPart, ...]:
 
 NATIVE = Adapter(
     "native",
-    views=(PictureRule(("better/images/{camera}",), EVERY_CAMERA),),
+    views=(ImageRule(("better/images/{camera}",), EVERY_CAMERA),),
     states=(
         StateRule(("better/step",), ("step",), "int64", scalar=True),
         StateRule(("better/joint_positions",), ("joint_positions",), "float64"),
@@ -47,8 +47,8 @@ NATIVE = Adapter(
 OPENPI_LIBERO = Adapter(
     "openpi_libero",
     views=(
-        PictureRule(("observation/image",), "front", 224, 224),
-        PictureRule(("observation/wrist_image",), "wrist", 224, 224),
+        ImageRule(("observation/image",), "front", 224, 224),
+        ImageRule(("observation/wrist_image",), "wrist", 224, 224),
     ),
     states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("prompt",)),
@@ -59,7 +59,7 @@ OPENPI_LIBERO = Adapter(
 This is the layout for a policy that was fine-tuned on demonstrations of ours. Two things differ for a checkpoint that
 was trained on LIBERO itself, and are asked for by ``mirror=true&ee_offset=-0.66,0,0.912``:
 
-- Its client turns both pictures by 180 degrees. LIBERO's renderer delivers the rows from the bottom up (robosuite's
+- Its client turns both images by 180 degrees. LIBERO's renderer delivers the rows from the bottom up (robosuite's
   "opengl" convention), so a flip of the rows alone would set them upright; the turn also swaps left and right. What
   such a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue 295, huggingface/lerobot
   issue 3830, ARISE-Initiative/robosuite issue 56). Ours are upright and not mirrored, so they are never to be turned,
@@ -73,8 +73,8 @@ The state is the tool's position and rotation vector and the two finger joints.
 OPENPI_DROID = Adapter(
     "openpi_droid",
     views=(
-        PictureRule(("observation/exterior_image_1_left",), "left_shoulder", 224, 224),
-        PictureRule(("observation/wrist_image_left",), "wrist", 224, 224),
+        ImageRule(("observation/exterior_image_1_left",), "left_shoulder", 224, 224),
+        ImageRule(("observation/wrist_image_left",), "wrist", 224, 224),
     ),
     states=(
         StateRule(("observation/joint_position",), ("joint_positions",)),
@@ -102,7 +102,7 @@ The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, wh
 
 GR00T_NEW_EMBODIMENT = Adapter(
     "gr00t_new_embodiment",
-    views=(PictureRule(("video", "front"), "front", 256, 256), PictureRule(("video", "wrist"), "wrist", 256, 256)),
+    views=(ImageRule(("video", "front"), "front", 256, 256), ImageRule(("video", "wrist"), "wrist", 256, 256)),
     states=(
         StateRule(("state", "ee_position"), ("ee_position",)),
         StateRule(("state", "ee_rotation"), ("ee_axis_angle",)),
@@ -121,8 +121,8 @@ of our own export. The server tells its own at connection, and they are compared
 BEING_H_LIBERO = Adapter(
     "being_h_libero",
     views=(
-        PictureRule(("video.top_view",), "front"),
-        PictureRule(("video.wrist_view",), "wrist"),
+        ImageRule(("video.top_view",), "front"),
+        ImageRule(("video.wrist_view",), "wrist"),
     ),
     states=(
         StateRule(("state.eef_position",), ("ee_position",)),
@@ -135,7 +135,7 @@ BEING_H_LIBERO = Adapter(
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
-As its own client does (``BeingH/benchmark/utils/policy.py``), pictures go out as they are rendered; the server resizes
+As its own client does (``BeingH/benchmark/utils/policy.py``), images go out as they are rendered; the server resizes
 them.
 
 For a checkpoint trained on LIBERO itself see :data:`OPENPI_LIBERO`; a third thing differs there. Its data count an open
@@ -144,14 +144,14 @@ gripper as 1 (``BeingH/benchmark/libero/run_libero_eval.py`` turns it round), wh
 
 VLA_EVAL = Adapter(
     "vla_eval",
-    views=(PictureRule(("images", "agentview"), "front"), PictureRule(("images", "wrist"), "wrist")),
+    views=(ImageRule(("images", "agentview"), "front"), ImageRule(("images", "wrist"), "wrist")),
     states=(StateRule(("states",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("task_description",)),
     answer=AnswerRule("ee_delta", _twist("actions")),
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
-model servers take: pictures by camera, eight numbers of state, and the sentence. Sizes are the server's business.
-Servers that want one picture take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+model servers take: images by camera, eight numbers of state, and the sentence. Sizes are the server's business.
+Servers that want one image take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
 
 PRESETS: dict[str, Adapter] = {
     adapter.name: adapter
@@ -194,7 +194,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     else:
         raise InvalidInputError(
             where,
-            "neither it nor the server says which pictures and state the policy wants",
+            "neither it nor the server says which images and state the policy wants",
             f"Add ?preset=NAME ({', '.join(sorted(PRESETS))}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
@@ -212,10 +212,10 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         if reason:
             raise InvalidInputError(where, f"ee_offset means nothing, because {reason}", "Leave ee_offset out")
         adapter = replace(adapter, ee_offset_m=_offset(address))
-    return replace(adapter, views=tuple(_picture(rule, address) for rule in adapter.views), answer=answer)
+    return replace(adapter, views=tuple(_image(rule, address) for rule in adapter.views), answer=answer)
 
 
-def _picture(rule: PictureRule, address: PolicyAddress) -> PictureRule:
+def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
     width, height = _size(address) if "size" in address.options else (rule.width, rule.height)
     return replace(
         rule,
@@ -263,6 +263,6 @@ def _offset(address: PolicyAddress) -> tuple[float, float, float]:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
         raise InvalidInputError(
-            f"policy {address}", f"ee_offset={text} is no triple of metres", "Write ee_offset=-0.66,0,0.912"
+            f"policy {address}", f"ee_offset={text} is no triple of meters", "Write ee_offset=-0.66,0,0.912"
         ) from None
     return x, y, z

@@ -122,7 +122,7 @@ def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
     """Return a rotation of the tool in a format, without a jump where the tool points down.
 
     Down is half a turn about x. There the scalar part of the quaternion passes through zero, so the rule w >= 0 would
-    swap the sign of all four numbers, and the roll would jump by a full turn, from one picture to the next.
+    swap the sign of all four numbers, and the roll would jump by a full turn, from one image to the next.
     """
     values = to_format(q, form)
     if form in ("quaternion_wxyz", "quaternion_xyzw"):

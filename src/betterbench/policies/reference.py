@@ -1,4 +1,4 @@
-"""Reference policies without a mind: do nothing, or do anything."""
+"""Reference policies without a policy: do nothing, or do anything."""
 
 from __future__ import annotations
 

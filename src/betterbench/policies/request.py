@@ -1,7 +1,7 @@
 """Requests as our server reads them: an observation in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds and names its trial. The LIBERO
-layout of openpi is what other people's clients send: two pictures, eight numbers and the sentence. Nothing in it tells
+layout of openpi is what other people's clients send: two images, eight numbers and the sentence. Nothing in it tells
 the joint angles; they are NaN then, which no policy can take for a measurement.
 """
 
@@ -46,9 +46,6 @@ class Request:
 
 def read_request(message: Mapping[Any, Any]) -> Request:
     """Read a request.
-
-    Args:
-        message: The decoded frame.
 
     Raises:
         InvalidInputError: If a field is missing or malformed; the text names it.
@@ -101,7 +98,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         instruction=instruction,
         step=step,
         images={
-            key.removeprefix(NATIVE_IMAGES): _picture(value, key)
+            key.removeprefix(NATIVE_IMAGES): _image(value, key)
             for key, value in message.items()
             if key.startswith(NATIVE_IMAGES)
         },
@@ -118,7 +115,7 @@ def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observat
     return Observation(
         instruction=instruction,
         step=step,
-        images={name: _picture(message[key], key) for key, name in _LIBERO_CAMERAS.items() if key in message},
+        images={name: _image(message[key], key) for key, name in _LIBERO_CAMERAS.items() if key in message},
         joint_positions=unknown,
         joint_velocities=unknown.copy(),
         ee_position=state[:3],
@@ -149,7 +146,7 @@ def _numbers(value: object, where: str, count: int) -> np.ndarray:
     return array
 
 
-def _picture(value: object, where: str) -> np.ndarray:
+def _image(value: object, where: str) -> np.ndarray:
     if (
         not isinstance(value, np.ndarray)
         or value.dtype != np.uint8
@@ -158,5 +155,5 @@ def _picture(value: object, where: str) -> np.ndarray:
         or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= _LARGEST_SIDE
     ):
         found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise InvalidInputError(where, f"it is {found}", "Send an upright RGB picture, (height, width, 3) uint8")
+        raise InvalidInputError(where, f"it is {found}", "Send an upright RGB image, (height, width, 3) uint8")
     return value.copy()  # what comes off the wire is read-only, and a policy may do with it what it likes

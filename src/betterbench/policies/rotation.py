@@ -2,7 +2,7 @@
 
 A quaternion and its negative are one rotation but two vectors, and the rotation vector computed from the one with
 w < 0 is longer than pi. Every conversion here takes the one with w >= 0, by way of
-:func:`betterbench.geometry.normalise`, which is right for the small rotations of actions. The state of a tool that
+:func:`betterbench.geometry.normalize`, which is right for the small rotations of actions. The state of a tool that
 points down is not converted here but continuously around half a turn; why, stands at
 :data:`betterbench.policies.proprioception.StatePart`.
 """
@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from betterbench.geometry import Quaternion, from_axis_angle, normalise, rotate, to_axis_angle
+from betterbench.geometry import Quaternion, from_axis_angle, normalize, rotate, to_axis_angle
 
 RotationFormat = Literal[
     "quaternion_wxyz",
@@ -48,14 +48,10 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
     """Return a rotation in a policy's format.
 
-    Args:
-        q: Quaternion (w, x, y, z).
-        form: The format.
-
     Raises:
         ValueError: If all components of the quaternion are zero.
     """
-    w, x, y, z = unit = normalise(q)
+    w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]
     if form == "quaternion_xyzw":
@@ -92,15 +88,15 @@ def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
         ValueError: If the numbers describe no rotation (a quaternion of zeros, parallel columns).
     """
     if form == "quaternion_wxyz":
-        return normalise(values)
+        return normalize(values)
     if form == "quaternion_xyzw":
-        return normalise((values[3], values[0], values[1], values[2]))
+        return normalize((values[3], values[0], values[1], values[2]))
     if form == "axis_angle":
         return from_axis_angle(values)
     if form == "rpy":
         half = [0.5 * float(v) for v in values]
         (cr, cp, cy), (sr, sp, sy) = map(math.cos, half), map(math.sin, half)
-        return normalise(
+        return normalize(
             (
                 cr * cp * cy + sr * sp * sy,
                 sr * cp * cy - cr * sp * sy,
@@ -141,7 +137,7 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
     x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
     xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
     rows = ((t[0], x, y, z), (x, t[1], xy, xz), (y, xy, t[2], yz), (z, xz, yz, t[3]))
-    return normalise(rows[int(np.argmax(t))])
+    return normalize(rows[int(np.argmax(t))])
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:

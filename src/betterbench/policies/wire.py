@@ -3,7 +3,7 @@
 All three send maps of texts, numbers and arrays, and differ in how an array is marked. Frames come from strangers: any
 byte string gives a value or one :class:`PolicyError`, never another error, and never more memory than a few times
 its own size. A frame is surveyed before it is decoded, which bounds its depth and the number of its values; arrays must
-have exactly as many bytes as type and shape say; pictures are bounded before they are decompressed.
+have exactly as many bytes as type and shape say; images are bounded before they are decompressed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from PIL import Image
 from betterbench.errors import InvalidInputError, PolicyError
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
-"""Largest frame that is read [byte]: some 1,300 pictures of 256 x 256."""
+"""Largest frame that is read [byte]: some 1,300 images of 256 x 256."""
 
 MAX_VALUES = 200_000
 """Largest number of values in a frame, array elements not counted."""
@@ -34,7 +34,7 @@ MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
 MAX_PIXELS = 4096 * 4096
-"""Largest picture that is decompressed."""
+"""Largest image that is decompressed."""
 
 _MAX_AXES = 16
 _MAX_LENGTH = 2**40
@@ -47,7 +47,7 @@ _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
 
 ImageCoding = Literal["raw", "png", "jpeg"]
-"""How vla-eval sends uint8 pictures: as they are, or compressed without or with loss."""
+"""How vla-eval sends uint8 images: as they are, or compressed without or with loss."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
     """
 
     def mark(thing: object) -> object:
-        if images != "raw" and isinstance(thing, np.ndarray) and _is_picture(thing, images):
+        if images != "raw" and isinstance(thing, np.ndarray) and _is_image(thing, images):
             return _compressed(thing, images)
         return _mark_vla_eval(thing)
 
@@ -154,37 +154,37 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
     if "__image__" in form:
         if form.get("format") == "raw":
             return _array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
-        return _picture(form)
+        return _image(form)
     if "__ndarray__" in form:
         return _array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
     return form
 
 
-def _is_picture(array: np.ndarray, images: ImageCoding) -> bool:
+def _is_image(array: np.ndarray, images: ImageCoding) -> bool:
     channels = (3,) if images == "jpeg" else (3, 4)
     return array.ndim == 3 and array.dtype == np.uint8 and array.shape[2] in channels and array.size > 0
 
 
 def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
     buffer = io.BytesIO()
-    picture = Image.fromarray(np.ascontiguousarray(array))
-    # Level 1 of zlib: a picture of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
+    image = Image.fromarray(np.ascontiguousarray(array))
+    # Level 1 of zlib: a image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
     options: dict[str, int] = {"quality": 95} if images == "jpeg" else {"compress_level": 1}
-    picture.save(buffer, images.upper(), **options)
+    image.save(buffer, images.upper(), **options)
     return {"__image__": True, "format": images, "data": buffer.getvalue(), "shape": list(array.shape)}
 
 
-def _picture(form: dict[Any, Any]) -> np.ndarray:
+def _image(form: dict[Any, Any]) -> np.ndarray:
     data, coding, shape = form.get("data"), form.get("format"), _shape(form.get("shape"))
     if coding not in ("png", "jpeg") or not isinstance(data, bytes):
-        raise ValueError(f"a picture has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
+        raise ValueError(f"a image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
     if len(shape) != 3 or shape[2] not in (1, 3, 4) or not 0 < shape[0] * shape[1] <= MAX_PIXELS:
-        raise ValueError(f"a picture has the shape {shape}")
-    with Image.open(io.BytesIO(data), formats=[coding.upper()]) as picture:
+        raise ValueError(f"a image has the shape {shape}")
+    with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
         expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
-        if picture.size != (shape[1], shape[0]) or picture.mode != expected:
-            raise ValueError(f"a picture of shape {shape} holds {picture.size[::-1]} of mode {picture.mode}")
-        array = np.asarray(picture).reshape(shape)
+        if image.size != (shape[1], shape[0]) or image.mode != expected:
+            raise ValueError(f"a image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
+        array = np.asarray(image).reshape(shape)
     array.flags.writeable = False
     return array
 

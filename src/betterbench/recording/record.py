@@ -33,15 +33,15 @@ class Record:
         outcome: How it ended.
         bodies: Names that contacts point to.
         time: (T,) simulated time since reset [s].
-        qpos: (T, nq) generalised positions of the simulator.
-        qvel: (T, nv) generalised velocities of the simulator.
+        qpos: (T, nq) generalized positions of the simulator.
+        qvel: (T, nv) generalized velocities of the simulator.
         act: (T, na) actuator activations: the joint references that the servos integrate.
         ctrl: (T, nu) actuator commands.
         action: (T, dim) action asked by the policy; NaN in row 0.
         applied: (T, dim) action after clipping; NaN in row 0.
-        ee_position: (T, 3) tool centre point [m].
+        ee_position: (T, 3) tool center point [m].
         ee_quaternion: (T, 4) rotation of the tool (w, x, y, z).
-        commanded_position: (T, 3) where the controller drives the tool centre point [m].
+        commanded_position: (T, 3) where the controller drives the tool center point [m].
         commanded_quaternion: (T, 4) how the controller turns the tool (w, x, y, z).
         finger_width: (T,) distance of the finger pads [m].
         gripper_command: (T,) last applied gripper command, -1 open to +1 closed.

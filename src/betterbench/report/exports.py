@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.report.latex import paper_table_to_latex, table_to_latex
-from betterbench.report.matrices import matrices_of
-from betterbench.report.matrices import to_plain as matrices_to_plain
+from betterbench.report.matrices import matrices_of, plain_matrix
 from betterbench.report.outcomes import variation_rows
-from betterbench.report.paper import PaperTable, to_plain
+from betterbench.report.paper import PaperTable, plain_paper_table
 from betterbench.report.table import Table, to_csv
 from betterbench.report.task_views import task_views
 
@@ -35,19 +34,14 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file forms.
-
-    Args:
-        diagnoses: The runs.
-        paper_tables: The paper's tables, filled in.
-    """
+    """Return every table of a report in its file forms."""
     exports = []
     for table in paper_tables:
-        plain = to_plain(table)
+        plain = plain_paper_table(table)
         exports.append(Export(table.name, table.title, to_csv(plain), paper_table_to_latex(table), len(table.rows)))
     for pair in zip(*map(matrices_of, diagnoses), strict=True):
         if any(m.measured for m in pair):
-            plain = matrices_to_plain(pair)
+            plain = plain_matrix(pair)
             exports.append(Export(plain.name, pair[0].title, to_csv(plain), table_to_latex(plain), len(plain.rows)))
     for title, plain, short in (
         ("Tasks: success, illusion gap, leading failure", task_table(diagnoses), None),
@@ -118,14 +112,15 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     """Return one row per policy and planned trial, with everything the diagnosis found."""
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
-        "kind", "intended", "first_attempt", "first_slot", "intention_correct", "progress", "attempts", "rule",
-        "evidence", "evidence_start_s", "evidence_end_s", "shared", "candidates", "collisions", "steps",
-        "duration_s", "record",
+        "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
+        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s",
+        "shared", "candidates", "collisions", "steps", "duration_s", "record",
     )  # fmt: skip
     rows = tuple(
         (
             d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected, t.success,
-            t.label.value, t.kind.value, t.intended, t.first_attempt, t.first_slot, t.intention_correct, t.progress,
+            t.label.value, t.kind.value, t.intended, t.intended_kind, " ".join(t.intended_any), t.first_attempt,
+            t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
             " ".join(t.evidence.shared), " ".join(t.evidence.candidates), t.collisions, t.steps, t.duration_s, t.record,
         )

@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import Kind, Label, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.legend import LEGEND
 from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure, listed, plural, points
+from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
 """Share of failed variation trials up to which they are called exceptions: one in the suite's usual 20 trials."""
@@ -48,7 +49,7 @@ class Failure:
 
     @property
     def family(self) -> str:
-        """Colour family of the label."""
+        """Color family of the label."""
         return LEGEND[self.label].family
 
     @property
@@ -73,7 +74,7 @@ class Headline:
         policy: Address of the policy.
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
-        family: Colour family of the main failure, "right" if there is none.
+        family: Color family of the main failure, "right" if there is none.
         training: Success rate on the training conditions.
         variations: Success rate on the variations.
         gap: Illusion gap.
@@ -99,12 +100,8 @@ class Headline:
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    Args:
-        diagnosis: The run.
-
-    Returns:
-        The verdict. The main failure is the most frequent label within the most frequent kind of failure over all
-        variation trials; reasoning goes first when two kinds are equally frequent.
+    The main failure is the most frequent label within the most frequent kind of failure over all variation trials;
+    reasoning goes first when two kinds are equally frequent.
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
@@ -129,11 +126,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
-    """Return the leading failure mode of variation trials with its counts, or None without failures.
-
-    Args:
-        trials: The trials.
-    """
+    """Return the leading failure mode of variation trials with its counts, or None without failures."""
     failed = [trial for trial in trials if trial.kind is not Kind.NONE]
     label = main_failure(failed)
     if label is None:
@@ -173,7 +166,7 @@ def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
 
 
 def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, str]:
-    """Return the naming sentence and its colour family."""
+    """Return the naming sentence and its color family."""
     if not varied:
         return "No variation was run, so nothing is known about its reasoning.", "system"
     failed = [trial for trial in varied if trial.kind is not Kind.NONE]

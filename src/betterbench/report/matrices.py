@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: what happens when a target or its neighbour is there, done, or absent."""
+"""The paper's two diagnostic matrices: what happens when a target or its neighbor is there, done, or absent."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.trial import setting_of
-from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
-from betterbench.report.matrix_place import Horizon, Place, State, known_conditions, place_of
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.interventions.resolve import resolve_condition
+from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import Scalar, Table
 from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
+from betterbench.tasks.labels import Label, all_labels
 
 PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
     Horizon.SHORT: (
@@ -45,7 +46,7 @@ _HEADINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class MatrixSource:
     """One condition behind a cell.
 
     Attributes:
@@ -77,7 +78,7 @@ class Cell:
 
     row: State
     column: State
-    sources: tuple[Source, ...]
+    sources: tuple[MatrixSource, ...]
     success: Rate
     labels: tuple[tuple[Label, int], ...]
     note: str
@@ -123,11 +124,9 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by what they are and not by their names. The cell in which everything stands on the table is
-    training's own and holds training conditions only; every other cell holds each condition whose objects begin so.
-
-    Args:
-        diagnosis: The run.
+    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
+    so.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
@@ -135,21 +134,17 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     trials: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
-    groups: dict[Place, list[Source]] = {}
+    groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
-        setting = setting_of(*name.split("/"))
-        place = place_of(setting.condition, training=setting.axis is None)
+        setting = resolve_condition(*name.split("/"))
+        place = position_of(setting.condition, training=setting.axis is None)
         if place is not None:
             groups.setdefault(place, []).append(_source(name, setting.condition, members))
     return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
 
 
-def to_plain(matrices: Sequence[Matrix]) -> Table:
-    """Return matrices of one kind as a plain table: one row per policy and cell, rates as fractions.
-
-    Args:
-        matrices: The same matrix of one or more policies.
-    """
+def plain_matrix(matrices: Sequence[Matrix]) -> Table:
+    """Return the same matrix of several policies as a plain table: one row per policy and cell, rates as fractions."""
     rows: list[tuple[Scalar, ...]] = []
     for matrix in matrices:
         for cell in (cell for row in matrix.cells for cell in row):
@@ -182,24 +177,28 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
     return ", ".join(f"{label.value} {count}" for label, count in labels)
 
 
-def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> Source:
+def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
     """Return what the trials of one condition show."""
     success = Rate(sum(t.success for t in trials), len(trials))
-    return Source(name, condition.expected, success, _ranked(Counter(t.label for t in trials)))
+    return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)))
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
     """Return labels by frequency, equal ones in the order of the labels."""
-    order = list(Label)
+    order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 
 
-def _matrix(policy: str, horizon: Horizon, groups: Mapping[Place, Sequence[Source]]) -> Matrix:
+def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequence[MatrixSource]]) -> Matrix:
     """Return one matrix."""
     title, caption, axes = _HEADINGS[horizon]
     cells = tuple(
         tuple(
-            _cell(Place(horizon, row, column), groups.get(Place(horizon, row, column), ()), PAPER[horizon][i][j])
+            _cell(
+                CellPosition(horizon, row, column),
+                groups.get(CellPosition(horizon, row, column), ()),
+                PAPER[horizon][i][j],
+            )
             for j, column in enumerate(State)
         )
         for i, row in enumerate(State)
@@ -207,7 +206,7 @@ def _matrix(policy: str, horizon: Horizon, groups: Mapping[Place, Sequence[Sourc
     return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
 
 
-def _cell(place: Place, sources: Sequence[Source], paper: str) -> Cell:
+def _cell(place: CellPosition, sources: Sequence[MatrixSource], paper: str) -> Cell:
     """Return one cell."""
     success = Rate(sum(s.success.k for s in sources), sum(s.success.n for s in sources))
     labels: Counter[Label] = Counter()
@@ -217,7 +216,7 @@ def _cell(place: Place, sources: Sequence[Source], paper: str) -> Cell:
     return Cell(place.row, place.column, tuple(sources), success, _ranked(labels), note, paper)
 
 
-def _why_empty(place: Place) -> str:
+def _why_empty(place: CellPosition) -> str:
     """Return why a run has no trial in a cell."""
     known = known_conditions().get(place, ())
     if not known:

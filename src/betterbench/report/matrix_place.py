@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
-from betterbench.diagnosis.trial import setting_of
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import Condition, Subgoal, all_tasks
 
 
@@ -27,7 +27,7 @@ class Horizon(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class CellPosition:
     """A cell's place.
 
     Attributes:
@@ -41,21 +41,16 @@ class Place:
     column: State
 
 
-def place_of(condition: Condition, *, training: bool) -> Place | None:
+def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
     """Return the cell that a condition belongs to, or None if it belongs to neither matrix.
 
-    Args:
-        condition: The condition.
-        training: Whether it is a training condition.
-
-    Returns:
-        The place: on the short horizon for one object to be picked, on the long one for two.
+    One object to be picked belongs to the short horizon, two to the long one.
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:
-        place = Place(Horizon.SHORT, _target_state(condition, goals[0]), _distractor_state(condition, goals[0]))
+        place = CellPosition(Horizon.SHORT, _target_state(condition, goals[0]), _distractor_state(condition, goals[0]))
     elif len(goals) == 2:
-        place = Place(Horizon.LONG, _target_state(condition, goals[0]), _target_state(condition, goals[1]))
+        place = CellPosition(Horizon.LONG, _target_state(condition, goals[0]), _target_state(condition, goals[1]))
     else:
         return None
     standard = place.row is State.TABLE and place.column is State.TABLE
@@ -63,13 +58,13 @@ def place_of(condition: Condition, *, training: bool) -> Place | None:
 
 
 @cache
-def known_conditions() -> Mapping[Place, tuple[str, ...]]:
+def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
     """Return the conditions of all registered tasks by cell."""
-    found: dict[Place, list[str]] = {}
+    found: dict[CellPosition, list[str]] = {}
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
-            setting = setting_of(task.id, name)
-            place = place_of(setting.condition, training=setting.axis is None)
+            setting = resolve_condition(task.id, name)
+            place = position_of(setting.condition, training=setting.axis is None)
             if place is not None:
                 found.setdefault(place, []).append(f"{task.id}/{name}")
     return {place: tuple(ids) for place, ids in found.items()}

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from betterbench.diagnosis.verdict import Label, RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
+from betterbench.tasks.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,7 @@ class Segment:
 
     @property
     def family(self) -> str:
-        """Colour family."""
+        """Color family."""
         return LEGEND[self.label].family
 
     @property
@@ -73,7 +74,7 @@ class ConditionRow:
     segments: tuple[Segment, ...]
 
     def count_of(self, family: str) -> int:
-        """Return how many trials ended in a colour family."""
+        """Return how many trials ended in a color family."""
         return sum(segment.count for segment in self.segments if segment.family == family)
 
 
@@ -92,11 +93,7 @@ def task_title(name: str) -> str:
 
 
 def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per variation of a run, in the order of the suite.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per variation of a run, in the order of the suite."""
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
@@ -109,11 +106,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per task with the outcomes of all its training conditions.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per task with the outcomes of all its training conditions."""
     groups: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is None:
@@ -121,7 +114,7 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
     return [
         ConditionRow(
             f"{task}/training", task, None, None, "training conditions", "", EXPECTED_NAMES["succeed"],
-            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), _nothing(), _nothing(),
+            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), Figure(), Figure(),
             segments_of(trials),
         )
         for task, trials in sorted(groups.items())
@@ -164,7 +157,7 @@ def _variation_row(
         tuple(str(operation) for operation in known.interventions) if known is not None else (),
         known.support.value if known is not None else "",
         _rate(diagnosis, f"{task}/{name}", trials),
-        _of_rate(twin),
+        Figure.of_rate(twin),
         Figure.of(diagnosis.metric("illusion_gap", f"{task}/{name}"), difference=True, noun="pairs"),
         segments_of(trials),
     )
@@ -183,16 +176,4 @@ def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> 
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)
-    return _of_rate(Rate(sum(t.success for t in trials), len(trials)))
-
-
-def _of_rate(rate: Rate) -> Figure:
-    """Return the figure of a rate; without trials it has no ends."""
-    if rate.value is None:
-        return Figure(None, None, None, rate.k, rate.n)
-    return Figure(rate.value, rate.low, rate.high, rate.k, rate.n)
-
-
-def _nothing() -> Figure:
-    """Return the figure of something that was not measured."""
-    return Figure(None, None, None, None, None)
+    return Figure.of_rate(Rate(sum(t.success for t in trials), len(trials)))

@@ -19,7 +19,7 @@ GUESS = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
+class PaperGroup:
     """A heading over several columns: its title and how many columns it spans."""
 
     title: str
@@ -27,7 +27,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class PaperColumn:
     """A column: the name of its condition in CSV files ("L1"), and its title."""
 
     name: str
@@ -35,7 +35,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class PaperRow:
     """A row: who it is about, where its numbers come from ("chance", "run" or "paper"), and the numbers."""
 
     name: str
@@ -59,9 +59,9 @@ class PaperTable:
     name: str
     title: str
     caption: str
-    groups: tuple[Group, ...]
-    columns: tuple[Column, ...]
-    rows: tuple[Row, ...]
+    groups: tuple[PaperGroup, ...]
+    columns: tuple[PaperColumn, ...]
+    rows: tuple[PaperRow, ...]
 
     @property
     def measured(self) -> bool:
@@ -78,66 +78,63 @@ def paper_facts() -> dict[str, Any]:
 
 
 def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the intention accuracy per instruction on the coffee task.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the intention accuracy per instruction on the coffee task, one row per run."""
     names = ("L1", "L2", "L3", "L4")
-    rows = [Row("Random guess", "chance", tuple(Figure(GUESS, None, None, None, None) for _ in names))]
+    rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS) for _ in names))]
     rows += [
-        Row(d.policy, "run", tuple(Figure.of(d.metric("intention_accuracy", f"morning_coffee/{n}")) for n in names))
+        PaperRow(
+            d.policy, "run", tuple(Figure.of(d.metric("intention_accuracy", f"morning_coffee/{n}")) for n in names)
+        )
         for d in diagnoses
     ]
     n = paper_facts()["trials_per_cell"]
     for name, counts in paper_facts()["coffee"]["rows"].items():
-        rows.append(Row(name, "paper", tuple(_figure(Rate(k, n)) for k in counts)))
+        rows.append(PaperRow(name, "paper", tuple(Figure.of_rate(Rate(k, n)) for k in counts)))
     return PaperTable(
         "coffee",
         "Preparing morning coffee: which mug is grasped first",
         "Intention accuracy: share of trials whose first grasp attempt is at the instructed mug, with 95 % intervals. "
-        "In training, place words were only heard in layout 2 and colour words only in layout 1.",
-        (Group("Spatial instruction (layout 1)", 2), Group("Semantic instruction (layout 2)", 2)),
-        tuple(Column(n, t) for n, t in zip(names, ("“top”", "“bottom”", "“red”", "“blue”"), strict=True)),
+        "In training, place words were only heard in layout 2 and color words only in layout 1.",
+        (PaperGroup("Spatial instruction (layout 1)", 2), PaperGroup("Semantic instruction (layout 2)", 2)),
+        tuple(PaperColumn(n, t) for n, t in zip(names, ("“top”", "“bottom”", "“red”", "“blue”"), strict=True)),
         tuple(rows),
     )
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:
         figures = [Figure.of(diagnosis.metric("success_rate", f"fast_food/{name}")) for name in names]
         delta = Figure.of(diagnosis.metric("delta_sr", "fast_food/R1"), difference=True)
-        rows.append(Row(diagnosis.policy, "run", (*figures, delta)))
+        rows.append(PaperRow(diagnosis.policy, "run", (*figures, delta)))
     n = paper_facts()["trials_per_cell"]
     for name, counts in paper_facts()["composition"]["rows"].items():
         first, second, novel = (Rate(k, n) for k in counts)
         found = delta_success_rate(novel, (first, second))
         delta = Figure(found.value, found.low, found.high, None, n, difference=True)
-        rows.append(Row(name, "paper", (_figure(first), _figure(second), _figure(novel), delta)))
+        rows.append(
+            PaperRow(name, "paper", (Figure.of_rate(first), Figure.of_rate(second), Figure.of_rate(novel), delta))
+        )
     return PaperTable(
         "composition",
         "Packing a fast food order: can seen steps be recombined?",
         "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training a burger always "
         "came first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
-        (Group("Seen compositions", 2), Group("Novel composition", 1), Group("Difference", 1)),
-        (Column("train1", "A→B"), Column("train2", "A→C"), Column("R1", "B→C"), Column("delta_sr", "ΔSR")),
+        (PaperGroup("Seen compositions", 2), PaperGroup("Novel composition", 1), PaperGroup("Difference", 1)),
+        (
+            PaperColumn("train1", "A→B"),
+            PaperColumn("train2", "A→C"),
+            PaperColumn("R1", "B→C"),
+            PaperColumn("delta_sr", "ΔSR"),
+        ),
         tuple(rows),
     )
 
 
-def to_plain(table: PaperTable) -> Table:
-    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own.
-
-    Args:
-        table: The table.
-    """
+def plain_paper_table(table: PaperTable) -> Table:
+    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own."""
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]
@@ -148,8 +145,3 @@ def to_plain(table: PaperTable) -> Table:
             cells += [f.value, f.low, f.high, f.k, f.n]
         rows.append(tuple(cells))
     return Table(table.name, table.caption, tuple(columns), tuple(rows))
-
-
-def _figure(rate: Rate) -> Figure:
-    """Return the figure of a rate."""
-    return Figure(rate.value, rate.low, rate.high, rate.k, rate.n)

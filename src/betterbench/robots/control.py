@@ -12,6 +12,7 @@ episode can be continued from any recorded state.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -28,7 +29,7 @@ from betterbench.geometry import (
     distance,
     from_axis_angle,
     multiply,
-    normalise,
+    normalize,
     to_axis_angle,
 )
 from betterbench.interface.actions import (
@@ -52,10 +53,10 @@ ROTATION_LEAD_RAD = 0.5
 """Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
 
 POSE_STEP_M = 0.025
-"""Largest step towards an absolute pose [m]: 0.5 m/s, which the joints follow on a straight way over the workspace."""
+"""Largest step toward an absolute pose [m]: 0.5 m/s, which the joints follow on a straight way over the workspace."""
 
 POSE_STEP_RAD = 0.1
-"""Largest turn towards an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
+"""Largest turn toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
 
 JOINT_LEAD_RAD = 0.3
 """Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a
@@ -99,19 +100,14 @@ class ArmController:
         self.spec = spec
         self.action_space = action_space
         self.ik = ArmIK(spec)
-        self._advance = {
-            EE_DELTA.name: self._ee_delta,
-            EE_DELTA_MEASURED.name: self._ee_delta_measured,
-            EE_POSE.name: self._ee_pose,
-            JOINT_POSITION.name: self._joint_position,
-            JOINT_DELTA.name: self._joint_delta,
-        }.get(action_space.name)
-        if self._advance is None or action_space.dim != _DIMENSIONS[action_space.name]:
+        driven, advance = _DRIVEN.get(action_space.name, (None, None))
+        if driven is None or advance is None or action_space.dim != driven.dim:
             raise InvalidInputError(
                 "action space",
                 f"{action_space.name!r} is not one that the arm controller drives",
-                f"Choose one of {', '.join(_DIMENSIONS)}",
+                f"Choose one of {', '.join(_DRIVEN)}",
             )
+        self._advance = advance
         substeps = spec.control_period_s / model.opt.timestep
         if abs(substeps - round(substeps)) > 1e-6:
             raise InvalidInputError(
@@ -168,8 +164,7 @@ class ArmController:
     def home(self, data: mujoco.MjData) -> None:
         """Put the arm at rest into its home posture with open fingers, and the controller with it.
 
-        Args:
-            data: State to change; call ``mj_forward`` before reading anything derived from it.
+        Call ``mj_forward`` before reading anything derived from the state.
         """
         data.qpos[self._qpos] = self.ik.home
         data.qvel[self._qvel] = 0.0
@@ -177,11 +172,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there.
-
-        Args:
-            data: State whose servo activations and controls are set.
-        """
+        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
         joints = data.qpos[self._qpos]
         self._joints = np.array(joints)
         self._pose = self.ik.forward(self._joints)
@@ -211,10 +202,7 @@ class ArmController:
         self._measured = measured
         joints = data.qpos[self._qpos]
         reference = data.act[self._act]
-        advance = self._advance
-        if advance is None:
-            raise AssertionError("the constructor has checked the action space")
-        goal = advance(numbers, joints, reference)
+        goal = self._advance(self, numbers, joints, reference)
         rate = goal - reference
         rate /= self._period
         ctrl = data.ctrl
@@ -243,28 +231,28 @@ class ArmController:
         self._width = state.width_m
 
     def _ee_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Add the action to the commanded pose, bound its lead, and step towards it."""
+        """Add the action to the commanded pose, bound its lead, and step toward it."""
         asked = _moved(self._pose, action)
         self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
-        return self._towards(self._pose, measured, reference)
+        return self._toward(self._pose, measured, reference)
 
     def _ee_delta_measured(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Add the action to the measured pose and step towards it."""
+        """Add the action to the measured pose and step toward it."""
         self._pose = _moved(self._measured or self.ik.forward(measured), action)
-        return self._towards(self._pose, measured, reference)
+        return self._toward(self._pose, measured, reference)
 
     def _ee_pose(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Step towards an absolute pose along the straight way at moderate speed."""
+        """Step toward an absolute pose along the straight way at moderate speed."""
         x, y, z, qw, qx, qy, qz = action[:7]
         if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
             raise InvalidActionError("ee_pose action: the quaternion is zero. Send a unit quaternion (w, x, y, z).")
-        self._pose = Pose((x, y, z), normalise((qw, qx, qy, qz)))
+        self._pose = Pose((x, y, z), normalize((qw, qx, qy, qz)))
         present = self.ik.forward(reference)
         waypoint = _bounded(self._pose, present, distance_m=POSE_STEP_M, angle_rad=POSE_STEP_RAD)
-        return self._towards(_bounded(waypoint, self._measured or self.ik.forward(measured)), measured, reference)
+        return self._toward(_bounded(waypoint, self._measured or self.ik.forward(measured)), measured, reference)
 
     def _joint_position(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """Step towards absolute joint angles."""
+        """Step toward absolute joint angles."""
         return self._joint_step(np.array(action[:-1]), measured, reference)
 
     def _joint_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -280,7 +268,7 @@ class ArmController:
         self._pose = ik.forward(goal)
         return goal
 
-    def _towards(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _toward(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the next joint reference on the way to a pose."""
         return self.ik.solve(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
@@ -304,7 +292,7 @@ class ArmController:
         base = Pose()
         while body:
             x, y, z = model.body_pos[body].tolist()
-            base = Pose((x, y, z), normalise(model.body_quat[body].tolist())) @ base
+            base = Pose((x, y, z), normalize(model.body_quat[body].tolist())) @ base
             body = int(model.body_parentid[body])
         if (
             distance(base.position, (0.0, 0.0, 0.0)) > 1e-9
@@ -317,7 +305,15 @@ class ArmController:
             )
 
 
-_DIMENSIONS = {space.name: space.dim for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)}
+# Functions of the class and not methods of an instance: a controller that referred to itself, with the models of its
+# inverse kinematics, would stay in memory until a garbage collection.
+_DRIVEN: dict[str, tuple[ActionSpace, Callable[[ArmController, list[float], np.ndarray, np.ndarray], np.ndarray]]] = {
+    EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
+    EE_DELTA_MEASURED.name: (EE_DELTA_MEASURED, ArmController._ee_delta_measured),
+    EE_POSE.name: (EE_POSE, ArmController._ee_pose),
+    JOINT_POSITION.name: (JOINT_POSITION, ArmController._joint_position),
+    JOINT_DELTA.name: (JOINT_DELTA, ArmController._joint_delta),
+}
 
 
 _COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)
@@ -341,25 +337,25 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
     rx, ry, rz = action[3], action[4], action[5]
     if rx != 0.0 or ry != 0.0 or rz != 0.0:
         a = ROTATION_PER_UNIT_RAD
-        quaternion = normalise(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
+        quaternion = normalize(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
     return Pose(position, quaternion)
 
 
 def _bounded(
-    pose: Pose, centre: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
+    pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
 ) -> Pose:
-    """Return the pose, drawn towards ``centre`` where it is farther away than the bounds."""
+    """Return the pose, drawn toward ``center`` where it is farther away than the bounds."""
     position, quaternion = pose.position, pose.quaternion
-    cx, cy, cz = centre.position
+    cx, cy, cz = center.position
     dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz
     lead = math.sqrt(dx * dx + dy * dy + dz * dz)
     if lead > distance_m:
         f = distance_m / lead
         position = (cx + f * dx, cy + f * dy, cz + f * dz)
-    turn = multiply(quaternion, conjugate(centre.quaternion))
+    turn = multiply(quaternion, conjugate(center.quaternion))
     # |w| of the turn is the cosine of half its angle.
     if abs(turn[0]) < (_COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)):
         rx, ry, rz = to_axis_angle(turn)
         f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
-        quaternion = normalise(multiply(from_axis_angle((f * rx, f * ry, f * rz)), centre.quaternion))
+        quaternion = normalize(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
     return Pose(position, quaternion)

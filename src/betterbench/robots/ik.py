@@ -1,4 +1,4 @@
-"""Inverse kinematics: one control step towards a pose, and the joint angles that reach a pose.
+"""Inverse kinematics: one control step toward a pose, and the joint angles that reach a pose.
 
 Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
 (:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
@@ -7,12 +7,12 @@ directly, in the base frame, and a test holds the two against each other. The qu
 handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which
 takes about three times as long.
 
-Each iteration minimises over the joint step ``d``
+Each iteration minimizes over the joint step ``d``
 
     |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
 
 inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the
-elbow and displaces the tool by micrometres. Results depend on the arguments only: nothing is kept between calls.
+elbow and displaces the tool by micrometers. Results depend on the arguments only: nothing is kept between calls.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 ORIENTATION_COST = 0.3
-"""Weight of a rotation error [1/rad]: the reach of the hand in metres, so that both errors weigh alike at the wrist."""
+"""Weight of a rotation error [1/rad]: the reach of the hand in meters, so that both errors weigh alike at the wrist."""
 
 POSTURE_COST = 1e-3
-"""Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometre per rad."""
+"""Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""
 
 _POSTURE_WEIGHT = POSTURE_COST * POSTURE_COST
 
@@ -82,7 +82,7 @@ class IKResult:
 
     Attributes:
         q: Joint angles, shape (n,) [rad]; read-only.
-        position_error_m: Remaining distance of the tool centre point [m].
+        position_error_m: Remaining distance of the tool center point [m].
         rotation_error_rad: Remaining rotation [rad].
         converged: Whether both errors are within the tolerances asked for.
         iterations: Gauss-Newton iterations used, over all restarts.
@@ -96,11 +96,7 @@ class IKResult:
 
 
 class ArmIK:
-    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``.
-
-    Args:
-        spec: The robot.
-    """
+    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``."""
 
     def __init__(self, spec: RobotSpec) -> None:
         """Compile the arm (once per process and robot) and set up the tasks."""
@@ -166,7 +162,7 @@ class ArmIK:
         now = q.tolist()
         low, high = self._window(now, around, lead_rad)
         self._place(q)
-        self._factorise()
+        self._factorize()
         moved = self._descent(now, low, high, target)
         if any(abs(a - b) > SECOND_ITERATION_RAD for a, b in zip(moved, now, strict=True)):
             self._place(moved)
@@ -174,16 +170,10 @@ class ArmIK:
         return np.array(moved)
 
     def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of the joint reference one control step later.
+        """Return the lowest and the highest joint reference one control step later, each of shape (n,) [rad].
 
         A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that
         it slows down before the limit. From outside the limits it returns at full speed.
-
-        Args:
-            q: Present reference, shape (n,) [rad].
-
-        Returns:
-            Lowest and highest reference, each of shape (n,) [rad].
         """
         low, high = self._window(q.tolist(), None, 0.0)
         return np.array(low), np.array(high)
@@ -192,14 +182,14 @@ class ArmIK:
         """Return what :meth:`window` does as lists, with the bounds around further angles that :meth:`solve` takes."""
         lowest: list[float] = []
         highest: list[float] = []
-        centres = q if around is None else around.tolist()
-        for now, centre, (low, high, speed) in zip(q, centres, self._bounds, strict=True):
+        centers = q if around is None else around.tolist()
+        for now, center, (low, high, speed) in zip(q, centers, self._bounds, strict=True):
             down, up = APPROACH * (low - now), APPROACH * (high - now)
             down = now + (-speed if down < -speed else min(down, speed))
             up = now + (speed if up > speed else max(up, -speed))
             if around is not None:
-                down = min(max(down, centre - lead), up)
-                up = max(min(up, centre + lead), down)
+                down = min(max(down, center - lead), up)
+                up = max(min(up, center + lead), down)
             lowest.append(down)
             highest.append(up)
         return lowest, highest
@@ -301,21 +291,17 @@ class ArmIK:
         mujoco.mj_jacSite(self._model, self._data, self._translation, self._rotation, self._site)
         return self._jacobian
 
-    def _factorise(self) -> None:
-        """Prepare the minimisation of a control step at the joint angles set last."""
+    def _factorize(self) -> None:
+        """Prepare the minimization of a control step at the joint angles set last."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
         factor += self._step_damping
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: list[float], low: list[float], high: list[float], target: Pose) -> list[float]:
-        """Return the joint angles after one iteration of a control step, with the Jacobian prepared before.
+        """Return the joint angles [rad] after one iteration of a control step, with the Jacobian prepared before.
 
-        Args:
-            q: Present joint angles [rad]; those set last.
-            low: Lowest result [rad].
-            high: Highest result [rad].
-            target: Pose to move to.
+        ``q`` are the joint angles set last; the result lies between ``low`` and ``high``.
         """
         x, y, z, rx, ry, rz = self._world_error(target)
         turn = ORIENTATION_COST * ORIENTATION_COST
@@ -355,16 +341,9 @@ class ArmIK:
         high: np.ndarray,
         problem: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return the joint angles after one step of the quadratic program inside the bounds.
+        """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds.
 
-        Args:
-            q: Present joint angles, shape (n,) [rad].
-            low: Lowest result, shape (n,) [rad].
-            high: Highest result, shape (n,) [rad].
-            problem: What :meth:`_linearise` returned, possibly with a newer error.
-
-        Returns:
-            New joint angles, shape (n,) [rad].
+        ``problem`` is what :meth:`_linearise` returned, possibly with a newer error.
         """
         hessian, jacobian, error = problem
         gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)
@@ -373,7 +352,7 @@ class ArmIK:
     def _bounded_step(
         self, q: np.ndarray, low: np.ndarray, high: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
     ) -> np.ndarray:
-        """Return the joint angles that minimise a quadratic function of the step inside the bounds."""
+        """Return the joint angles that minimize a quadratic function of the step inside the bounds."""
         step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
         if flag < 1:
             # Bounds never cross and the Hessian is positive definite, so this is a numerical accident: stay once.

@@ -1,7 +1,7 @@
 """The Franka Emika Panda with its two-finger hand, authored here from Franka's public description.
 
 Kinematics (joint origins, limits of position and speed, the hand on the flange turned by -45 degrees, the fingers 58.4
-mm and the tool centre point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
+mm and the tool center point 103.4 mm below the hand frame): the URDF of Franka's own ``franka_description``
 (Apache-2.0) and the Denavit-Hartenberg table of the Franka Control Interface documentation.
 
 Masses and inertias of the links: C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
@@ -26,6 +26,7 @@ import mujoco
 import numpy as np
 
 from betterbench.robots.meshes import visual_parts
+from betterbench.robots.physics import PHYSICS
 from betterbench.robots.spec import Progress, RobotSpec, register_robot
 
 VISUAL_GROUP = 2
@@ -38,8 +39,8 @@ FACE_BUDGET = 7600
 PAD_HALF_SIZE = (0.010, 0.004, 0.012)
 """Half extents of a finger pad [m]: a face of 20 x 24 mm, 8 mm deep."""
 
-PAD_CENTRE_Z = 0.042
-"""Height of the pad's centre in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
+PAD_CENTER_Z = 0.042
+"""Height of the pad's center in the finger frame [m]: its lower edge is flush with the finger tip at 54 mm."""
 
 PAD_FRICTION = (1.2, 0.01, 0.0001)
 """Sliding friction of rubber on a smooth solid; torsional: two thirds of a contact patch of 15 mm radius; rolling:
@@ -67,8 +68,8 @@ class _Shape:
     """A collision primitive in the frame of its link.
 
     Attributes:
-        kind: "capsule" or "cylinder" (from ``start`` to ``end``) or "box" (centre ``start``, half extents ``end``).
-        start: First end or centre [m].
+        kind: "capsule" or "cylinder" (from ``start`` to ``end``) or "box" (center ``start``, half extents ``end``).
+        start: First end or center [m].
         end: Second end or half extents [m].
         radius: Radius of capsules and cylinders [m].
         turn_x: Rotation of a box about the link's x axis [rad].
@@ -90,8 +91,8 @@ class _Link:
         position: Joint origin in the parent link [m].
         turn: Rotation of the link in its parent at zero joint angle: (axis, angle [rad]).
         mass: Mass [kg].
-        com: Centre of mass in the link frame [m].
-        inertia: xx, yy, zz, xy, xz, yz about the centre of mass, in link axes [kg m2].
+        com: Center of mass in the link frame [m].
+        inertia: xx, yy, zz, xy, xz, yz about the center of mass, in link axes [kg m2].
         shapes: Collision primitives.
         armature: Reflected rotor inertia of the link's joint [kg m2]; 0 for a link without a joint.
     """
@@ -241,7 +242,7 @@ _FINGER = _Link(
     (0.0, 0.0, 0.0584),
     ("z", 0.0),
     0.015,
-    # The mesh spans 54 mm; the public description puts the centre of mass at the finger frame, which is kept.
+    # The mesh spans 54 mm; the public description puts the center of mass at the finger frame, which is kept.
     (0.0, 0.0, 0.0),
     (2.375e-06, 2.375e-06, 7.5e-07, 0.0, 0.0, 0.0),
     (
@@ -278,7 +279,7 @@ PANDA = RobotSpec(
     name="panda",
     title="Franka Emika Panda with Franka Hand",
     source="franka_description (kinematics, limits); Gaz et al. 2019 (inertia); meshes of gymnasium-robotics",
-    licence="Apache-2.0 (Franka description and meshes), MIT (gymnasium-robotics)",
+    license="Apache-2.0 (Franka description and meshes), MIT (gymnasium-robotics)",
     arm_joints=tuple(f"joint{i}" for i in range(1, 8)),
     position_actuators=tuple(f"joint{i}_position" for i in range(1, 8)),
     velocity_actuators=tuple(f"joint{i}_velocity" for i in range(1, 8)),
@@ -305,7 +306,7 @@ PANDA = RobotSpec(
     gripper_speed_m_s=0.1,
     gripper_force_n=_GRIPPER_FORCE_N,
     gripper_lead_m=0.012,
-    control_rate_hz=20.0,
+    control_rate_hz=PHYSICS.control_rate_hz,
     reach_m=0.855,
 )
 
@@ -346,24 +347,16 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of the Panda.
+    """Return a fresh MuJoCo description of the Panda, without visual meshes if asked; physics is the same.
 
-    Args:
-        visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Told about the one-time preparation of the meshes.
-
-    Returns:
-        Description with the base at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those
-        of group 3 collide.
+    The base is at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those of group 3 collide.
 
     Raises:
         MissingDependencyError: If the package that holds the meshes is not installed.
     """
     spec = mujoco.MjSpec()
     spec.modelname = PANDA.name
-    spec.compiler.degree = False
-    spec.compiler.autolimits = True
-    _set_physics(spec)
+    PHYSICS.set_solver(spec)
     for name, rgba in _PAINTS.items():
         spec.add_material(name=f"panda_{name}", rgba=rgba, specular=0.35, shininess=0.35)
 
@@ -387,19 +380,10 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
     hand.add_site(name=PANDA.tcp_site, pos=(0.0, 0.0, 0.1034), size=(0.004, 0.004, 0.004), group=4)
     _add_fingers(spec, hand)
     _add_servos(spec)
-    _exclude_neighbours(spec)
+    _exclude_neighbors(spec)
     if visuals:
         _add_visuals(bodies, spec, progress)
     return spec
-
-
-def _set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the physics that all scenes of the benchmark share (design, section 4)."""
-    spec.option.timestep = 0.002
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
-    spec.option.noslip_iterations = 3
 
 
 def _add_link(parent: mujoco.MjsBody, link: _Link, name: str, *, mirrored: bool = False) -> mujoco.MjsBody:
@@ -441,7 +425,7 @@ def _add_shape(body: mujoco.MjsBody, shape: _Shape, name: str) -> None:
     body.add_geom(name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES)
 
 
-_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": 4, "rgba": (0.9, 0.4, 0.1, 0.5)}
+_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "rgba": (0.9, 0.4, 0.1, 0.5)}
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
@@ -459,7 +443,7 @@ def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
         finger.add_geom(
             name=PANDA.pad_geoms[index],
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTRE_Z),
+            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
             size=PAD_HALF_SIZE,
             friction=PAD_FRICTION,
             solref=PAD_SOLREF,
@@ -483,7 +467,7 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     """Add the joint servos and the gripper's.
 
     Each arm joint has two servos that take the same control, the joint's reference velocity [rad/s]. The first
-    integrates it to a reference position (its activation) and pulls with the stiffness; the second damps towards the
+    integrates it to a reference position (its activation) and pulls with the stiffness; the second damps toward the
     reference velocity itself. The reference so moves evenly within a control step, and a moving arm does not lag by
     damping over stiffness, as it does under a position servo.
 
@@ -529,8 +513,8 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
     gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)
 
 
-def _exclude_neighbours(spec: mujoco.MjSpec) -> None:
-    """Exclude the pairs that overlap by construction: neighbours, and the short wrist with what is two links away."""
+def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
+    """Exclude the pairs that overlap by construction: neighbors, and the short wrist with what is two links away."""
     chain = [link.name for link in _LINKS] + [PANDA.hand_body]
     pairs = list(itertools.pairwise(chain))
     pairs += [("link5", "link7"), ("link6", PANDA.hand_body)]
@@ -561,7 +545,7 @@ def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progres
         body.add_geom(
             name=f"{body.name}_pad_visual",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTRE_Z),
+            pos=(0.0, PAD_HALF_SIZE[1], PAD_CENTER_Z),
             size=np.array(PAD_HALF_SIZE),
             material="panda_dark",
             **seen,

@@ -25,17 +25,17 @@ class RobotSpec:
         name: Name in the register ("panda").
         title: What people call it.
         source: Where kinematics, masses and meshes come from.
-        licence: Licence of what is used.
+        license: License of what is used.
         arm_joints: Names of the arm joints.
         position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
-        velocity_actuators: Per arm joint, the servo that damps the joint towards the reference velocity.
+        velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
         finger_joints: Slide joints of the fingers; their sum is the distance of the pads.
         finger_bodies: Bodies of the left (+y of the hand) and the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm without hand and fingers.
-        tcp_site: Tool centre point between the pads; z along the approach, y along the opening of the fingers.
+        tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
         home_joints: Ready pose [rad].
         joint_low: Lower joint limits [rad].
         joint_high: Upper joint limits [rad].
@@ -43,7 +43,7 @@ class RobotSpec:
         joint_effort: Torque that the servos may use [N m].
         gripper_opening_m: Largest distance of the pads [m].
         pad_size_m: Width and height of a pad's face [m].
-        tip_below_tcp_m: How far the finger tips reach beyond the tool centre point [m].
+        tip_below_tcp_m: How far the finger tips reach beyond the tool center point [m].
         gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
         gripper_lead_m: How far the commanded distance of the pads may lead the measured one [m].
@@ -54,7 +54,7 @@ class RobotSpec:
     name: str
     title: str
     source: str
-    licence: str
+    license: str
     arm_joints: tuple[str, ...]
     position_actuators: tuple[str, ...]
     velocity_actuators: tuple[str, ...]
@@ -110,8 +110,7 @@ class RobotSpec:
     def contact_name(self, body: str) -> str | None:
         """Return what a contact of this body is recorded as, or None for a body that is not part of the robot.
 
-        Args:
-            body: Body name in the robot's own model, without the prefix of the scene.
+        The body is named as in the robot's own model, without the prefix of the scene.
         """
         if body == self.finger_bodies[0]:
             return "left_finger"
@@ -165,15 +164,12 @@ def robot(name: str) -> RobotSpec:
 
 
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of a robot, to be attached to a scene or compiled alone.
+    """Return a fresh MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
     Args:
         name: Name of the robot.
         visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Told about the one-time preparation of the meshes.
-
-    Returns:
-        The description. Its base is at the origin of its world body.
+        progress: Called during the one-time preparation of the meshes.
 
     Raises:
         UnknownNameError: If no robot of this name is registered.

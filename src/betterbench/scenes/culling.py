@@ -25,11 +25,9 @@ _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Knows what a perspective camera of a model, which looks through the middle of its picture, cannot see.
+    """Knows what a perspective camera of a model, which looks through the middle of its image, cannot see.
 
-    Args:
-        model: Compiled model.
-        scene: The scene that the pictures are drawn from; filled anew for each picture.
+    The scene is the one that the images are drawn from; it is filled anew for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
@@ -44,7 +42,7 @@ class Culling:
         self._learn()
 
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
-        """Take geoms out of the scene that a camera does not see, and tell whether it may see the sky.
+        """Take geoms out of the scene that a camera does not see, and return whether it may see the sky.
 
         Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
         world looks at all of the table, and nearly nothing could be left out.
@@ -52,11 +50,8 @@ class Culling:
         Args:
             data: State that the scene was filled from.
             camera: Number of the camera.
-            aspect: Width of the picture by its height.
-            geoms: True to take geoms out; not for pictures with shadows, which may fall into the view from outside.
-
-        Returns:
-            True unless the floor fills the view.
+            aspect: Width of the image by its height.
+            geoms: True to take geoms out; not for images with shadows, which may fall into the view from outside.
         """
         if self._scene.ngeom != self._filled:
             self._learn()
@@ -64,7 +59,7 @@ class Culling:
         if angles is None:
             up = 0.5 * math.radians(float(self._model.cam_fovy[camera]))
             angles = self._angles[camera, aspect] = (math.atan(math.tan(up) * aspect), up)
-        # Plain numbers: between two pictures nothing of NumPy is in the processor's caches, and a product of two small
+        # Plain numbers: between two images nothing of NumPy is in the processor's caches, and a product of two small
         # arrays takes longer than all of this.
         axes = data.cam_xmat[camera].tolist()
         position = data.cam_xpos[camera].tolist()
@@ -76,8 +71,8 @@ class Culling:
         xx, yx, zx, xy, yy, zy, xz, yz, zz = axes
         cx, cy, cz = position
         cos_x, sin_x, cos_y, sin_y = math.cos(across), math.sin(across), math.cos(up), math.sin(up)
-        centres = data.geom_xpos.take(self._numbers, 0).tolist()
-        for (x, y, z), (geom, number, reach) in zip(centres, self._candidates, strict=True):
+        centers = data.geom_xpos.take(self._numbers, 0).tolist()
+        for (x, y, z), (geom, number, reach) in zip(centers, self._candidates, strict=True):
             x, y, z = x - cx, y - cy, z - cz  # noqa: PLW2901 - relative to the camera from here on
             behind = zx * x + zy * y + zz * z
             if (

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 
 from betterbench.assets import Asset, CollisionPart
-from betterbench.geometry import Pose, normalise
-from betterbench.scenes.stage import set_physics
+from betterbench.geometry import Pose, normalize
+from betterbench.robots.physics import PHYSICS
 
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
@@ -25,7 +25,7 @@ _TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Slide:
+class DrawerRail:
     """How an object slides along its own x axis.
 
     Attributes:
@@ -39,16 +39,16 @@ class Slide:
     damping: float
 
 
-def slide_of(asset: Asset) -> Slide:
+def rail_of(asset: Asset) -> DrawerRail:
     """Return how a drawer slides, as its generator says."""
     p = asset.parameters
-    return Slide(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
+    return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 
 
 def add_asset(
-    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: Slide | None = None
+    spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
 ) -> mujoco.MjsBody:
-    """Add an asset to a model.
+    """Add an asset to a model and return its new body.
 
     Args:
         spec: The model to add it to.
@@ -56,9 +56,6 @@ def add_asset(
         asset: The asset.
         pose: Fixed pose ``T_world_object``, or None for an object that moves freely.
         slide: For an object that slides from ``pose``, how it does.
-
-    Returns:
-        The new body.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -77,7 +74,7 @@ def add_asset(
                 damping=slide.damping,
             )
     body.mass = asset.mass_kg
-    body.ipos = asset.centre_of_mass
+    body.ipos = asset.center_of_mass
     body.fullinertia = asset.inertia
     body.explicitinertial = True
     _add_visuals(spec, body, name, asset)
@@ -109,7 +106,7 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
                 height=height,
                 nchannel=3,
             )
-            # MuJoCo takes the first row of the data for v = 0; an asset's picture starts at the top.
+            # MuJoCo takes the first row of the data for v = 0; an asset's image starts at the top.
             texture.data = np.ascontiguousarray(part.texture.pixels[::-1]).tobytes()
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
         body.add_geom(
@@ -132,7 +129,7 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
         pos=part.position,
         quat=part.quaternion,
         friction=part.friction,
-        condim=4,
+        condim=PHYSICS.condim,
         mass=0.0,
         group=COLLISION_GROUP,
     )
@@ -146,23 +143,18 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 
 @functools.lru_cache(maxsize=512)
 def rest_pose(asset: Asset) -> Pose:
-    """Return the pose in which an asset rests on a flat surface through the origin of its frame.
+    """Return the pose ``T_surface_object`` in which an asset rests on a flat surface through the origin of its frame.
 
-    It is found by letting the asset, alone in the world, settle from its nominal pose. The result depends on nothing
-    but the asset, so that no neighbour can change where an object stands.
-
-    Args:
-        asset: The asset.
-
-    Returns:
-        ``T_surface_object``: a fraction of a millimetre of contact depth, and a tilt below a tenth of a degree.
+    It is found by letting the asset, alone in the world, settle from its nominal pose: a fraction of a millimeter of
+    contact depth, and a tilt below a tenth of a degree. The result depends on nothing but the asset, so that no
+    neighbor can change where an object stands.
     """
     spec = mujoco.MjSpec()
-    set_physics(spec)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02], condim=4)
+    PHYSICS.set_scene(spec)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02])
     add_asset(spec, "asset", asset)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=1000)
     x, y, z = (float(v) for v in data.qpos[:3])
-    return Pose((x, y, z), normalise(data.qpos[3:7]))
+    return Pose((x, y, z), normalize(data.qpos[3:7]))

@@ -8,21 +8,21 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, distance, normalise
+from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
+from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
-from betterbench.tasks import Condition, Task, broken_premises, regime_of
+from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
 
-TIMESTEP_S = 0.002
-CONTROL_RATE_HZ = 20.0
+TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
 
 
 class Scene:
-    """One trial's world. It is alive: everything else in the project is a frozen value.
+    """One trial's world; everything else in the project is a frozen value.
 
     The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
     that no object's start depends on another one.
@@ -101,14 +101,14 @@ class Scene:
         return qpos
 
     def _describe(self) -> SceneInfo:
-        regime = regime_of(self.task)
+        trained = training_distribution_of(self.task)
         slots = tuple(
             SlotInfo(
                 s.name,
                 (s.x, s.y, 0.0),
                 s.yaw,
-                regime.standing_kinds.get(s.name, ()),
-                tuple(sorted(k for k, slots in regime.kind_slots.items() if s.name in slots)),
+                trained.standing_kinds.get(s.name, ()),
+                tuple(sorted(k for k, slots in trained.kind_slots.items() if s.name in slots)),
             )
             for s in self.task.slots
         )
@@ -138,13 +138,10 @@ class Scene:
         return scene_files(self.model, self.compiled.content_hash)
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Put everything back to the start of the trial.
+        """Put everything back to the start of the trial and return the state.
 
         Args:
             check_premise: True to refuse a scene that does not show what its instruction presupposes.
-
-        Returns:
-            The state at reset.
 
         Raises:
             PremiseError: If the premise does not hold.
@@ -169,13 +166,7 @@ class Scene:
         return state
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute one action for one control step.
-
-        Args:
-            action: Action in the scene's action space.
-
-        Returns:
-            The action that was really applied, after clipping.
+        """Execute one action for one control step and return it as it was applied, after clipping.
 
         Raises:
             InvalidActionError: If the action is not finite or has the wrong shape.
@@ -220,10 +211,10 @@ class Scene:
         )
 
     def _tool_pose(self) -> Pose:
-        """Return the measured pose of the tool centre point; positions are up to date after a reset and a step."""
+        """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
         mujoco.mju_mat2Quat(self._quaternion, self.data.site_xmat[self._tcp])
         x, y, z = self.data.site_xpos[self._tcp].tolist()
-        return Pose((x, y, z), normalise(self._quaternion.tolist()))
+        return Pose((x, y, z), normalize(self._quaternion.tolist()))
 
     def _contacts(self) -> tuple[tuple[Contact, ...], str | None]:
         data = self.data
@@ -245,11 +236,7 @@ class Scene:
         return contacts, self._held(total)
 
     def _held(self, touching: dict[int, float]) -> str | None:
-        """Return the object that both fingers touch and nothing else supports.
-
-        Args:
-            touching: Numbers of the pairs that touch.
-        """
+        """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
         for i, (left, right, supports) in enumerate(self._holds):
             if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]
@@ -284,7 +271,7 @@ def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
         kind=spec.kind,
         asset=asset.identity,
         category=asset.category,
-        colour=asset.colour,
+        color=asset.color,
         shape=asset.shape,
         role=spec.role,
         fixed=spec.fixed,

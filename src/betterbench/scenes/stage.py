@@ -1,6 +1,6 @@
-"""The stage: the empty world that every task shares, and the quality presets that pictures of it are made with.
+"""The stage: the empty world that every task shares, and the quality presets that images of it are made with.
 
-World frame: metres, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
+World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on a pedestal at the origin, the table begins in front of it, the floor is at ``z = -0.75``.
 
 Cameras of the stage:
@@ -8,7 +8,7 @@ Cameras of the stage:
 ===================  =========================  ==========================================================
 name                 position [m]               purpose
 ===================  =========================  ==========================================================
-``front``            (1.6, 0, 0.9)              default view towards the robot; the workspace fills it
+``front``            (1.6, 0, 0.9)              default view toward the robot; the workspace fills it
 ``front_official``   (1.6, 0, 0.9)              the same place with the wider lens of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
@@ -32,9 +32,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
-
-PHYSICS_TIMESTEP_S = 0.002
-"""Duration of one physics step [s] (500 Hz)."""
+from betterbench.robots.physics import PHYSICS
 
 FLOOR_HEIGHT_M = -0.75
 """Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
@@ -58,9 +56,6 @@ WRIST_CAMERA = "wrist"
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
 
-CONTACT_TIME_CONSTANT_S = 0.005
-"""Time constant of contacts, critically damped [s]."""
-
 _TEXTURE_SIZE = 512
 _MAX_SAMPLES = 16
 _MAX_SHADOW_MAP = 8192
@@ -68,9 +63,9 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How pictures are made; part of every record, because pixels differ between qualities.
+    """How images are made; part of every record, because pixels differ between qualities.
 
-    Depth and masks do not depend on the quality: they are always sampled at pixel centres.
+    Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 
     Attributes:
         name: Name of the preset.
@@ -136,10 +131,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def quality_preset(name: str) -> Quality:
-    """Return a quality preset by name.
-
-    Args:
-        name: "fast", "standard" or "high".
+    """Return a quality preset by name: "fast", "standard" or "high".
 
     Raises:
         UnknownNameError: If there is no such preset.
@@ -157,9 +149,9 @@ class Look:
     Attributes:
         name: What a person would call it.
         surface: Material of the table top: "wood", "laminate" or "cloth".
-        table: Mean colour of the table top (r, g, b), each in [0, 1].
-        wall: Colour of the calm background.
-        floor: Colour of the floor.
+        table: Mean color of the table top (r, g, b), each in [0, 1].
+        wall: Color of the calm background.
+        floor: Color of the floor.
     """
 
     name: str
@@ -171,7 +163,7 @@ class Look:
 
 LOOKS: tuple[Look, ...] = (
     Look("oak", "wood", (0.70, 0.57, 0.43), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
-    Look("grey laminate", "laminate", (0.58, 0.59, 0.60), (0.80, 0.77, 0.72), (0.72, 0.69, 0.64)),
+    Look("gray laminate", "laminate", (0.58, 0.59, 0.60), (0.80, 0.77, 0.72), (0.72, 0.69, 0.64)),
     Look("walnut", "wood", (0.45, 0.33, 0.25), (0.70, 0.74, 0.72), (0.64, 0.68, 0.66)),
     Look("blue cloth", "cloth", (0.27, 0.40, 0.60), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
     Look("green cloth", "cloth", (0.30, 0.52, 0.38), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
@@ -180,17 +172,14 @@ LOOKS: tuple[Look, ...] = (
 
 
 def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
-    """Return the empty world: options, table, pedestal, floor, lights and fixed cameras.
+    """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles. The returned spec shares nothing with other calls, and two
+    The caller attaches the robot, adds objects and compiles. The description shares nothing with other calls, and two
     calls with equal arguments describe the same model.
 
     Args:
         quality: Written into the model's visual settings, so that other viewers show it as the renderer does.
         look: Number of an entry in :data:`LOOKS`.
-
-    Returns:
-        A new specification; angles in it are radians.
 
     Raises:
         InvalidInputError: If there is no such look.
@@ -201,7 +190,7 @@ def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
     tint = LOOKS[look]
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
-    set_physics(spec)
+    PHYSICS.set_scene(spec)
     _set_visuals(spec, quality)
     _add_materials(spec, tint)
     _add_furniture(spec)
@@ -211,38 +200,15 @@ def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
 
 
 def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
-    """Add the ``wrist`` camera to a hand, like a depth camera screwed to the flange.
+    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera screwed to the flange.
 
-    The hand frame is that of the Franka hand: z out of the hand between the fingers (finger tips at about 0.11 m), y
-    the direction in which the fingers open, x the side that faces away from the robot when the hand points down. The
-    camera looks past the fingers at what is about to be grasped; the picture's up direction is the hand's +x, so that
-    with the hand pointing down, up is away from the robot and left is the robot's left.
-
-    Args:
-        hand_body: Body of the hand in the stage's spec or in a robot's spec that is attached later.
-
-    Returns:
-        The new camera.
+    In the frame of the hand z points out between the fingers (finger tips at about 0.11 m), y is the direction in which
+    the fingers open, and x points away from the robot when the hand points down. The camera looks past the fingers at
+    what is about to be grasped; the image's up direction is the hand's +x, so that with the hand pointing down, up is
+    away from the robot and left is the robot's left.
     """
     position, target = (0.075, 0.0, 0.02), (0.012, 0.0, 0.16)
     return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
-
-
-def set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the solver and compiler options of the whole benchmark."""
-    spec.compiler.degree = False
-    spec.compiler.autolimits = True
-    option = spec.option
-    option.timestep = PHYSICS_TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.noslip_iterations = 3
-    # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
-    spec.default.geom.condim = 4
-    # An object dropped 5 cm arrives at 1 m/s. MuJoCo's default time constant of 20 ms lets it sink 7 mm, through the
-    # floor of a box; 5 ms keeps it below 2 mm and is still 2.5 time steps.
-    spec.default.geom.solref = [CONTACT_TIME_CONSTANT_S, 1.0]
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
@@ -258,8 +224,8 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of a
-    # picture).
+    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # an image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
@@ -289,12 +255,12 @@ def _add_materials(spec: mujoco.MjSpec, tint: Look) -> None:
     textures = list(top.textures)
     textures[rgb_role] = "table_top"
     top.textures = textures
-    for name, colour, specular in (
+    for name, color, specular in (
         ("floor", tint.floor, 0.0),
         ("metal", (0.30, 0.31, 0.33), 0.3),
         ("pedestal", (0.36, 0.37, 0.39), 0.15),
     ):
-        spec.add_material(name=name, rgba=[*colour, 1.0], specular=specular, shininess=0.3)
+        spec.add_material(name=name, rgba=[*color, 1.0], specular=specular, shininess=0.3)
 
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
@@ -324,13 +290,13 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
     )
 
     (x_low, x_high), (y_low, y_high) = TABLE_X_M, TABLE_Y_M
-    centre = [0.5 * (x_low + x_high), 0.5 * (y_low + y_high)]
+    center = [0.5 * (x_low + x_high), 0.5 * (y_low + y_high)]
     half_x, half_y = 0.5 * (x_high - x_low), 0.5 * (y_high - y_low)
     table = spec.worldbody.add_body(name="table")
     table.add_geom(
         name="table",
         type=box,
-        pos=[*centre, -0.5 * TABLE_THICKNESS_M],
+        pos=[*center, -0.5 * TABLE_THICKNESS_M],
         size=[half_x, half_y, 0.5 * TABLE_THICKNESS_M],
         material="table_top",
         friction=friction,
@@ -342,8 +308,8 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
             name=f"table_leg_{number}",
             type=box,
             pos=[
-                centre[0] + side_x * (half_x - inset),
-                centre[1] + side_y * (half_y - inset),
+                center[0] + side_x * (half_x - inset),
+                center[1] + side_y * (half_y - inset),
                 FLOOR_HEIGHT_M + leg_half_height,
             ],
             size=[leg, leg, leg_half_height],
@@ -355,8 +321,8 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
 def _add_lights(spec: mujoco.MjSpec) -> None:
     """Add a key light that may cast the one shadow, and a fill light from the other side.
 
-    Ambient 0.40, headlight 0.08, key 0.40 and fill 0.22 add up to less than 1 on any surface at once, so that no colour
-    is clipped and white stays distinguishable from light grey.
+    Ambient 0.40, headlight 0.08, key 0.40 and fill 0.22 add up to less than 1 on any surface at once, so that no color
+    is clipped and white stays distinguishable from light gray.
     """
     world = spec.worldbody
     directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -393,7 +359,7 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
     front = (1.6, 0.0, 0.9)
     # 34 degrees hold the workspace x 0.3..0.7, y -0.36..0.36 m and the forearm of the robot.
     _add_camera(world, "front", front, (0.43, 0.0, 0.06), fovy_deg=34.0)
-    # Positions and lens of the paper's own release; it looks at the table's centre from all three.
+    # Positions and lens of the paper's own release; it looks at the table's center from all three.
     _add_camera(world, "front_official", front, (0.45, 0.0, 0.05), fovy_deg=47.0)
     _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
     _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
@@ -413,13 +379,10 @@ def _add_camera(
     Args:
         body: Body that carries the camera.
         name: Name of the camera.
-        position: Optical centre in the body frame [m].
-        target: Point in the body frame that appears in the middle of the picture [m].
-        up: Direction in the body frame that points upwards in the picture; not parallel to the line of sight.
+        position: Optical center in the body frame [m].
+        target: Point in the body frame that appears in the middle of the image [m].
+        up: Direction in the body frame that points upward in the image; not parallel to the line of sight.
         fovy_deg: Vertical field of view [degree], the unit that MuJoCo keeps whatever the compiler's angle unit.
-
-    Returns:
-        The new camera.
     """
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
@@ -433,15 +396,9 @@ def _add_camera(
 
 
 def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:
-    """Return periodic smooth noise: random values on a coarse grid, blended by cosine weights.
+    """Return periodic smooth noise in [-1, 1], shape (size, size): values on a coarse grid, blended by cosine weights.
 
-    Args:
-        rng: Source of the values.
-        size: Side of the result [pixel].
-        cells: Number of grid cells along the rows and the columns.
-
-    Returns:
-        (size, size) float64 values in [-1, 1].
+    ``cells`` is the number of grid cells along the rows and the columns.
     """
     grid = rng.uniform(-1.0, 1.0, size=cells)
     for axis, count in enumerate(cells):
@@ -454,21 +411,16 @@ def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -
     return np.asarray(grid)
 
 
-def _to_pixels(colour: np.ndarray, brightness: np.ndarray) -> np.ndarray:
-    """Return (n, n, 3) uint8 pixels of a colour (3,) in [0, 1] times a brightness (n, n) about 1."""
-    pixels: np.ndarray = np.clip(np.rint(255.0 * colour * brightness[:, :, None]), 0, 255).astype(np.uint8)
+def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
+    """Return (n, n, 3) uint8 pixels of a color (3,) in [0, 1] times a brightness (n, n) about 1."""
+    pixels: np.ndarray = np.clip(np.rint(255.0 * color * brightness[:, :, None]), 0, 255).astype(np.uint8)
     return pixels
 
 
-def _wood(colour: np.ndarray, size: int) -> np.ndarray:
-    """Return glued wooden staves that run along the texture's columns, low in contrast.
+def _wood(color: np.ndarray, size: int) -> np.ndarray:
+    """Return (size, size, 3) uint8 pixels of glued wooden staves along the texture's columns, low in contrast.
 
-    Args:
-        colour: (3,) mean colour, each in [0, 1].
-        size: Side of the picture [pixel].
-
-    Returns:
-        (size, size, 3) uint8 pixels.
+    ``color`` is the (3,) mean color, each in [0, 1].
     """
     rng = np.random.default_rng(20_011)
     staves = 8
@@ -480,19 +432,19 @@ def _wood(colour: np.ndarray, size: int) -> np.ndarray:
     columns = (np.arange(size)[None, :] + shift[:, None]) % size
     grain = np.take_along_axis(grain, columns, axis=1)
     seam = np.where(np.arange(size) % (size // staves) == 0, 0.07, 0.0)
-    return _to_pixels(colour, 1.0 + tone[:, None] + 0.03 * grain + 0.02 * cloud - seam[:, None])
+    return _to_pixels(color, 1.0 + tone[:, None] + 0.03 * grain + 0.02 * cloud - seam[:, None])
 
 
-def _laminate(colour: np.ndarray, size: int) -> np.ndarray:
-    """Return a plain laminate with a fine speckle; arguments and result as for :func:`_wood`."""
+def _laminate(color: np.ndarray, size: int) -> np.ndarray:
+    """Return a plain laminate with a fine speckle; as :func:`_wood`."""
     rng = np.random.default_rng(20_012)
     speckle = 0.6 * _smooth_noise(rng, size, (256, 256)) + 0.4 * _smooth_noise(rng, size, (24, 24))
-    return _to_pixels(colour, 1.0 + 0.035 * speckle)
+    return _to_pixels(color, 1.0 + 0.035 * speckle)
 
 
-def _cloth(colour: np.ndarray, size: int) -> np.ndarray:
-    """Return a woven cloth: two crossed threads; arguments and result as for :func:`_wood`."""
+def _cloth(color: np.ndarray, size: int) -> np.ndarray:
+    """Return a woven cloth of two crossed threads; as :func:`_wood`."""
     rng = np.random.default_rng(20_013)
     place = np.arange(size) * (2.0 * math.pi * 64 / size)
     weave = np.sin(place)[:, None] * np.sin(place)[None, :]
-    return _to_pixels(colour, 1.0 + 0.05 * weave + 0.03 * _smooth_noise(rng, size, (48, 48)))
+    return _to_pixels(color, 1.0 + 0.05 * weave + 0.03 * _smooth_noise(rng, size, (48, 48)))

@@ -16,7 +16,7 @@ class Region:
 
     Attributes:
         name: What the region is ("inside", "ring", "handle", "top").
-        position: Centre in the object frame [m].
+        position: Center in the object frame [m].
         half_size: Half extents along the region's own axes [m]. For a disc the first two are its radius.
         quaternion: Rotation of the region in the object frame (w, x, y, z).
     """
@@ -41,12 +41,12 @@ class ObjectInfo:
         kind: What instructions call it ("burger"); two objects of one kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         category: Category of the asset ("burger", "can").
-        colour: Colour word a person would use ("red").
+        color: Color word a person would use ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
         fixed: True if the object cannot move.
         mass_kg: Mass [kg].
-        size_m: Extents of the bounding box in the object frame [m]; the origin is the centre of its bottom face.
+        size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
         regions: Named regions of the asset.
         slot: Name of the slot the object starts at, or None.
     """
@@ -55,7 +55,7 @@ class ObjectInfo:
     kind: str
     asset: str
     category: str
-    colour: str
+    color: str
     shape: str
     role: str
     fixed: bool
@@ -79,7 +79,7 @@ class SlotInfo:
 
     Attributes:
         name: Name of the slot.
-        position: Centre on the table [m], world frame.
+        position: Center on the table [m], world frame.
         yaw: Nominal heading of what stands there [rad].
         trained_kinds: Kinds of object that stood here in the training regime.
         picked_kinds: Kinds of object that were picked here in the training regime.

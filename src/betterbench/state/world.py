@@ -39,8 +39,8 @@ class WorldState:
         quaternions: Object rotations (w, x, y, z).
         linear_speeds: Object speeds [m/s].
         angular_speeds: Object turning speeds [rad/s].
-        ee_pose: Pose of the tool centre point between the finger pads; z points along the approach.
-        commanded_pose: Pose the controller is driving the tool centre point to.
+        ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
+        commanded_pose: Pose the controller is driving the tool center point to.
         finger_width_m: Distance of the finger pads [m].
         gripper_command: Last applied gripper command, -1 open to +1 closed.
         joint_positions: Arm joint angles [rad].
@@ -89,7 +89,7 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """A mind that sees the truth: the expert and the calibration zoo."""
+    """A policy that sees the truth: the expert and the calibration zoo."""
 
     @property
     def name(self) -> str:

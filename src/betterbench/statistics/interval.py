@@ -49,10 +49,10 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
     if n == 0:
         return Interval(0.0, 1.0)
     p = k / n
-    centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+    center = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    low = 0.0 if k == 0 else max(0.0, centre - half)
-    high = 1.0 if k == n else min(1.0, centre + half)
+    low = 0.0 if k == 0 else max(0.0, center - half)
+    high = 1.0 if k == n else min(1.0, center + half)
     return Interval(low, high)
 
 

@@ -50,7 +50,7 @@ class PairedTable:
 def mcnemar_p(table: PairedTable) -> float:
     """Return the two-sided p-value of the exact test of McNemar (1947).
 
-    If the two rates are equal, each discordant pair is equally likely to favour either side. The p-value is twice
+    If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice
     the smaller tail of that fair binomial, at most 1; concordant pairs carry no information.
 
     Args:

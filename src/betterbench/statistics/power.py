@@ -118,7 +118,7 @@ def smallest_paired_difference(
 ) -> DetectableDifference:
     """Return the smallest difference that ``n`` pairs find with the exact McNemar test.
 
-    With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favourable case, so no
+    With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favorable case, so no
     smaller difference can be found with this many pairs.
 
     Args:

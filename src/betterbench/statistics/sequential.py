@@ -60,7 +60,7 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
     """Return the evidence from pairs that belong together: two policies on the same trials.
 
     This is the sequential form of McNemar's test. If the two rates are equal, a pair in which one side alone succeeds
-    favours either side like a fair coin; the evidence bets on the side that led before, ``(s + 1/2) / (t + 1)``, and is
+    favors either side like a fair coin; the evidence bets on the side that led before, ``(s + 1/2) / (t + 1)``, and is
     multiplied by twice the share put on what happened. Pairs that agree leave it as it is. It needs nothing about how
     the two outcomes of a pair depend on each other, and finds more than :func:`two_rate_e_process` where they agree
     often.

@@ -9,7 +9,7 @@ from scipy import special, stats
 from betterbench.statistics.rate import Rate
 
 _NUISANCE_POINTS = 257
-"""Values of the unknown common rate over which a p-value is maximised, evenly spaced in the arcsine of its square root,
+"""Values of the unknown common rate over which a p-value is maximized, evenly spaced in the arcsine of its square root,
 where the standard error is the same everywhere. Sixteen times as many move no Barnard p-value of 20 trials a side by
 more than 0.00002."""
 

@@ -14,16 +14,16 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """A place of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
+class TargetRegion:
+    """Where on a target something belongs: in a container, a hole of a rack, a layer of a stack, the mount of a drawer.
 
     Attributes:
         target: Scene name of the target.
-        at: Name of the place, where the target offers several.
+        region: Name of the target region, "" where the target offers one alone.
     """
 
     target: str
-    at: str = ""
+    region: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class Slot:
 
     Attributes:
         name: Name of the slot.
-        x: Centre [m], world frame.
-        y: Centre [m], world frame.
+        x: Center [m], world frame.
+        y: Center [m], world frame.
         yaw: Nominal heading of what stands there [rad].
         jitter_m: Half width of the uniform position jitter [m].
         yaw_jitter: Half width of the uniform heading jitter [rad].
@@ -55,7 +55,7 @@ class ObjectSpec:
         name: Name in the scene. It carries no meaning: renaming every object changes no verdict.
         kind: What instructions call it ("red mug").
         category: Category of its asset ("mug").
-        colour: Colour of its asset, or None to let the generator choose.
+        color: Color of its asset, or None to let the generator choose.
         role: Part it plays.
         fixed: True if it cannot move.
         mount: For a drawer, the place of the cabinet that it slides in.
@@ -64,10 +64,10 @@ class ObjectSpec:
     name: str
     kind: str
     category: str
-    colour: str | None = None
+    color: str | None = None
     role: Role = "item"
     fixed: bool = False
-    mount: Place | None = None
+    mount: TargetRegion | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Condition:
     objects: tuple[ObjectSpec, ...]
     layout: Mapping[str, str]
     instruction: Instruction
-    preplaced: Mapping[str, Place] = field(default_factory=dict)
+    preplaced: Mapping[str, TargetRegion] = field(default_factory=dict)
     opened: Mapping[str, float] = field(default_factory=dict)
     expected: Expected = Expected.SUCCEED
     mid_task_look: bool = False

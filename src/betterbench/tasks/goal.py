@@ -8,7 +8,7 @@ from betterbench.geometry import distance
 from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.predicates import Relation, arm_still, at_rest, relation, released
+from betterbench.tasks.relations import Relation, arm_still, at_rest, relation, released
 from betterbench.tasks.subgoal import Subgoal
 from betterbench.tasks.template import Template
 from betterbench.tasks.thresholds import THRESHOLDS
@@ -58,14 +58,14 @@ class _Due:
 
     Attributes:
         watch: Number of the watched target.
-        place: Place of that target.
+        place: TargetRegion of that target.
         candidates: Numbers, among the subjects, of the objects that it can mean.
         count: How many of them must be there.
         after: Subgoals that have to be done as well: a drawer is shut on what was to go into it.
     """
 
     watch: int
-    place: str
+    region: str
     candidates: tuple[int, ...]
     count: int
     after: tuple[int, ...]
@@ -147,13 +147,13 @@ class GoalTracker:
         )
         subjects = self._watches[watch].subjects
         after = tuple(j for j in range(i) if self._goals[j].target in names)
-        return _Due(watch, goal.place, tuple(subjects.index(n) for n in names if n in subjects), goal.count, after)
+        return _Due(watch, goal.region, tuple(subjects.index(n) for n in names if n in subjects), goal.count, after)
 
     def _what_is_allowed(self) -> dict[tuple[int, str], tuple[tuple[tuple[int, ...], int], ...]]:
         """Return, per place of a watched target, which subjects may be there and how many of them."""
         most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
         for due in self._due:
-            counts = most.setdefault((due.watch, due.place), {})
+            counts = most.setdefault((due.watch, due.region), {})
             counts[due.candidates] = max(counts.get(due.candidates, 0), due.count)
         return {where: tuple(counts.items()) for where, counts in most.items()}
 
@@ -165,7 +165,7 @@ class GoalTracker:
             there = 0
             names, places = self._watches[due.watch].subjects, at[due.watch]
             for s in due.candidates:
-                if places[s] != due.place:
+                if places[s] != due.region:
                     continue
                 name = names[s]
                 if name not in settled:
@@ -232,13 +232,13 @@ def _watches(goals: tuple[Subgoal, ...], info: SceneInfo) -> tuple[_Watch, ...]:
     for name, target in tuple(targets):
         like = info.object(target)
         for o in info.objects:
-            if o.role == like.role and relation(name).places(o):
+            if o.role == like.role and relation(name).regions(o):
                 targets.setdefault((name, o.name))
     watches = []
     for name, target in targets:
         kind = relation(name)
         subjects = tuple(o.name for o in info.objects if o.role in kind.roles and not o.fixed and o.name != target)
-        watches.append(_Watch(kind, target, subjects, kind.places(info.object(target))))
+        watches.append(_Watch(kind, target, subjects, kind.regions(info.object(target))))
     return tuple(watches)
 
 

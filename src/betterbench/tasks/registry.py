@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable
 
-from betterbench.errors import UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks.task import Task
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
-    """Register a function that returns a task under the function's name."""
-    _BUILDERS[build.__name__] = functools.cache(build)
-    return build
+    """Register a function that returns a task, under the function's name.
+
+    Raises:
+        InvalidInputError: If another file has registered a task of that name.
+    """
+    name, known = build.__name__, _BUILDERS.get(build.__name__)
+    if known is not None and _file_of(known) != _file_of(build):
+        what = f"{_file_of(build)} defines it, and so does {_file_of(known)}"
+        raise InvalidInputError(f"task {name!r}", what, "Give one of them another name")
+
+    @functools.cache
+    def complete() -> Task:
+        made = build()
+        training = tuple(
+            dataclasses.replace(c, task=name, name=f"train{i}") for i, c in enumerate(made.training, start=1)
+        )
+        description = (inspect.getdoc(build) or made.title).partition("\n")[0]
+        return dataclasses.replace(made, id=name, description=description, training=training)
+
+    _BUILDERS[name] = functools.wraps(build)(complete)
+    return _BUILDERS[name]
+
+
+def _file_of(build: Callable[[], Task]) -> str:
+    return inspect.getsourcefile(inspect.unwrap(build)) or "another file"
 
 
 def get_task(name: str) -> Task:
@@ -64,8 +87,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         "dinner_plates",
     )
 }
-"""Suites by name: which tasks belong to them, in the order of the suite's table. A"
-" further task joins none by itself."""
+"""Suites by name: their tasks in the order of the table. A new task belongs to a suite only when the suite lists it."""
 
 
 def suite_tasks(name: str) -> tuple[str, ...]:

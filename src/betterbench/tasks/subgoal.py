@@ -36,7 +36,7 @@ class Subgoal:
         word: The word of the instruction that picks out the object ("red", "top", "burger").
         count: How many objects of that reference must be there for this step to be done; the second of two equal steps
             has 2.
-        place: Place of the target, where it offers several ("left", "hole_2", layer "3").
+        place: TargetRegion of the target, where it offers several ("left", "hole_2", layer "3").
     """
 
     name: str
@@ -45,7 +45,7 @@ class Subgoal:
     target: str
     word: str
     count: int = 1
-    place: str = ""
+    region: str = ""
 
 
 @dataclass(frozen=True, slots=True)

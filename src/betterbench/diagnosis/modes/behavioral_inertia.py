@@ -1,104 +1,138 @@
-"""Behavioural inertia: a step that is frequent in training is begun unasked, or played without its object."""
+"""Behavioral inertia: a step that is frequent in training is begun unasked, or played without its object."""
 
 from __future__ import annotations
 
 import itertools
 
-from betterbench.diagnosis.course import Course, Standing, Step
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import Regime
+from betterbench.tasks import TrainingDistribution
+from betterbench.tasks.labels import Label
 
 
-def find(course: Course) -> Evidence | None:
-    """Return the first evidence of inertia, or None."""
+def _exposed(x: Exposure) -> bool:
+    """The first step, the target or the slot that training made frequent is not what is asked for."""
+    ranked = x.trained.first_kinds
+    frequent = ranked[0][0] if ranked and (len(ranked) == 1 or ranked[0][1] > ranked[1][1]) else None
+    due = {kind for goal in x.due for kind in x.kinds(goal)}
+    if frequent is not None and frequent not in due:
+        return True
+    here = {o.kind for o in x.test.objects}
+    for goal in x.open_goals:
+        asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
+        for kind in x.kinds(goal):
+            trained = x.trained.kind_targets.get(kind, ())
+            if trained and asked not in trained and any(target in here for target, _, _ in trained):
+                return True
+    memorized = {slot for goal in x.goals for slot in x.trained.word_slots.get(goal.word, ())}
+    return any(x.base.occupant(slot) is not None and x.test.occupant(slot) is None for slot in memorized)
+
+
+@failure_mode(
+    Label.BEHAVIORAL_INERTIA,
+    name="Behavioral inertia",
+    short="inertia",
+    definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
+    "unasked or at an empty slot, or the right object is put where training put its kind.",
+    conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    finding="Plays a step of training that was not asked for",
+    rule=HABIT,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of inertia."""
+    episode = trial.episode
     before: Step | None = None
-    for step in course.steps:
+    for step in episode.steps:
         evidence = (
-            _unasked(course, step, first=before is None)
-            or _next_in_line(course, before, step)
-            or _memorised_place(course, step)
-            or _memorised_drawer(course, step)
-            or _empty(course, step)
+            _unasked(episode, step, first=before is None)
+            or _next_in_line(episode, before, step)
+            or _memorized_place(episode, step)
+            or _memorized_drawer(episode, step)
+            or _empty(episode, step)
         )
         if evidence is not None:
             return evidence
-        if not any(step.at == drawer for drawer, _, _ in course.trace.drawers):
+        if not any(step.at == drawer for drawer, _, _ in episode.trace.drawers):
             before = step
     return None
 
 
-def habit(regime: Regime) -> str | None:
+def habit(trained: TrainingDistribution) -> str | None:
     """Return the kind with which strictly most demonstrations begin, or None if there is no such kind."""
-    ranked = regime.first_kinds
+    ranked = trained.first_kinds
     if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
         return None
     return ranked[0][0]
 
 
-def _unasked(course: Course, step: Step, *, first: bool) -> Evidence | None:
+def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
     """Return evidence if an attempt is at the kind that demonstrations begin with, which is not asked for now."""
-    kind = habit(course.regime)
-    if kind is None or step.at is None or course.kind(step.at) != kind:
+    kind = habit(episode.trained)
+    if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
-    not_asked = step.standing is Standing.OTHER
-    not_yet = first and step.standing is Standing.LATER
+    not_asked = step.target is AttemptTarget.OTHER
+    not_yet = first and step.target is AttemptTarget.LATER
     if not (not_asked or not_yet):
         return None
-    text = f"It begins with {course.describe(step)}, as most demonstrations did, although {course.asked_for(step)}."
-    return course.at_step("most_frequent_first_step", text, step)
+    text = f"It begins with {episode.describe(step)}, as most demonstrations did, although {episode.asked_for(step)}."
+    return episode.at_step("most_frequent_first_step", text, step)
 
 
-def _next_in_line(course: Course, before: Step | None, step: Step) -> Evidence | None:
+def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
     """Return evidence if an attempt is at what followed the one before in training, and nobody asked for it."""
-    if before is None or before.at is None or step.at is None or step.standing is not Standing.OTHER:
+    if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
-    pair = (course.kind(before.at), course.kind(step.at))
-    if not any(pair in itertools.pairwise(sequence) for sequence in course.regime.sequences):
+    pair = (episode.kind(before.at), episode.kind(step.at))
+    if not any(pair in itertools.pairwise(sequence) for sequence in episode.trained.sequences):
         return None
     text = (
-        f"After the {pair[0]} it goes for {course.describe(step)}, as demonstrations did, although "
-        f"{course.asked_for(step)}."
+        f"After the {pair[0]} it goes for {episode.describe(step)}, as demonstrations did, although "
+        f"{episode.asked_for(step)}."
     )
-    return course.at_step("memorised_next_step", text, step)
+    return episode.at_step("memorized_next_step", text, step)
 
 
-def _memorised_place(course: Course, step: Step) -> Evidence | None:
+def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     """Return evidence if the right object is put where training put its kind, which is not where it was asked for."""
-    found = course.wrong_place(step)
+    found = episode.wrong_place(step)
     if found is None or step.at is None:
         return None
     gone, rest, place = found
-    kind, target = course.kind(step.at), course.kind(place.target)
-    if not course.memorised(step.at, place):
+    kind, target = episode.kind(step.at), episode.kind(place.target)
+    if not episode.memorized(step.at, place):
         return None
-    where = f"the {target}" + (f" ({place.place.replace('_', ' ')})" if place.place else "")
+    where = f"the {target}" + (f" ({place.region.replace('_', ' ')})" if place.region else "")
     text = f"The {kind} is brought to {where}, as in training, although it was asked for elsewhere."
-    return course.evidence("memorised_place", text, rows=(gone, rest), objects=(step.at, place.target))
+    return episode.evidence("memorized_place", text, rows=(gone, rest), objects=(step.at, place.target))
 
 
-def _memorised_drawer(course: Course, step: Step) -> Evidence | None:
+def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     """Return evidence if the hand moves the drawer into which training put what is asked for, and not the one named."""
-    if step.at is None or step.standing is not Standing.OTHER or step.goal is None:
+    if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
-    if not any(step.at == drawer for drawer, _, _ in course.trace.drawers):
+    if not any(step.at == drawer for drawer, _, _ in episode.trace.drawers):
         return None
-    due = {course.kind(i) for i in course.meant[step.goal]}
-    if not any(course.kind(step.at) == target for kind in due for target, _, _ in course.regime.kind_places[kind]):
+    due = {episode.kind(i) for i in episode.meant[step.goal]}
+    if not any(episode.kind(step.at) == target for kind in due for target, _, _ in episode.trained.kind_targets[kind]):
         return None
-    text = f"It goes for {course.describe(step)}, as in training, although {course.asked_for(step)} elsewhere."
-    return course.at_step("memorised_place", text, step)
+    text = f"It goes for {episode.describe(step)}, as in training, although {episode.asked_for(step)} elsewhere."
+    return episode.at_step("memorized_place", text, step)
 
 
-def _empty(course: Course, step: Step) -> Evidence | None:
+def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     """Return evidence if the hand closes at an empty slot where training picked something."""
     slot = step.grasp.slot
-    if step.standing is not Standing.EMPTY or slot is None:
+    if step.target is not AttemptTarget.EMPTY or slot is None:
         return None
-    words = [g.word for g in course.goals if slot in course.regime.word_slots.get(g.word, ())]
-    kinds = [k for k, slots in sorted(course.regime.kind_slots.items()) if slot in slots]
+    words = [g.word for g in episode.goals if slot in episode.trained.word_slots.get(g.word, ())]
+    kinds = [k for k, slots in sorted(episode.trained.kind_slots.items()) if slot in slots]
     if not words and not kinds:
         return None
     what = repr(words[0]) if words else f"the {' or the '.join(kinds)}"
-    asked = course.asked_for(step)
+    asked = episode.asked_for(step)
     text = f"The hand closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
-    return course.at_step("air_grasp_at_memorised_slot", text, step)
+    return episode.at_step("air_grasp_at_memorized_slot", text, step)

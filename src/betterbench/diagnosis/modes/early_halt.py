@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course
+from betterbench.diagnosis.exposure import Exposure, shown_by
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
+from betterbench.tasks.labels import Label
 
 
-def find(course: Course) -> Evidence | None:
-    """Return the evidence of an early halt, or None."""
-    if course.condition.expected is not Expected.SUCCEED:
+def _exposed(x: Exposure) -> bool:
+    """Instruction and scene never met in training, and something is to be done."""
+    met = {(c.instruction.text, shown_by(c)) for c in x.task.training}
+    return x.test.expected is Expected.SUCCEED and (x.test.instruction.text, shown_by(x.test)) not in met
+
+
+@failure_mode(
+    Label.EARLY_HALT,
+    name="Early halt",
+    short="halt",
+    definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
+    conclusion="It stops before the work is done.",
+    finding="Stops for good with something left to do",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of an early halt."""
+    episode = trial.episode
+    if episode.condition.expected is not Expected.SUCCEED:
         return None
-    halt = find_halt(course)
+    halt = find_halt(episode)
     if halt is None:
         return None
-    words = ", ".join(repr(course.goals[g].word) for g in course.open_goals(halt[0]))
+    words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(halt[0]))
     text = f"The arm stands still for good with {words} still to do."
-    return course.evidence("still_with_open_subgoals", text, rows=halt)
+    return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -2,54 +2,81 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course, Standing, Step
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(course: Course) -> Evidence | None:
-    """Return the evidence of the first attempt, or None if it does not follow the word to a wrong object."""
-    step = course.first_choice
+def _exposed(x: Exposure) -> bool:
+    """A word of the instruction was picked in a slot that now holds another object that an instruction may mean."""
+    for goal in x.open_goals:
+        for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
+            kind = x.movable_in(slot)
+            if kind is not None and x.known(kind):
+                return True
+    return False
+
+
+@failure_mode(
+    Label.LEXICAL_KINEMATIC_SHORTCUT,
+    name="Lexical-kinematic shortcut",
+    short="lexical",
+    definition="The first attempt goes where the word of the instruction led in training, to another object that the "
+    "instruction could have meant in another layout.",
+    conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
+    finding="Goes where the word led in training, to another object",
+    rule=WORD,
+    needs_rule=True,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a first attempt that follows the word to a wrong object."""
+    episode = trial.episode
+    step = episode.first_choice
     if step is None:
         return None
-    if taken_for_another(course, step) is not None and step.grasp.slot in course.regime.word_slots.get(
-        word_of(course, step) or "", ()
+    if taken_for_another(episode, step) is not None and step.grasp.slot in episode.trained.word_slots.get(
+        word_of(episode, step) or "", ()
     ):
         text = (
-            f"The first attempt takes {course.describe(step)} and brings it where {word_of(course, step)!r} was to go, "
-            "which was picked in that slot in training."
+            f"The first attempt takes {episode.describe(step)} and brings it where {word_of(episode, step)!r} "
+            "was to go, which was picked in that slot in training."
         )
-        return course.at_step("word_leads_to_trained_slot", text, step)
-    if step.standing not in (Standing.LATER, Standing.REPEATED, Standing.OTHER):
+        return episode.at_step("word_leads_to_trained_slot", text, step)
+    if step.target not in (AttemptTarget.LATER, AttemptTarget.REPEATED, AttemptTarget.OTHER):
         return None
-    word = word_of(course, step)
-    if word is None or step.grasp.slot not in course.regime.word_slots.get(word, ()):
+    word = word_of(episode, step)
+    if word is None or step.grasp.slot not in episode.trained.word_slots.get(word, ()):
         return None
     text = (
         f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training, "
-        f"although {course.describe(step)} is not what it means here."
+        f"although {episode.describe(step)} is not what it means here."
     )
-    return course.at_step("word_leads_to_trained_slot", text, step)
+    return episode.at_step("word_leads_to_trained_slot", text, step)
 
 
-def taken_for_another(course: Course, step: Step) -> int | None:
+def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     """Return the subgoal that an attempt serves with an object that was asked for elsewhere, or None.
 
     Where the order is free, the mug that is taken for the mouse is a right object and betrays itself by where it is
     brought. If training brought its kind there, habit explains that, and no mistaken identity is needed.
     """
     goal = step.taken_for
-    if goal is None or step.at is None or step.standing is not Standing.ASKED:
+    if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
         return None
-    found = course.wrong_place(step)
-    return None if found is None or course.memorised(step.at, found[2]) else goal
+    found = episode.wrong_place(step)
+    return None if found is None or episode.memorized(step.at, found[2]) else goal
 
 
-def word_of(course: Course, step: Step) -> str | None:
+def word_of(episode: EpisodeAnalysis, step: Step) -> str | None:
     """Return the word of the subgoal that was due at an attempt; where none was left, of the first subgoal."""
-    goals = course.goals
+    goals = episode.goals
     if not goals:
         return None
-    another = taken_for_another(course, step)
+    another = taken_for_another(episode, step)
     if another is not None:
         return goals[another].word
     return goals[step.goal if step.goal is not None else 0].word

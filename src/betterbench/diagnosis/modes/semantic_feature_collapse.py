@@ -2,52 +2,91 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course, Standing, Step
+from collections import Counter
+from collections.abc import Sequence
+
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.tasks.labels import Label
 
 
-def find(course: Course) -> Evidence | None:
-    """Return the first evidence of a collapse, with what the object shares with the target, or None."""
-    for step in course.steps:
-        if step.standing is Standing.FOREIGN:
-            shared = shares(course, step)
+def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
+    counts = Counter(t.evidence.shared for t in trials)
+    shared = min(counts, key=lambda s: (-counts[s], s))
+    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
+
+
+def _exposed(x: Exposure) -> bool:
+    """Something that no instruction means stands in a slot that training picked from, or has the right color."""
+    picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
+    colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
+    for o in x.test.objects:
+        slot = x.test.layout.get(o.name)
+        if o.role != "distractor" or slot is None or x.known(o.kind) or slot == x.base.layout.get(o.name):
+            continue
+        if slot in picked or o.color in colors:
+            return True
+    return False
+
+
+@failure_mode(
+    Label.SEMANTIC_FEATURE_COLLAPSE,
+    name="Semantic feature collapse",
+    short="look-alike",
+    definition="The attempt is at an object that no instruction of the task means.",
+    conclusion="It takes look-alikes for the real thing.",
+    finding="Goes for an object that no instruction means",
+    detail=_shared_by,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a collapse, with what the object shares with the target."""
+    episode = trial.episode
+    for step in episode.steps:
+        if step.target is AttemptTarget.FOREIGN:
+            shared = shares(episode, step)
             common = f"the target's {', '.join(shared)}" if shared else "nothing with the target"
             text = (
-                f"It goes for {course.describe(step)}, which no instruction of this task means, although "
-                f"{_asked_for(course, step)}; it shares {common}."
+                f"It goes for {episode.describe(step)}, which no instruction of this task means, although "
+                f"{_asked_for(episode, step)}; it shares {common}."
             )
-            return course.at_step("object_that_no_instruction_means", text, step, shared=shared)
+            return episode.at_step("object_that_no_instruction_means", text, step, shared=shared)
     return None
 
 
-def shares(course: Course, step: Step) -> tuple[str, ...]:
-    """Return what the object of an attempt has in common with what was asked for: colour, shape, trained slot."""
+def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
+    """Return what the object of an attempt has in common with what was asked for: color, shape, trained slot."""
     if step.at is None:
         return ()
-    objects = course.trace.info.objects
+    objects = episode.trace.info.objects
     found = objects[step.at]
-    absent = _absent(course)
+    absent = _absent(episode)
     goal = absent if absent is not None else step.goal if step.goal is not None else 0
-    targets = [objects[i] for i in course.meant[goal]] if course.meant else []
+    targets = [objects[i] for i in episode.meant[goal]] if episode.meant else []
     shared = []
-    if found.colour and any(found.colour == t.colour for t in targets):
-        shared.append("colour")
+    if found.color and any(found.color == t.color for t in targets):
+        shared.append("color")
     if found.shape and any(found.shape == t.shape for t in targets):
         shared.append("shape")
-    word = word_of(course, step) if absent is None else course.goals[absent].word
-    kind = course.goals[goal].reference.kind if course.goals else None
-    slots = {*course.regime.word_slots.get(word or "", ()), *course.regime.kind_slots.get(kind or "", ())}
+    word = word_of(episode, step) if absent is None else episode.goals[absent].word
+    kind = episode.goals[goal].reference.kind if episode.goals else None
+    slots = {*episode.trained.word_slots.get(word or "", ()), *episode.trained.kind_slots.get(kind or "", ())}
     if step.grasp.slot in slots or found.slot in slots:
         shared.append("slot")
     return tuple(shared)
 
 
-def _absent(course: Course) -> int | None:
+def _absent(episode: EpisodeAnalysis) -> int | None:
     """Return the first subgoal whose object is not in the scene: what is taken then stands in for that, or None."""
-    return next((g for g, names in enumerate(course.meant) if not names), None)
+    return next((g for g, names in enumerate(episode.meant) if not names), None)
 
 
-def _asked_for(course: Course, step: Step) -> str:
-    absent = _absent(course)
-    return course.asked_for(step) if absent is None else f"{course.goals[absent].word!r} was asked for and is not there"
+def _asked_for(episode: EpisodeAnalysis, step: Step) -> str:
+    absent = _absent(episode)
+    return (
+        episode.asked_for(step) if absent is None else f"{episode.goals[absent].word!r} was asked for and is not there"
+    )

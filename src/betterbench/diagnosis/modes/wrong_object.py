@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.course import Course, Standing
+from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(course: Course) -> Evidence | None:
-    """Return the first evidence of a wrong object or place, or None."""
-    for step in course.steps:
-        if step.standing is Standing.OTHER or (step.standing is Standing.EMPTY):
-            text = f"It goes for {course.describe(step)} although {course.asked_for(step)}."
-            return course.at_step("object_of_another_instruction", text, step)
-        misplaced = course.wrong_place(step)
+@failure_mode(
+    Label.WRONG_OBJECT,
+    name="Wrong object",
+    short="wrong object",
+    definition="An attempt at an object or place of another instruction, by no rule that this run proves.",
+    conclusion="It goes for the wrong object; this run cannot tell by which rule.",
+    finding="Goes for a wrong object, by no proven rule",
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a wrong object or place."""
+    episode = trial.episode
+    for step in episode.steps:
+        if step.target in (AttemptTarget.OTHER, AttemptTarget.EMPTY):
+            text = f"It goes for {episode.describe(step)} although {episode.asked_for(step)}."
+            return episode.at_step("object_of_another_instruction", text, step)
+        misplaced = episode.wrong_place(step)
         if misplaced is not None and step.at is not None:
             gone, rest, place = misplaced
-            where = f"the {course.kind(place.target)}" + (f" ({place.place})" if place.place else "")
-            text = f"The {course.kind(step.at)} is brought to {where}, which is not where it was asked for."
-            return course.evidence("place_of_another_instruction", text, rows=(gone, rest), objects=(step.at,))
+            where = f"the {episode.kind(place.target)}" + (f" ({place.region})" if place.region else "")
+            text = f"The {episode.kind(step.at)} is brought to {where}, which is not where it was asked for."
+            return episode.evidence("place_of_another_instruction", text, rows=(gone, rest), objects=(step.at,))
     return None

@@ -164,7 +164,7 @@
     if (twin) times.append(timeline(twin, `Its training twin: ${label(twin)[0].toLowerCase()}`));
     box.append(times);
     const go = make("p", "go");
-    go.append(link(routeOf(t), "Link to this trial"), link(`#task=${t.task}`, "Its task"));
+    go.append(link(routeOf(t), "PolicyConnection to this trial"), link(`#task=${t.task}`, "Its task"));
     if (twin) go.append(link(routeOf(twin), "Open the twin"));
     if (t.film >= 0) go.append(link(`#film-${t.film}`, "Its film"));
     box.append(go);

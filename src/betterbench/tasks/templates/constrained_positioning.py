@@ -9,7 +9,7 @@ CONSTRAINED_POSITIONING = Template(
     title="Constrained Positioning",
     description="Put the named object on the marked place of the fixture, aligned with it.",
     challenge="High-precision alignment with a static fixture of the environment.",
-    goal="The named object stands centred on the marked place, upright, with its handle clear, at rest and let go.",
+    goal="The named object stands centered on the marked place, upright, with its handle clear, at rest and let go.",
     premise="The named object stands in its slot and the marked place is free, unless there is nothing left to do.",
     groups=(
         ObjectGroup(
@@ -21,6 +21,4 @@ CONSTRAINED_POSITIONING = Template(
     relation="on_ring",
     exclusive=True,
     order="free",
-    regions=("ring", "spout"),
-    tolerances=("ring_radius", "ring_height", "upright_tilt", "spout_margin"),
 )

@@ -10,7 +10,7 @@ LOGICAL_ASSEMBLY = Template(
     description="Stack the named layers on the base, from below, in the order in which they are named.",
     challenge="Strict order: a layer below cannot be added later.",
     goal=(
-        "The named layers lie on each other in the named order, centred over the base and flat, at rest "
+        "The named layers lie on each other in the named order, centered over the base and flat, at rest "
         "and let go; nothing else lies there."
     ),
     premise="The named layers lie in their slots; what lies on the base already was put there on purpose.",
@@ -26,6 +26,4 @@ LOGICAL_ASSEMBLY = Template(
     relation="layer",
     exclusive=True,
     order="built",
-    regions=("top",),
-    tolerances=("layer_offset", "layer_gap", "layer_tilt"),
 )

@@ -1,4 +1,4 @@
-"""Precision Insertion: things go into holes that fit them with a few millimetres of clearance."""
+"""Precision Insertion: things go into holes that fit them with a few millimeters of clearance."""
 
 from __future__ import annotations
 
@@ -22,6 +22,4 @@ PRECISION_INSERTION = Template(
     relation="in_hole",
     exclusive=True,
     order="free",
-    regions=("hole_1", "hole_2", "hole_3"),
-    tolerances=("hole_depth", "hole_tilt"),
 )

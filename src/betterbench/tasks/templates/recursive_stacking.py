@@ -17,7 +17,7 @@ RECURSIVE_STACKING = Template(
     groups=(
         ObjectGroup(
             "plates",
-            "What is stacked and stacked upon; told apart by colour.",
+            "What is stacked and stacked upon; told apart by color.",
             ("plate", "bowl", "tray"),
             (2, 4),
             role="item",
@@ -27,6 +27,4 @@ RECURSIVE_STACKING = Template(
     relation="on_plate",
     exclusive=True,
     order="built",
-    regions=("floor",),
-    tolerances=("plate_offset", "plate_gap", "upright_tilt"),
 )

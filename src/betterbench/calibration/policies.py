@@ -1,0 +1,81 @@
+"""What a calibration runs: every broken rule at several strengths and with a steadier or a shakier hand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError
+from betterbench.experts import EXPERTS, REPLAYS, Address
+
+STRENGTHS = (1.0, 0.6, 0.3)
+"""Shares of the trials in which a rule applies. A policy with a habit does not have it every time."""
+
+ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
+"""Noise on each control step's translation that goes with a strength [m]: none, 2 cm/s and 4 cm/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPolicy:
+    """One policy of a calibration.
+
+    Attributes:
+        address: The policy with its strength and its action_noise.
+        trials: Trials per variation.
+        seed: First seed.
+    """
+
+    address: Address
+    trials: int
+    seed: int
+
+    @property
+    def folder(self) -> str:
+        """Name of its run within the calibration."""
+        name = self.address.name.replace(":", "-")
+        return f"{name}-{round(100 * self.address.strength)}"
+
+    @property
+    def probe(self) -> bool:
+        """Whether it has no label to be found out by, but has to stay at chance."""
+        return self.address.name.startswith("probe:")
+
+
+def calibration_policies(
+    *,
+    policies: Sequence[str] = (),
+    strengths: Sequence[float] = STRENGTHS,
+    trials: int = 1,
+    probe_trials: int = 8,
+    seed: int = 0,
+) -> tuple[CalibrationPolicy, ...]:
+    """Return the expert, every policy of the zoo at every strength, and the probes.
+
+    Args:
+        policies: Names to keep ("zoo:lexical"); all if empty.
+        strengths: Shares of the trials in which a rule applies.
+        trials: Trials per variation of the expert and of each policy of the zoo.
+        probe_trials: Trials per variation of each probe; 0 leaves them out.
+        seed: First seed; each strength has seeds of its own.
+
+    Raises:
+        InvalidInputError: If a policy is none of the zoo, or a number is out of range.
+    """
+    names = [*EXPERTS, *REPLAYS]
+    for name in policies:
+        if name not in names:
+            raise InvalidInputError("--policies", f"{name!r} is not in the zoo", f"Name some of {', '.join(names)}")
+    if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
+        given = ", ".join(f"{s:g}" for s in strengths) or "nothing"
+        raise InvalidInputError("--strengths", f"{given} is out of range", "Give shares above 0 and up to 1")
+    if trials < 1 or probe_trials < 0:
+        raise InvalidInputError("--trials", f"{trials} and {probe_trials} are out of range", "Give 1 or more")
+    kept = [name for name in names if not policies or name in policies]
+    planned = [CalibrationPolicy(Address(name), trials, seed) for name in kept if name == "expert"]
+    for i, strength in enumerate(strengths):
+        action_noise = ACTION_NOISE_M.get(strength, 0.001)
+        zoo = (name for name in kept if name.startswith("zoo:"))
+        planned += [CalibrationPolicy(Address(name, strength, action_noise), trials, seed + i * trials) for name in zoo]
+    if probe_trials:
+        planned += [CalibrationPolicy(Address(name), probe_trials, seed) for name in kept if name.startswith("probe:")]
+    return tuple(planned)

@@ -1,0 +1,405 @@
+"""The course of an episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from betterbench.diagnosis.attempts import GraspAttempt, find_grasps
+from betterbench.diagnosis.trace import Trace, Whereabout
+from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.relations import relation
+
+
+class AttemptTarget(StrEnum):
+    """How the object of an attempt stands to the instruction at that moment."""
+
+    ASKED = "asked"
+    """It is what the instruction asks for now."""
+    LATER = "later"
+    """It is asked for, but an earlier step of an ordered instruction is open."""
+    REPEATED = "repeated"
+    """The step that it could serve is done."""
+    OTHER = "other"
+    """Another instruction of the task means it, or it is where things are to go."""
+    FOREIGN = "foreign"
+    """No instruction of the task means it."""
+    EMPTY = "empty"
+    """There is no object: an air grasp at an empty slot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One grasp attempt, seen against the instruction.
+
+    Attributes:
+        grasp: The attempt by rows and indices.
+        attempt: The attempt as it is reported.
+        at: Index of the object that it was at or that it missed, or None.
+        target: How that object stands to the instruction.
+        goal: Index of the subgoal that was due, or None if none was open.
+        asked_slots: Slots in which the objects stand that were asked for.
+        taken_for: Index of the subgoal at whose place the object was put although that subgoal means another object,
+            or None.
+    """
+
+    grasp: GraspAttempt
+    attempt: Attempt
+    at: int | None
+    target: AttemptTarget
+    goal: int | None
+    asked_slots: tuple[str, ...]
+    taken_for: int | None = None
+
+    @property
+    def missed(self) -> bool:
+        """Whether the hand closed beside the object."""
+        return self.grasp.object is None and self.at is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeAnalysis:
+    """One episode against its condition and its training regime.
+
+    Attributes:
+        trace: The episode as arrays.
+        condition: The condition in force.
+        trained: The regularities of the training regime.
+        meant: Per subgoal the indices of the objects that it can mean.
+        known_kinds: Kinds of object that some instruction of the task means.
+        steps: All grasp attempts, in time.
+    """
+
+    trace: Trace
+    condition: Condition
+    trained: TrainingDistribution
+    meant: tuple[tuple[int, ...], ...]
+    known_kinds: frozenset[str]
+    steps: tuple[Step, ...]
+
+    @property
+    def instruction(self) -> Instruction:
+        """The sentence and what it asks for."""
+        return self.condition.instruction
+
+    @property
+    def goals(self) -> tuple[Subgoal, ...]:
+        """The subgoals in the order asked."""
+        return self.condition.instruction.subgoals
+
+    @property
+    def asked_indices(self) -> frozenset[int]:
+        """Indices of all objects that the instruction can mean."""
+        return frozenset(i for names in self.meant for i in names)
+
+    @property
+    def first_choice(self) -> Step | None:
+        """The first attempt that is not at a drawer: opening one is on the way, and chooses nothing yet."""
+        drawers = {i for i, _, _ in self.trace.drawers}
+        return next((step for step in self.steps if step.at not in drawers), None)
+
+    @property
+    def first_attempt(self) -> Step | None:
+        """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
+        drawers = {i for i, _, _ in self.trace.drawers}
+        telling = (s for s in self.steps if s.at not in drawers or s.target is not AttemptTarget.ASKED)
+        return next(telling, self.steps[0] if self.steps else None)
+
+    def kind(self, i: int) -> str:
+        """Return the kind of an object."""
+        return self.trace.info.objects[i].kind
+
+    def name(self, i: int) -> str:
+        """Return the name of an object."""
+        return self.trace.info.objects[i].name
+
+    def open_goals(self, row: int) -> tuple[int, ...]:
+        """Return the subgoals that are not reached at a row and for which an object is left on the table."""
+        return _open_goals(self.trace, self.goals, row)
+
+    def completed_after(self, goal: int | None, row: int) -> bool:
+        """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
+        return goal is not None and bool(self.trace.done[row:, goal].any())
+
+    def attempted_after(self, goal: int, row: int) -> bool:
+        """Tell whether an object that a subgoal means is attempted after a row."""
+        return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
+
+    def let_go(self, step: Step) -> tuple[int, int] | None:
+        """Return the row at which what an attempt took has left the hand, and the row at which it has come to rest.
+
+        Returns:
+            The two rows, or None if it took nothing or still has it at the end.
+        """
+        return _let_go(self.trace, step.grasp)
+
+    def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
+        """Return where a right object was put that was not asked for, with the rows of release and of rest.
+
+        Returns:
+            The rows and the place, or None if it was put right, at no place of any target, or put right later.
+        """
+        if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
+            return None
+        return _wrong_place(self.trace, step.grasp)
+
+    def slipped(self, step: Step) -> bool:
+        """Tell whether what an attempt took fell out of the hand while it was to stay closed."""
+        rows, i = self.let_go(step), step.grasp.object
+        return rows is not None and i is not None and _slipped(self.trace, step.grasp, i, rows)
+
+    def memorized(self, i: int, place: Whereabout) -> bool:
+        """Tell whether training put objects of this kind there."""
+        where = (self.kind(place.target), place.relation, place.region)
+        return where in self.trained.kind_targets.get(self.kind(i), ())
+
+    def evidence(
+        self,
+        rule: str,
+        text: str,
+        *,
+        rows: tuple[int, int],
+        objects: tuple[int, ...] = (),
+        shared: tuple[str, ...] = (),
+        candidates: tuple[str, ...] = (),
+    ) -> Evidence:
+        """Return evidence for a span of rows and object indices."""
+        time, last = self.trace.time, self.trace.rows - 1
+        start, end = (float(time[min(max(r, 0), last)]) for r in rows)
+        return Evidence(rule, text, start, end, tuple(self.name(i) for i in objects), shared, candidates)
+
+    def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
+        """Return evidence for an attempt."""
+        objects = () if step.at is None else (step.at,)
+        return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
+
+    def describe(self, step: Step) -> str:
+        """Return a phrase for what an attempt was at."""
+        slot = "" if step.grasp.slot is None else f" at slot {step.grasp.slot!r}"
+        if step.at is None:
+            return f"nothing (an air grasp{slot})"
+        return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else "")
+
+    def asked_for(self, step: Step) -> str:
+        """Return a phrase for what was asked for at an attempt."""
+        if step.goal is None:
+            return "nothing was left to do"
+        return f"{self.goals[step.goal].word!r} was asked for"
+
+    def intended(self) -> tuple[int, ...]:
+        """Return the objects at which the first attempt would be right; if it was, the one that it was at comes first.
+
+        The others follow in the order of the subgoals and then of where they stand, so that neither their names nor
+        their order in the scene means anything.
+        """
+        if self.condition.expected is Expected.STAY_STILL:
+            return ()
+        trace, goals = self.trace, self.open_goals(0)
+        first = self.first_attempt
+        right = None if first is None or first.target is not AttemptTarget.ASKED else first.at
+        chosen = [] if right is None else [right]
+        for g in goals[:1] if self.instruction.ordered else goals:
+            wanted = _wanted(trace, g, 0) & set(self.meant[g])
+            chosen += sorted(wanted, key=lambda i: (trace.info.objects[i].slot or "", *trace.positions[0, i].tolist()))
+        return tuple(dict.fromkeys(chosen))
+
+    def intention_correct(self) -> bool:
+        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4)."""
+        expected = self.condition.expected
+        if expected is Expected.STAY_STILL:
+            return not self.steps
+        if expected is Expected.REFUSE:
+            return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
+        return self.first_attempt is not None and self.first_attempt.target is AttemptTarget.ASKED
+
+    def progress(self) -> float:
+        """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
+
+        Where refusing is right, what cannot be done is not asked; where staying still is right, what was done must
+        still be done at the end.
+        """
+        done = self.trace.done
+        if self.condition.expected is Expected.STAY_STILL:
+            return float(done[-1].mean())
+        first = [int(np.argmax(column)) if column.any() else None for column in done.T]
+        valid = 0
+        asked = range(len(first))
+        if self.condition.expected is Expected.REFUSE:
+            asked_list = [g for g in asked if self.meant[g]]
+            if not asked_list:
+                return 1.0
+        else:
+            asked_list = list(asked)
+        for g in asked_list:
+            row = first[g]
+            if row is None:
+                continue
+            earlier = [first[j] for j in asked_list if j < g]
+            if not self.instruction.ordered or all(e is not None and e <= row for e in earlier):
+                valid += 1
+        return valid / len(asked_list)
+
+
+def analyze_episode(trace: Trace, condition: Condition, trained: TrainingDistribution) -> EpisodeAnalysis:
+    """Return the course of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
+    info = trace.info
+    asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
+    known = frozenset(trained.kind_slots) | asked_kinds
+    steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
+    return EpisodeAnalysis(trace, condition, trained, trace.meant, known, steps)
+
+
+def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
+    """Return the subgoals that are not reached at a row and for which an object is left on the table.
+
+    A drawer that is to be closed on something is due once that is inside.
+    """
+    reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
+    return tuple(
+        g
+        for g in range(len(goals))
+        if not reached[g]
+        and all(reached[j] for j in _before(trace, goals, g))
+        and any(not trace.serves[row, g, i] and trace.on_table(row, i) for i in trace.meant[g])
+    )
+
+
+def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool:
+    if int(trace.serves[row, g, list(trace.meant[g])].sum()) < goals[g].count:
+        return False
+    return all(_reached(trace, goals, j, row) for j in _before(trace, goals, g))
+
+
+def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
+    """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
+    if relation(goals[g].relation).carried:
+        return []
+    return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
+
+
+def _wanted(trace: Trace, g: int, row: int) -> set[int]:
+    """Return what may rightly be taken for a subgoal: what it means, and drawers that have to be moved for it first."""
+    busy = trace.serves[row].any(axis=0)
+    wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
+    drawers = {i for i, _, _ in trace.drawers}
+    for i in drawers & {trace.targets[g]}:
+        if trace.opening(row, i) < THRESHOLDS.drawn_out:
+            wanted.add(i)
+        height = trace.positions[row, i, 2]
+        above = {j for j in drawers - {i} if trace.positions[row, j, 2] > height}
+        wanted |= {j for j in above if trace.opening(row, j) > THRESHOLDS.pushed_in}
+    return wanted
+
+
+def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
+    """Return the drawer that a subgoal loads if an attempt did not push it in: it may be drawn out in several pulls."""
+    i, last = grasp.object, min(grasp.release, trace.rows - 1)
+    if i is None or i != trace.targets[g] or all(i != drawer for drawer, _, _ in trace.drawers):
+        return set()
+    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - THRESHOLDS.pushed_in else set()
+
+
+def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:
+    row, meant = grasp.start, trace.meant
+    due = _open_goals(trace, instruction.subgoals, row)
+    now = due[:1] if instruction.ordered else due
+    wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
+    needed = {i for g in now for i in wanted[g]}
+    at = grasp.object if grasp.object is not None else grasp.aim
+    open_now = {i for g in due for i in wanted[g]}
+    target = _standing(trace, at, needed=needed, due=open_now, meant=meant, known=known)
+    goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
+    slots = sorted(
+        {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
+    )
+    name = None if grasp.object is None else trace.info.objects[grasp.object].name
+    result = "null" if grasp.object is None else "target" if target is AttemptTarget.ASKED else "distractor"
+    attempt = Attempt(
+        float(trace.time[grasp.start]), float(trace.time[grasp.end]), name, grasp.slot, result, grasp.secured
+    )
+    if at is None and grasp.slot is not None and _pushed_away(trace, grasp, needed):
+        at = next(i for i in sorted(needed) if trace.info.objects[i].slot == grasp.slot)
+        target = AttemptTarget.ASKED
+        goal = next(g for g in now if at in wanted[g])
+    return Step(grasp, attempt, at, target, goal, tuple(slots), _taken_for(trace, instruction.subgoals, grasp))
+
+
+def _let_go(trace: Trace, grasp: GraspAttempt) -> tuple[int, int] | None:
+    """Return the rows of release and of rest of what was taken, or None if nothing was, or it is still in the hand."""
+    i = grasp.object
+    if i is None:
+        return None
+    until = min(trace.rows, grasp.release + trace.steps(THRESHOLDS.stop_time))
+    rows = slice(grasp.end, until)
+    gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+    if not gripped.any():
+        return None
+    gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
+    if gone >= trace.rows:
+        return None
+    rest = min(trace.rows - 1, gone + trace.steps(THRESHOLDS.settle_after_release))
+    again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
+    return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
+
+
+def _wrong_place(trace: Trace, grasp: GraspAttempt) -> tuple[int, int, Whereabout] | None:
+    """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None."""
+    i, rows = grasp.object, _let_go(trace, grasp)
+    if rows is None or i is None or not grasp.secured:
+        return None
+    gone, rest = rows
+    place = trace.placed(rest, i)
+    if place is None or trace.serves[rest, :, i].any() or _slipped(trace, grasp, i, rows):
+        return None
+    return gone, rest, place
+
+
+def _slipped(trace: Trace, grasp: GraspAttempt, i: int, rows: tuple[int, int]) -> bool:
+    """Tell whether an object fell out of a hand that was to stay closed: where it lands, nobody brought it."""
+    gone, rest = rows
+    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    return gone < grasp.release and fall > THRESHOLDS.fall_height
+
+
+def _taken_for(trace: Trace, goals: tuple[Subgoal, ...], grasp: GraspAttempt) -> int | None:
+    """Return the subgoal at whose place an object was put that the subgoal does not mean, or None."""
+    found = _wrong_place(trace, grasp)
+    if found is None or all(grasp.object not in names for names in trace.meant):
+        return None
+    _, _, place = found
+    for g, goal in enumerate(goals):
+        same = (goal.relation, trace.targets[g], goal.region) == (place.relation, place.target, place.region)
+        if same and grasp.object not in trace.meant[g]:
+            return g
+    return None
+
+
+def _pushed_away(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> bool:
+    """Tell whether the slot of an air grasp is empty only because what was asked for has been moved out of it."""
+    return any(trace.info.objects[i].slot == grasp.slot for i in needed)
+
+
+def _standing(
+    trace: Trace,
+    at: int | None,
+    *,
+    needed: set[int],
+    due: set[int],
+    meant: tuple[tuple[int, ...], ...],
+    known: frozenset[str],
+) -> AttemptTarget:
+    if at is None:
+        return AttemptTarget.EMPTY
+    if at in needed:
+        return AttemptTarget.ASKED
+    if at in due:
+        return AttemptTarget.LATER
+    if any(at in names for names in meant):
+        return AttemptTarget.REPEATED
+    found = trace.info.objects[at]
+    return (
+        AttemptTarget.OTHER if found.kind in known or found.role in ("container", "fixture") else AttemptTarget.FOREIGN
+    )

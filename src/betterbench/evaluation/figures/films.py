@@ -1,0 +1,153 @@
+"""Films: images of recorded states, made after the run from the records alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import numpy as np
+from PIL import Image
+
+from betterbench.errors import InvalidInputError
+from betterbench.recording import Record, RunFolder
+from betterbench.scenes import StoredView, load_model
+from betterbench.scenes.stage import quality_preset
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One image to take.
+
+    Attributes:
+        task: Task id.
+        condition: Name of the condition.
+        seed: Seed.
+        time_s: Simulated time [s].
+    """
+
+    task: str
+    condition: str
+    seed: int
+    time_s: float
+
+
+def render_shots(
+    run: RunFolder,
+    shots: Sequence[Shot],
+    *,
+    camera: str = "front",
+    size: int = 320,
+    quality: str = "standard",
+    on_progress: Callable[[int, int], None] | None = None,
+) -> dict[Shot, bytes]:
+    """Return one JPEG per shot.
+
+    Args:
+        run: The run.
+        shots: Images to take; they are grouped by scene, so that each model is loaded once.
+        camera: Name of the camera.
+        size: Side of the images [pixel].
+        quality: Name of the render preset.
+        on_progress: Told (done, planned).
+
+    Raises:
+        RecordError: If a record or a scene is missing or unreadable.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
+    records = {key: run.read_record(*key) for key in trials}
+    images: dict[Shot, bytes] = {}
+    for scene_hash in dict.fromkeys(r.metadata.scene_hash for r in records.values()):
+        view = StoredView(load_model(run.load_scene(scene_hash)), quality_preset(quality), width=size, height=size)
+        try:
+            for shot in shots:
+                record = records[shot.task, shot.condition, shot.seed]
+                if record.metadata.scene_hash != scene_hash:
+                    continue
+                images[shot] = _jpeg(_image(view, record, camera, shot.time_s))
+                if on_progress is not None:
+                    on_progress(len(images), len(shots))
+        finally:
+            view.close()
+    return images
+
+
+def write_video(
+    run: RunFolder,
+    task: str,
+    condition: str,
+    seed: int,
+    *,
+    camera: str = "front",
+    size: int = 512,
+    out: Path | None = None,
+) -> Path:
+    """Write the video of a recorded trial.
+
+    Args:
+        run: The run.
+        task: Task id.
+        condition: Name of the condition.
+        seed: Seed.
+        camera: Name of the camera.
+        size: Side of the images [pixel], even.
+        out: Where to write it; a place in the run's folder if not given.
+
+    Returns:
+        The file, H.264 in MP4.
+
+    Raises:
+        InvalidInputError: If the size is odd.
+    """
+    if size % 2:
+        raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")
+    record = run.read_record(task, condition, seed)
+    path = out or run.video_path(task, condition, seed, camera=camera)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    view = StoredView(
+        load_model(run.load_scene(record.metadata.scene_hash)), quality_preset("standard"), width=size, height=size
+    )
+    try:
+        with av.open(str(part), "w", format="mp4") as container:
+            stream = container.add_stream("libx264", rate=round(record.metadata.control_rate_hz))
+            stream.width = stream.height = size
+            stream.pix_fmt = "yuv420p"
+            for row in range(len(record)):
+                rgb = view.draw(record.qpos[row], camera).rgb
+                frame = av.VideoFrame.from_ndarray(np.asarray(rgb), format="rgb24")
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    finally:
+        view.close()
+    part.replace(path)
+    return path
+
+
+def probe_encoder() -> str:
+    """Encode a tiny video in memory and return what was written; anything that is missing raises."""
+    buffer = io.BytesIO()
+    with av.open(buffer, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=20)
+        stream.width = stream.height = 64
+        stream.pix_fmt = "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")))
+        container.mux(stream.encode(None))
+    return f"H.264 ({len(buffer.getvalue())} bytes written)"
+
+
+def _image(view: StoredView, record: Record, camera: str, time_s: float) -> np.ndarray:
+    row = int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
+    rgb = view.draw(record.qpos[row], camera).rgb
+    if rgb is None:
+        raise AssertionError("colors were asked for")
+    return rgb
+
+
+def _jpeg(rgb: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(rgb).save(buffer, "JPEG", quality=82)
+    return buffer.getvalue()

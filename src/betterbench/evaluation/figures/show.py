@@ -1,0 +1,115 @@
+"""Images of conditions: a training scene beside the test scene that an intervention makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Condition, Task, get_task
+
+OUTLINE = (255, 64, 160)
+"""Color of outlines; no object of the suite has it."""
+_PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
+
+
+def show_condition(
+    task: Task, condition: Condition, *, seed: int, size: int, outlined: Sequence[str] = ()
+) -> Image.Image:
+    """Return the front view of a condition at reset.
+
+    Args:
+        task: The task.
+        condition: The condition.
+        seed: Seed.
+        size: Side of the image [pixel].
+        outlined: Names of objects to outline.
+    """
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"))
+    with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
+        view = renderer.render(scene.data, "front", masks=True)
+    if view.rgb is None or view.masks is None:
+        raise AssertionError("colors and masks were asked for")
+    bodies = [int(b) for b, p in zip(scene.compiled.bodies, scene.placements, strict=True) if p.spec.name in outlined]
+    return Image.fromarray(_outline(view.rgb, np.isin(view.masks, bodies), max(2, size // 180)))
+
+
+def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) -> Image.Image:
+    """Return a variation's training scene beside its test scene, with what changed outlined.
+
+    Args:
+        task_id: Task id.
+        name: Name of the variation.
+        seed: Seed of both.
+        size: Side of each scene's image [pixel].
+
+    Raises:
+        UnknownNameError: If there is no such task or variation.
+    """
+    task = get_task(task_id)
+    variation = task.variation(name)
+    base = task.train(variation.base)
+    test, changes = vary(task, variation)
+    left = show_condition(task, base, seed=seed, size=size, outlined=sorted(changes.objects))
+    right = show_condition(task, test, seed=seed, size=size, outlined=sorted(changes.objects))
+    # The built-in font has no arrows.
+    head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
+    return _side_by_side(
+        head,
+        (f"training ({base.name})", base.instruction.text, left),
+        (f"test ({variation.name}, {variation.expected.value.replace('_', ' ')})", test.instruction.text, right),
+    )
+
+
+def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Image:
+    """Return all training conditions of a task side by side."""
+    task = get_task(task_id)
+    panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
+    return _side_by_side(f"{task.title} · training regime", *panels)
+
+
+def _outline(rgb: np.ndarray, mask: np.ndarray, width: int) -> np.ndarray:
+    """Return the image with a line drawn around a mask."""
+    grown = mask.copy()
+    for _ in range(width):
+        padded = np.pad(grown, 1)
+        grown = padded[1:-1, 1:-1] | padded[:-2, 1:-1] | padded[2:, 1:-1] | padded[1:-1, :-2] | padded[1:-1, 2:]
+    image = rgb.copy()
+    image[grown & ~mask] = OUTLINE
+    return image
+
+
+def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Image:
+    size = panels[0][2].width
+    pad = size // 24
+    big, small = ImageFont.load_default(size / 22), ImageFont.load_default(size / 28)
+    lines = [_wrap(text, small, size) for _, text, _ in panels]
+    row = round(size / 20)
+    top = 2 * pad + row
+    caption = row * (1 + max(len(block) for block in lines)) + pad
+    sheet = Image.new("RGB", (pad + (size + pad) * len(panels), top + size + caption + pad // 2), _PAPER)
+    draw = ImageDraw.Draw(sheet)
+    draw.text((pad, pad), head, fill=_INK, font=big)
+    for i, ((title, _, image), block) in enumerate(zip(panels, lines, strict=True)):
+        x = pad + i * (size + pad)
+        sheet.paste(image, (x, top))
+        draw.text((x, top + size + pad // 2), title, fill=_SOFT, font=small)
+        for j, line in enumerate(block):
+            draw.text((x, top + size + pad // 2 + (j + 1) * row), line, fill=_INK, font=small)
+    return sheet
+
+
+def _wrap(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
+    lines: list[str] = []
+    for word in f"“{text}”".split():
+        candidate = f"{lines[-1]} {word}" if lines else word
+        if lines and font.getlength(candidate) <= width:
+            lines[-1] = candidate
+        else:
+            lines.append(word)
+    return lines

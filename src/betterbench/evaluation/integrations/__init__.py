@@ -1,0 +1,1 @@
+"""Our tasks inside other evaluation harnesses."""

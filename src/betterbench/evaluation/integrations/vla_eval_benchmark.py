@@ -1,0 +1,386 @@
+"""Our tasks for vla-evaluation-harness: ``vla-eval run`` plays them, and ``better report`` tells why a policy failed.
+
+The harness owns the loop, the model server and its own result file; beside them a run folder is written, with the
+records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial with seed
+``seed + i``.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from betterbench.episodes.selection import select_conditions
+from betterbench.errors import (
+    InvalidInputError,
+    MissingDependencyError,
+    PolicyError,
+    PremiseError,
+    RunConflictError,
+    StorageError,
+)
+from betterbench.evaluation.planning.plan import Plan, Trial, make_plan
+from betterbench.evaluation.running.external_run import ExternalRun
+from betterbench.interface import Observation, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.presets import PRESETS, VLA_EVAL, preset
+from betterbench.recording import Outcome
+from betterbench.tasks import get_task
+
+try:
+    from vla_eval.benchmarks.base import StepBenchmark, StepResult
+    from vla_eval.recording import NullEpisodeRecorder, RecordingError
+    from vla_eval.render import configure_mujoco_render
+    from vla_eval.specs import DimSpec
+except ImportError as missing:
+    raise MissingDependencyError(
+        f"vla-evaluation-harness is not installed ({missing}). Run: pip install 'betterbench[vla-eval]'"
+    ) from missing
+
+from betterbench.evaluation.integrations.vla_eval_specs import action_specs, observation_specs
+
+logger = logging.getLogger(__name__)
+
+ADDRESS = "vla-eval:"
+"""What stands before the name of a policy that the harness asks, in records and reports."""
+
+
+class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
+    """The suite, or some of its conditions, as one benchmark of the harness.
+
+    Args:
+        run: Folder of the run; one that was interrupted is continued: trials that are done are not played again, but
+            told from their records.
+        policy: Name of the policy in the report, "pi0-libero" for instance: no benchmark is told whom the harness
+            asks.
+        conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
+            list or one text separated by commas; default the whole suite better60.
+        trials: Trials per condition; the same number as ``episodes_per_task``.
+        seed: First seed.
+        adapter: Name of an adapter's preset, or a JSON file: what the model server is shown and how it answers.
+        cameras: Which of our cameras stands for one of the adapter's ({"images/agentview": "left_shoulder"}).
+        observation: Name of an observation preset; "state_only" renders nothing.
+        quality: Name of a render preset.
+        send_wrist_image: True to send the wrist camera too; model servers ask for it by themselves.
+        send_state: True to send the robot's state; model servers ask for it by themselves.
+        absolute_action: True if the model server answers absolute poses; model servers say so themselves, and an
+            adapter that reads ``ee_pose`` has to be named then.
+        quat_no_antipodal: Always so here: rotation vectors of the state are continuous where the tool points down, as
+            in data of robosuite. Model servers ask for it.
+    """
+
+    render_backends: ClassVar[frozenset[str]] = frozenset({"gpu", "cpu"})
+    _ALL_RECORD_FIELDS = frozenset({"reward", "done", "success", "action"})
+
+    @classmethod
+    def configure_render(cls, mode: str) -> dict[str, str]:
+        """Choose the renderer: on "cpu" OSMesa, on "gpu" what the environment says, else EGL.
+
+        Raises:
+            InvalidInputError: If EGL has been loaded already, which rules out OSMesa.
+        """
+        if mode == "cpu" and "mujoco.egl" in sys.modules:
+            raise InvalidInputError("render", "EGL has been loaded before cpu was asked for", "Unset MUJOCO_GL")
+        applied: dict[str, str] = configure_mujoco_render(mode)
+        return applied
+
+    def __init__(
+        self,
+        run: str,
+        policy: str,
+        *,
+        conditions: str | Sequence[str] | None = None,
+        trials: int = 20,
+        seed: int = 0,
+        adapter: str = VLA_EVAL.name,
+        cameras: dict[str, str] | None = None,
+        observation: str = "default",
+        quality: str = "standard",
+        send_wrist_image: bool = False,
+        send_state: bool = False,
+        absolute_action: bool = False,
+        quat_no_antipodal: bool = True,
+    ) -> None:
+        """Look everything up; the run folder is made when the first episode begins."""
+        super().__init__()
+        if not quat_no_antipodal:
+            raise InvalidInputError("quat_no_antipodal", "false is not offered", "Leave it out")
+        self._recorder = NullEpisodeRecorder()
+        self.adapter = _shaped(
+            preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
+            cameras or {},
+            observation,
+            wrist=send_wrist_image,
+            state=send_state,
+        )
+        if absolute_action and self.adapter.answer.space != "ee_pose":
+            raise InvalidInputError(
+                "absolute_action",
+                f"the model server answers absolute poses, and adapter {self.adapter.name} reads "
+                f"{self.adapter.answer.space}",
+                "Name an adapter= whose answer has the space ee_pose and the model's rotation format",
+            )
+        self._out = Path(run).resolve()  # the harness may change its folder
+        self._seed, self._trials = seed, trials
+        self.plan = _plan(
+            f"{ADDRESS}{policy}",
+            select_conditions(conditions),
+            trials=trials,
+            seed=seed,
+            action_space=self.adapter.answer.space,
+            observation=observation,
+            quality=quality,
+        )
+        self._run: ExternalRun | None = None
+        self._seen: Observation | None = None
+        self._current: Trial | None = None
+        self._told: Outcome | None = None
+        self._going = False
+
+    def get_tasks(self) -> list[dict[str, Any]]:
+        """Return every condition as a task of the harness: named "fast_food/T1", in the suite "fast_food"."""
+        named = dict.fromkeys((t.task, t.condition, t.expected) for t in self.plan.trials)
+        return [
+            {"name": f"{task}/{condition}", "suite": task, "condition": condition, "expected": expected}
+            for task, condition, expected in named
+        ]
+
+    def reset(self, task: dict[str, Any]) -> Observation:
+        """Begin a trial.
+
+        Args:
+            task: One of :meth:`get_tasks`, with the number of the episode.
+
+        Raises:
+            InvalidInputError: If the episode has no trial in the plan.
+            PolicyError: If the trial broke down.
+            RecordingError: If the run has to stop: the disk is full, or the folder holds another run.
+        """
+        trial = self._current = self._trial(task)
+        self._told = None
+        with _stopping():
+            run = self._open()
+            if run.is_done(trial):
+                self._told = run.outcome(trial)
+                logger.warning("%s seed %d is done: its record is told, not played again", task["name"], trial.seed)
+            self._seen = run.begin(trial)
+        self._going = True
+        self._film()
+        return self._seen
+
+    def step(self, action: dict[str, Any]) -> StepResult:
+        """Play what the model server answered.
+
+        A reply that cannot be played ends the episode, as it does in ``better eval``.
+
+        Args:
+            action: The reply.
+
+        Raises:
+            InvalidInputError: If no episode is going.
+            RecordingError: If the run has to stop.
+        """
+        run, seen = self._run, self._seen
+        if run is None or seen is None:
+            raise InvalidInputError("step", "no episode is going", "Call reset first")
+        after: Observation | None = None
+        played: np.ndarray | None = None
+        if self._told is None:
+            with _stopping():
+                try:
+                    actions = self.adapter.actions(action, seen)
+                except PolicyError as problem:
+                    run.fail(str(problem))
+                else:
+                    after = run.act(actions[0] if len(actions) == 1 else actions)
+                    played = actions[0].astype(np.float32)
+        self._going = after is not None
+        if after is None:
+            result = self._end()
+        else:
+            self._seen = after
+            self._film()
+            result = StepResult(obs=after, reward=0.0, done=False, info={"step": after.step})
+        if played is not None:
+            won = result.reward > 0.0
+            self._recorder.record_step(reward=result.reward, done=result.done, success=won, action=played)
+        return result
+
+    def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
+        """Return the message for the model server: images, sentence and, if asked for, the state.
+
+        Args:
+            raw_obs: What is seen.
+            task: The task.
+        """
+        del task
+        return self.adapter.request(raw_obs)
+
+    def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
+        """Return how the episode went.
+
+        An episode that the harness ends before its time (``max_steps``) failed for the harness; for the report it has
+        not been played, since the policy might have succeeded yet.
+        """
+        if self._going and self._run is not None:
+            self._going = False
+            with _stopping():
+                self._run.abandon(f"the harness ended the episode at step {step_result.info.get('step', 0)}")
+            return {"success": False, "policy_error": False, "cut_short": True}
+        outcome = step_result.info.get("outcome")
+        broken = outcome is None or outcome.termination == "policy_error"
+        return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
+
+    def get_metric_keys(self) -> dict[str, str]:
+        """Return what the harness averages: success, and the shares of broken and of shortened episodes."""
+        return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
+
+    def get_action_spec(self) -> dict[str, DimSpec]:
+        """Return what the tasks take."""
+        return action_specs(self.adapter.answer)
+
+    def get_observation_spec(self) -> dict[str, DimSpec]:
+        """Return what the tasks give."""
+        return observation_specs(self.adapter)
+
+    def get_metadata(self) -> dict[str, Any]:
+        """Return what the harness needs to know: leave its ``max_steps`` out, and episodes end by themselves."""
+        conditions = {(t.task, t.condition): t for t in self.plan.trials}
+        limits = [task.step_limit(condition) for task, condition, _ in (t.resolve() for t in conditions.values())]
+        return {
+            "suite": "better60",
+            "max_steps": max(limits),
+            "max_episodes_per_task": self._trials,
+            "task_versions": {name: get_task(name).version for name in sorted({t.task for t in self.plan.trials})},
+        }
+
+    def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
+        """Return the reply that holds still, for the harness's live mode.
+
+        Args:
+            last_action: The last reply, which is repeated where actions are absolute.
+
+        Raises:
+            NotImplementedError: If there is none to repeat, or the gripper's number has no neutral place.
+        """
+        neutral = action_space(self.adapter.answer.space).neutral
+        if neutral is not None and self.adapter.answer.gripper.endswith("positive"):
+            columns = self.adapter.answer.columns
+            return {key[-1]: np.zeros(count, dtype=np.float32) for key, count in columns.items()}
+        if last_action is not None and neutral is None:
+            return last_action
+        raise NotImplementedError("the live mode needs an action that holds still, which this adapter has not")
+
+    def render(self) -> np.ndarray | None:
+        """Return the first image of what is seen."""
+        return None if self._seen is None else next(iter(self._seen.images.values()), None)
+
+    def cleanup(self) -> None:
+        """Give up what is going, and free the renderers."""
+        if self._run is not None:
+            self._run.close()
+            self._run = None
+
+    def _open(self) -> ExternalRun:
+        if self._run is None:
+            self._run = ExternalRun(
+                self.plan,
+                self._out,
+                needs_images=bool(self.adapter.views),
+                metadata={"adapter": json.dumps(self.adapter.to_json())},
+                engine=f"vla-eval {version('vla-eval')}",
+            )
+        return self._run
+
+    def _trial(self, task: dict[str, Any]) -> Trial:
+        episode = int(task.get("episode_idx", 0))
+        for trial in self.plan.trials:
+            if (trial.task, trial.condition, trial.seed) == (task["suite"], task["condition"], self._seed + episode):
+                return trial
+        raise InvalidInputError(
+            "episodes_per_task",
+            f"episode {episode} of {task['name']} is none of the {self._trials} trials of the plan",
+            f"Give both the same number: params.trials: {episode + 1}",
+        )
+
+    def _end(self) -> StepResult:
+        """Return the result of the episode that has just ended.
+
+        Raises:
+            PolicyError: If it broke down on our side; the harness lists it as an error, and it is to be run again.
+        """
+        outcome, run, trial = self._told, self._run, self._current
+        if outcome is None and run is not None and trial is not None and run.entry is not None:
+            if run.entry.status == "error":
+                raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed}: {run.entry.message}")
+            outcome = run.outcome(trial)
+        return StepResult(obs=self._seen, reward=float(_won(outcome)), done=True, info={"outcome": outcome})
+
+    def _film(self) -> None:
+        image = self.render()
+        if image is not None:
+            self._recorder.record_video(image)
+
+
+def _won(outcome: Outcome | None) -> bool:
+    return outcome is not None and outcome.success
+
+
+@contextmanager
+def _stopping() -> Iterator[None]:
+    """Stop the whole evaluation where every further episode would fail alike.
+
+    The harness isolates what an episode raises and goes on; this error it lets through.
+
+    Raises:
+        RecordingError: If the disk is full, the folder holds another run or a scene breaks its premise.
+    """
+    try:
+        yield
+    except (StorageError, RunConflictError, PremiseError) as problem:
+        raise RecordingError(str(problem)) from problem
+
+
+def _shaped(adapter: Adapter, cameras: dict[str, str], observation: str, *, wrist: bool, state: bool) -> Adapter:
+    """Return the adapter without what is not sent."""
+    shown = adapter.with_cameras(cameras)
+    views = tuple(v for v in shown.views if wrist or "wrist" not in v.key[-1])
+    if not observation_spec(observation).cameras:
+        views = ()
+    return replace(shown, views=views, states=shown.states if state else ())
+
+
+def _plan(
+    policy: str,
+    conditions: Sequence[tuple[str, str]],
+    *,
+    trials: int,
+    seed: int,
+    action_space: str,
+    observation: str,
+    quality: str,
+) -> Plan:
+    """Return the trials of ``better eval`` for some conditions, the same number of each."""
+    tasks = list(dict.fromkeys(task for task, _ in conditions))
+    whole = make_plan(
+        policy,
+        tasks=tasks,
+        trials=trials,
+        seed=seed,
+        action_space=action_space,
+        observation=observation,
+        quality=quality,
+    )
+    kept = [t for t in whole.trials if (t.task, t.condition) in conditions and t.seed < seed + trials]
+    order = {condition: i for i, condition in enumerate(conditions)}
+    return replace(whole, trials=tuple(sorted(kept, key=lambda t: (order[t.task, t.condition], t.seed))))

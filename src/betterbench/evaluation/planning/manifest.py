@@ -1,0 +1,204 @@
+"""The manifest of a run: what else is known when it starts, besides the plan that makes it what it is.
+
+Everything here goes to ``context`` of ``run.json``. Another machine may go on with a run, so none of it is compared
+when a run is resumed, with one exception: the policy. A server that declares something else than when the run began
+(another checkpoint behind the same address) would put two policies into one run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import RunConflictError
+from betterbench.evaluation.planning.machine import describe_machine, describe_renderer, package_lock, source_revision
+from betterbench.evaluation.planning.plan import Plan
+from betterbench.interface import PolicyInfo, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.recording import RunFolder, first_difference
+from betterbench.recording.metadata import dump_json
+from betterbench.robots import robot as robot_named
+from betterbench.scenes import CONTROL_RATE_HZ, TIMESTEP_S
+from betterbench.tasks import THRESHOLDS
+
+_MAX_DECLARED_BYTES = 1 << 18
+_MAX_DEPTH = 12
+_MAX_LISTED = 1000
+
+
+def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the context of a run that starts now.
+
+    Args:
+        plan: The plan.
+        policy: What the policy declares, by :func:`describe_policy`.
+        engine: What runs the trials: "name", "workers", "envs".
+    """
+    images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
+    machine = describe_machine()
+    context = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processors": str(machine["processors"]),
+        "command": " ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "started_utc": _now(),
+        "machine": machine,
+        "renderer": describe_renderer() if images else {"problem": "no images are rendered in this run"},
+        "packages": package_lock(),
+        "source_revision": source_revision(Path.cwd()),
+        "engine": dict(engine),
+        "conventions": run_conventions(plan),
+        "policy": dict(policy),
+    }
+    plain: dict[str, Any] = json.loads(dump_json(context))  # lists for tuples, as a reader of the file finds them
+    return plain
+
+
+def run_conventions(plan: Plan) -> dict[str, Any]:
+    """Return every convention in force, those that were chosen and those that are always so.
+
+    Args:
+        plan: The plan.
+    """
+    return {
+        "action_space": action_space(plan.action_space).to_json(),
+        "observation": observation_spec(plan.observation).to_json(),
+        "robot": robot_named(plan.robot).to_json(),
+        "control_rate_hz": CONTROL_RATE_HZ,
+        "physics_timestep_s": TIMESTEP_S,
+        "thresholds": THRESHOLDS.to_json(),
+        "images": "upright, RGB, uint8, (height, width, 3)",
+        "quaternions": "w x y z, w >= 0",
+        "poses": "tool center point in the robot base frame [m]",
+        "units": "m, kg, s, rad",
+    }
+
+
+def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
+    """Return what a policy declares, as JSON: its conventions, its adapter, and what its server said.
+
+    Args:
+        address: Its address.
+        info: What it says about itself. Metadata that are JSON documents (adapter, handshake) are stored as such.
+    """
+    return {
+        "address": address,
+        "name": info.name,
+        "action_space": info.action_space,
+        "needs_images": info.needs_images,
+        "heavy": info.heavy,
+        "execution": asdict(info.execution),
+        "metadata": bounded({name: _document(text) for name, text in info.metadata.items()}),
+    }
+
+
+def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
+    """Return in what a policy is not the one of a run, with both values, or None if it is or nothing is known.
+
+    Args:
+        run: The run.
+        policy: What the policy declares now.
+    """
+    changes = run.context.get("policy_changes", [])
+    known = changes[-1].get("policy") if changes else run.context.get("policy")
+    if not isinstance(known, dict):
+        return None  # begun before policies were described
+    difference = first_difference(known, json.loads(dump_json(policy)), "policy")
+    if difference is None:
+        return None
+    where, there, here = difference
+    return f"{where} was {there} and is {here}"
+
+
+def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
+    """Check that the policy is the one that the run began with.
+
+    Args:
+        run: The run, just started or resumed.
+        policy: What the policy declares now.
+        allow_changed: True to go on with another one; the change is then noted in the run.
+
+    Returns:
+        The run, with the note if there is one.
+
+    Raises:
+        RunConflictError: If it declares something else and that is not allowed; the text names both.
+    """
+    difference = policy_difference(run, policy)
+    if difference is None:
+        return run
+    if not allow_changed:
+        raise RunConflictError(
+            f"{run.path}: the policy at {policy.get('address')} is not the one that this run was made with: "
+            f"{difference}. Bring the first one back, choose another folder, or give --allow-changed-policy to go on "
+            "with both in one run."
+        )
+    entry = {
+        "at_utc": _now(),
+        "trials_before": sum(e.status == "done" for e in run.entries()),
+        "difference": difference,
+        "policy": dict(policy),
+    }
+    return run.amended({"policy_changes": [*run.context.get("policy_changes", []), entry]})
+
+
+def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
+    """Return a value as JSON of bounded size: arrays become lists if they are short, and fingerprints if not.
+
+    Args:
+        value: What a server declares.
+        depth: How deep it lies in what was declared.
+    """
+    plain = _plain(value, depth)
+    if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
+        return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}
+    return plain
+
+
+def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
+    if depth > _MAX_DEPTH:
+        return "too deep"
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray):
+        if value.size <= _MAX_LISTED and value.dtype.kind in "biuf":
+            return _plain(value.tolist(), depth)
+        return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": _fingerprint(value.tobytes())}
+    if isinstance(value, Mapping):
+        named = {k.decode("utf-8", "replace") if isinstance(k, bytes) else str(k): v for k, v in value.items()}
+        return {name: _plain(inner, depth + 1) for name, inner in sorted(named.items())}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(inner, depth + 1) for inner in value]
+    if isinstance(value, bytes | bytearray):
+        return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _document(text: str) -> object:
+    """Return the JSON object or list that a text holds, or the text."""
+    if text[:1] in ("{", "["):
+        try:
+            return json.loads(text)
+        except (ValueError, RecursionError):
+            return text
+    return text
+
+
+def _fingerprint(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _now() -> str:
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

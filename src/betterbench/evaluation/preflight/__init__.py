@@ -1,0 +1,1 @@
+"""The preflight check of a policy: one exchange, drawn and written down before a run."""

@@ -1,0 +1,1 @@
+"""Workers and policy replicas on a Ray cluster."""

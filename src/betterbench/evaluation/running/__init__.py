@@ -1,0 +1,1 @@
+"""Carrying a plan out: from the first trial to the last, interrupted and resumed."""

@@ -1,0 +1,294 @@
+"""Runs that somebody else's loop drives: it asks for observations and hands in actions, and we keep the records."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
+from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
+from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
+from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference, read_outcome
+from betterbench.tasks import TrialId
+
+LOCK_PATIENCE_S = 60.0
+"""How long another process that drives the same run is waited for [s]; each holds the lock for one line only."""
+
+_LOCK_PAUSE_S = 0.05
+_STARTS = 20  # another process may be writing the run's first file
+_NOTHING = np.empty(0)
+
+
+class ExternalRun:
+    """A run folder filled by a loop that is not ours, with the records of ``better eval``.
+
+    Several processes may drive one run, each other trials of it: the folder is locked only while a line is written.
+
+    Attributes:
+        folder: The folder of the run.
+        plan: The plan.
+        start: How the episode that is going began, or None.
+        entry: The line in the journal of the episode that ended last, or None.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        *,
+        needs_images: bool = True,
+        metadata: Mapping[str, str] | None = None,
+        engine: str = "driven",
+    ) -> None:
+        """Create the run, or resume the one in the folder if it has the same plan.
+
+        Args:
+            plan: The plan; its policy is the name under which the report shows whatever answers.
+            out: Folder of the run.
+            needs_images: False where no image is looked at, so that none is rendered.
+            metadata: What else is to be known of the policy (checkpoint, revision); a JSON document is stored as such.
+            engine: What drives the run, for its manifest.
+
+        Raises:
+            InvalidInputError: If the policy's name is that of a policy of ours.
+            RunConflictError: If the folder holds another run, or one with another policy.
+            StorageError: If the disk is full.
+        """
+        if needs_no_thread(plan.policy):
+            raise InvalidInputError(
+                "policy", f"{plan.policy!r} is a policy of ours, and this one is yours", "Give it another name"
+            )
+        info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
+        declared = describe_policy(plan.policy, info)
+        context = run_context(plan, policy=declared, engine={"name": engine, "workers": 1, "envs": 1})
+        with on_disk(out):
+            self.folder = same_policy(_opened(out, plan, context), declared, allow_changed=False)
+        self.plan = plan
+        self.start: EpisodeStart | None = None
+        self.entry: JournalEntry | None = None
+        settings = RunSettings(str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot)
+        self._trial_runner = TrialRunner(settings, policies=_Declared(info))
+        self._steps: TrialSteps | None = None
+        self._asked = 0.0
+
+    def waiting(self) -> Iterator[Trial]:
+        """Yield the trials that are not done yet, in the order of the plan; another process may do some meanwhile."""
+        for trial in self.plan.trials:
+            if not self.is_done(trial):
+                yield trial
+
+    def is_done(self, trial: Trial) -> bool:
+        """Tell whether the journal holds the trial."""
+        key = TrialId(trial.task, trial.condition, trial.seed)
+        return any(e.status == "done" and e.key == key for e in self.folder.entries())
+
+    def outcome(self, trial: Trial) -> Outcome:
+        """Return how a trial ended that is done.
+
+        Raises:
+            RecordError: If its record is missing or unreadable.
+        """
+        return read_outcome(self.folder.record_path(trial.task, trial.condition, trial.seed))
+
+    def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
+        """Play a whole trial with a callable.
+
+        Args:
+            trial: A trial of the plan.
+            act: Returns one action (dim,) or a chunk (horizon, dim) for what is seen. Whatever it raises ends the trial
+                as ``policy_error``, and the run can go on.
+
+        Returns:
+            The trial's line in the journal.
+
+        Raises:
+            BetterError: As :meth:`begin` and :meth:`act`.
+        """
+        seen: Observation | None = self.begin(trial)
+        while seen is not None:
+            try:
+                with POLICY_BOUNDARY:
+                    actions = np.asarray(act(seen))
+            except PolicyError as problem:
+                self.fail(str(problem))
+                break
+            seen = self.act(actions)
+        if self.entry is None:
+            raise AssertionError("a trial that has ended has its line")
+        return self.entry
+
+    def begin(self, trial: Trial) -> Observation:
+        """Begin an episode; one that is still going is abandoned.
+
+        Args:
+            trial: A trial of the plan.
+
+        Returns:
+            What is seen at reset.
+
+        Raises:
+            PolicyError: If the trial broke down; the journal says why.
+            PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
+            StorageError: If the disk is full; the run has to stop.
+        """
+        self.abandon("the loop that drives the run began another episode")
+        self._steps, self.entry = self._trial_runner.steps(trial), None
+        self._advance(None)
+        seen = None if self.start is None else self._advance(Reply(_NOTHING, 0.0))
+        if seen is None:
+            raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed} broke down: {self._told()}")
+        return seen
+
+    def act(self, actions: np.ndarray) -> Observation | None:
+        """Hand in what the policy answers.
+
+        Args:
+            actions: One action (dim,), or a chunk (horizon, dim) that is played whole. What cannot be played ends the
+                trial as ``policy_error`` with the reason in its record.
+
+        Returns:
+            What is seen when the next answer is due, or None if the episode has ended: :attr:`entry` is its line then.
+
+        Raises:
+            InvalidInputError: If no episode is going.
+            StorageError: If the disk is full; the run has to stop.
+        """
+        if self._steps is None:
+            raise InvalidInputError("act", "no episode is going", "Call begin first")
+        return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
+
+    def fail(self, reason: str) -> None:
+        """End the episode that is going because the policy broke; it counts, as ``policy_error``.
+
+        Args:
+            reason: What is wrong with the policy.
+        """
+        if self._steps is not None:
+            self._advance(PolicyError(reason))
+
+    def abandon(self, reason: str) -> None:
+        """Give up the episode that is going, if there is one; it does not count and is to be run again.
+
+        Args:
+            reason: Why, for the journal.
+        """
+        if self._steps is not None:
+            self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
+
+    def close(self) -> None:
+        """Give up what is going, and free the renderers."""
+        self.abandon("the loop that drives the run ended in the middle of the episode")
+        self._trial_runner.close()
+
+    def __enter__(self) -> Self:
+        """Return the run itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
+        """Let the episode go on to its next question, or to its end."""
+        steps = self._steps
+        if steps is None:
+            raise AssertionError("an episode is going")
+        try:
+            if isinstance(reply, PolicyError):
+                question: Question | None = steps.throw(reply)
+            else:
+                question = steps.send(reply)
+        except StopIteration as end:
+            self._steps = None
+            self._keep(end.value)
+            return None
+        except BaseException:
+            self._steps = self.start = None
+            raise
+        if question is None:
+            raise AssertionError("an episode that never asks ahead always asks")
+        self._asked = time.perf_counter()
+        if isinstance(question.seen, EpisodeStart):
+            self.start = question.seen
+            return None
+        return question.seen  # type: ignore[return-value] # only privileged policies are shown the state
+
+    def _keep(self, entry: JournalEntry) -> None:
+        self.entry, self.start = entry, None
+        with on_disk(self.folder.path), _locked(self.folder) as journal:
+            if not journal.is_done(entry.key):
+                journal.append(entry)
+
+    def _told(self) -> str:
+        return "no reason is known" if self.entry is None else str(self.entry.message)
+
+
+class _Declared(PolicyFactory):
+    """Stands for a policy that answers outside of this process and only declares itself."""
+
+    def __init__(self, info: PolicyInfo) -> None:
+        """Remember what it declares."""
+        super().__init__(info.name)
+        self._info = info
+
+
+def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
+    """Return the run; several processes may ask for it at once.
+
+    A run that exists is opened without its lock: who takes the lock clears away half-written records, and here they
+    may be those of another process at work.
+
+    Raises:
+        RunConflictError: If the folder holds another run.
+    """
+    form = json.loads(json.dumps(plan.to_json()))
+    for left in reversed(range(_STARTS)):
+        if (out / "run.json").exists():
+            break
+        try:
+            return RunFolder.start(out, form, context=context)
+        except RunConflictError:
+            if not left:
+                raise
+            time.sleep(_LOCK_PAUSE_S)
+    run = RunFolder.open(out)
+    difference = first_difference(run.plan, form, "plan")
+    if difference is not None:
+        where, there, asked = difference
+        raise RunConflictError(
+            f"{out}: the run in this folder is another one: {where} is {there} there and {asked} here. "
+            "Give the same settings to resume it, or choose another folder."
+        )
+    return run
+
+
+@contextmanager
+def _locked(run: RunFolder) -> Iterator[Journal]:
+    """Open the journal for one line, after the other processes that do so.
+
+    Raises:
+        RunConflictError: If somebody keeps the lock: ``better eval`` is writing to the run.
+    """
+    patience = time.monotonic() + LOCK_PATIENCE_S
+    while True:
+        try:
+            journal = run.journal()
+        except RunConflictError:
+            if time.monotonic() > patience:
+                raise
+            time.sleep(_LOCK_PAUSE_S)
+            continue
+        with journal:
+            yield journal
+        return

@@ -1,0 +1,273 @@
+"""Running a plan: workers, one journal, and a folder from which the same command goes on."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.repeat import require_same_policy
+from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
+from betterbench.evaluation.running.failing_start import FailingStart
+from betterbench.evaluation.serving.host import Host
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, on_disk
+from betterbench.evaluation.workers.pool import WorkerPool
+from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
+from betterbench.interface import PolicyInfo
+from betterbench.recording import JournalEntry, RunFolder
+from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:
+    from betterbench.evaluation.ray_engine.engine import RaySession
+
+logger = logging.getLogger(__name__)
+
+Engine = Literal["local", "ray"]
+"""What runs the workers: processes of this machine, or actors of a Ray cluster."""
+
+MAX_WORKERS = 256
+
+_TURN_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a run is.
+
+    Attributes:
+        done: Trials in the journal.
+        planned: Trials in the plan.
+        elapsed_s: Time since this process began [s].
+        started_with: Trials that were in the journal when this process began.
+        last: The trial that has just ended, or None.
+    """
+
+    done: int
+    planned: int
+    elapsed_s: float
+    started_with: int
+    last: JournalEntry | None
+
+
+def evaluate(
+    plan: Plan,
+    out: Path,
+    *,
+    workers: int | None = 1,
+    envs: int | None = None,
+    engine: Engine = "local",
+    cluster: Cluster = ANYWHERE,
+    policy_timeout_s: float = POLICY_TIMEOUT_S,
+    allow_changed_policy: bool = False,
+    repeats: Path | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> RunFolder:
+    """Run every trial of a plan that is not in the journal yet.
+
+    The policy is asked for its conventions before anything is written. Results depend neither on the number of workers
+    and environments nor on the engine.
+
+    Args:
+        plan: The plan.
+        out: Folder of the run; an unfinished run with the same plan is continued.
+        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine,
+            or of the cluster, or for one alone if each would need an instance of a policy with weights.
+        envs: Environments that each worker keeps open at once, so that a policy's latency is hidden; None for 1 where
+            the policy answers at once, and a few where it does not.
+        engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
+        cluster: Where the actors are placed.
+        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]. A call that hangs
+            cannot be ended: its trial is, and its thread is left alone until the process ends.
+        allow_changed_policy: True to resume with a policy that declares other things than when the run began.
+        repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
+        on_progress: Told after every trial.
+
+    Returns:
+        The folder of the run.
+
+    Raises:
+        RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
+        PremiseError: If a scene does not show what its instruction presupposes.
+        InvalidInputError: If a number is out of range, or the policy answers in another action space.
+        UnknownNameError: If there is no such policy.
+        PolicyUnavailableError: If the policy's server cannot be reached.
+        HandshakeError: If it declares other conventions.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    _check_numbers(workers, envs, engine, policy_timeout_s)
+    if engine == "ray":
+        require_ray(cluster)
+    settings = RunSettings(
+        str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1, policy_timeout_s
+    )
+    began = time.perf_counter()
+    with ExitStack() as stack:
+        processors = min(os.cpu_count() or 1, MAX_WORKERS)
+        alone = engine == "local" and (workers or processors) == 1
+        asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
+        if "assumed" in asked.info.metadata:
+            logger.warning("%s", asked.info.metadata["assumed"])
+        if workers is None and asked.takes_turns:
+            workers = 1  # each worker would load weights of its own, which has to be asked for
+        session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
+        count = session.workers if session else workers or processors
+        usual = fair_envs(asked.envs, count)
+        settings = replace(settings, envs=envs or usual, served_at=asked.host.address if asked.host else None)
+        declared = describe_policy(plan.policy, asked.info)
+        if repeats is not None and not allow_changed_policy:
+            require_same_policy(repeats, declared)
+        with on_disk(out):
+            context = run_context(
+                plan, policy=declared, engine={"name": engine, "workers": count, "envs": settings.envs}
+            )
+            run = RunFolder.start(out, plan.to_json(), context=context)
+            run = same_policy(run, declared, allow_changed=allow_changed_policy)
+            journal = stack.enter_context(run.journal())
+        waiting = [t for t in plan.trials if not journal.is_done(TrialId(t.task, t.condition, t.seed))]
+        done = started_with = len(plan.trials) - len(waiting)
+        if on_progress is not None:
+            on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))
+        entries = _entries(run, settings, _by_scene(waiting), count, asked=asked, session=session)
+        stack.enter_context(closing(entries))
+        alarm = None if needs_no_thread(plan.policy) or started_with else FailingStart(plan.policy)
+        for entry in entries:
+            with on_disk(out):
+                journal.append(entry)
+            done += entry.status == "done"
+            if alarm is not None:
+                alarm.hear(entry)
+            if entry.status == "error":
+                logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
+            if on_progress is not None:
+                on_progress(Progress(done, len(plan.trials), time.perf_counter() - began, started_with, entry))
+    return run
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What came of asking the policy before the run.
+
+    Attributes:
+        info: What it says about itself.
+        envs: Environments per worker, unless told otherwise.
+        policies: Makes it, and may hold what was made to be asked; None where a host holds it.
+        host: The process that holds it for all workers, or None.
+        serves_many: Whether one instance of it is to serve several workers.
+        takes_turns: Whether each worker needs an instance with weights of its own.
+    """
+
+    info: PolicyInfo
+    envs: int
+    policies: PolicyFactory | None = None
+    host: Host | None = None
+    serves_many: bool = False
+    takes_turns: bool = False
+
+
+def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
+    """Make the policy, or connect to it, and compare its conventions with those of the run.
+
+    Args:
+        plan: The plan.
+        stack: Takes what has to be closed at the end of the run.
+        alone: Whether one worker, in this process, runs all trials.
+        engine: What runs the workers.
+        timeout_s: Deadline of one answer of a policy that the run itself serves [s].
+    """
+    address = plan.policy
+    if alone or needs_no_thread(address) or is_remote(address):
+        policies = PolicyFactory(address)
+        stack.callback(policies.close)
+        return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
+    with ExitStack() as own:
+        # A policy of the user's may hold weights. Asked in a process of its own, it holds them once: there, or, when
+        # that has ended, in the workers.
+        host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
+        info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
+        if not (info.heavy or host.takes_batches):
+            return _Asked(info, envs, PolicyFactory(address))
+        takes_turns = not host.takes_batches
+        if engine == "ray":
+            return _Asked(info, envs, PolicyFactory(address), serves_many=True, takes_turns=takes_turns)
+        stack.enter_context(own.pop_all())
+        return _Asked(info, envs, host=host, serves_many=True, takes_turns=takes_turns)
+
+
+def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
+        raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
+    if envs is not None and not 1 <= envs <= MAX_ENVS:
+        raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
+    if not 0.0 < policy_timeout_s < float("inf"):
+        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give more than 0")
+    if engine not in get_args(Engine):
+        raise UnknownNameError("engine", engine, get_args(Engine))
+
+
+def _by_scene(trials: list[Trial]) -> list[Trial]:
+    """Order trials so that those which share compiled scenes follow each other, and long tasks come before short ones.
+
+    At the end of a run the workers then wait for short trials. Results do not depend on the order.
+    """
+    limits = dict[str, int]()
+    for trial in {(t.task, t.condition): t for t in trials}.values():
+        task, condition, _ = trial.resolve()
+        limits[trial.task] = max(limits.get(trial.task, 0), task.step_limit(condition))
+    return sorted(trials, key=lambda t: (-limits[t.task], t.task, t.seed))
+
+
+def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
+    # Loaded when it is needed: Ray is an extra.
+    from betterbench.evaluation.ray_engine.engine import RaySession  # noqa: PLC0415
+
+    return RaySession(cluster, workers)
+
+
+def _entries(
+    run: RunFolder,
+    settings: RunSettings,
+    trials: list[Trial],
+    workers: int,
+    *,
+    asked: _Asked,
+    session: RaySession | None,
+) -> Generator[JournalEntry, None, None]:
+    """Yield the line for the journal of every trial, as they end."""
+    if not trials:
+        return
+    if session is None and asked.policies is not None and (workers == 1 or len(trials) == 1):
+        with Worker(settings, policies=asked.policies) as worker:
+            yield from _in_this_process(worker, trials)
+        return
+    if asked.policies is not None:
+        asked.policies.close()  # the workers make their own
+    if session is not None:
+        from betterbench.evaluation.ray_engine.engine import ray_entries  # noqa: PLC0415 - as above
+
+        yield from ray_entries(session, run, settings, trials, served=asked.serves_many)
+        return
+    with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None) as crew:
+        yield from crew.entries(trials)
+
+
+def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEntry]:
+    waiting, running = iter(trials), 0
+    while True:
+        while worker.free and (trial := next(waiting, None)) is not None:
+            worker.start(trial)
+            running += 1
+        if not running:
+            return
+        for entry in worker.finished(_TURN_S):
+            running -= 1
+            yield entry

@@ -1,0 +1,208 @@
+"""A host: the process that keeps the weights of a policy for all workers of a run, behind our own protocol."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import threading
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Self
+
+from betterbench.errors import BetterError, PolicyError
+from betterbench.evaluation.serving.server import open_server
+from betterbench.evaluation.trials.policy_factory import PolicyFactory
+from betterbench.evaluation.trials.shared_policy import Deadline
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
+from betterbench.evaluation.workers.pool import deaf_to_interrupts, prepare_process
+from betterbench.interface import PolicyInfo
+from betterbench.policies.connection import LONGEST_WAIT_S
+
+logger = logging.getLogger(__name__)
+
+MAX_RESTARTS = 5
+"""How often a host that died is started again."""
+
+HUNG = 75
+"""Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
+
+_GLANCE_S = 0.2
+_LEAVE_S = 5.0
+_FAREWELL_S = 1.0
+_GRACE_S = 30.0
+
+PATIENCE_S = 1800.0
+"""How long a worker waits for a host [s]: one that died has its weights to load again."""
+
+
+class Host:
+    """Serves one policy from a process of its own. A context manager, which starts and ends it.
+
+    Attributes:
+        takes_batches: Whether one instance answers all environments.
+    """
+
+    def __init__(self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S) -> None:
+        """Prepare.
+
+        Args:
+            policy: Address of the policy.
+            run: Action space and observation preset of the run, with which the policy compares its conventions.
+            timeout_s: Deadline of one answer [s].
+        """
+        self._policy, self._run, self._timeout_s, self._restarts = policy, run, timeout_s, 0
+        self._port = 0
+        self.takes_batches = False
+        self._process: BaseProcess | None = None
+        self._line: Connection | None = None  # closing it tells the process to leave
+        self._info: PolicyInfo | None = None
+
+    def __enter__(self) -> Self:
+        """Start it, and wait until it has loaded the policy.
+
+        Raises:
+            BetterError: If the policy cannot be loaded.
+            PolicyError: If the process dies while loading.
+        """
+        try:
+            self._start()
+            self._info, self.takes_batches, self._port = self._told()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it."""
+        self._end()
+
+    @property
+    def info(self) -> PolicyInfo:
+        """What the policy says about itself."""
+        if self._info is None:
+            raise AssertionError("the host was not started")
+        return self._info
+
+    @property
+    def address(self) -> str:
+        """Address at which workers ask the policy; how chunks are played is said by its server."""
+        return address_within(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
+
+    def watch(self) -> None:
+        """Start the process again if it has died; the workers' clients find it at the same port.
+
+        Raises:
+            PolicyError: If it died too often.
+        """
+        process = self._process
+        if process is None or process.is_alive():
+            return
+        hung = process.exitcode == HUNG
+        self._restarts += not hung
+        if self._restarts > MAX_RESTARTS:
+            raise PolicyError(
+                f"{self._policy}: its process died {self._restarts} times (status {process.exitcode}). Run the same "
+                "command again with --workers 1 to see why."
+            )
+        how = "hangs" if hung else f"died (status {process.exitcode})"
+        logger.warning("the process of %s %s and is started again", self._policy, how)
+        self._end()
+        self._start()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        arguments = (self._policy, self._run, self._timeout_s, self._port, theirs)
+        with deaf_to_interrupts():
+            self._process = context.Process(target=serve, args=arguments, name="betterbench-policy")
+            self._line = ours
+            self._process.start()
+        theirs.close()
+
+    def _told(self) -> tuple[PolicyInfo, bool, int]:
+        """Wait for what the process says of the policy, whether it takes batches, and its port.
+
+        Raises:
+            BetterError: What it says instead, or that it has ended.
+        """
+        process, line = self._process, self._line
+        if process is None or line is None:
+            raise AssertionError("the host was not started")
+        # A child of the process may hold its end of the pipe open when it has died.
+        while not line.poll(_GLANCE_S) and process.is_alive():
+            pass
+        said: tuple[PolicyInfo, bool, int] | BetterError | None = None
+        with contextlib.suppress(EOFError, OSError):
+            said = line.recv() if line.poll(0.0) else None
+        if isinstance(said, tuple):
+            return said
+        raise said or PolicyError(
+            f"{self._policy}: its process ended while loading; what it wrote stands above. "
+            "With --workers 1 it is loaded in this process."
+        )
+
+    def _end(self) -> None:
+        """Let the process close its policy and leave; one that does not is killed."""
+        process, self._process = self._process, None
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
+        if process is not None and process.pid is not None:
+            process.join(_LEAVE_S)
+            process.kill()
+            process.join()
+            process.close()
+
+
+def address_within(address: str, *, timeout_s: float, patience_s: float) -> str:
+    """Return the address at which the workers of a run ask a policy that the run itself serves.
+
+    Args:
+        address: Address of its server.
+        timeout_s: Deadline of one answer [s].
+        patience_s: How long a server that died is waited for [s].
+    """
+    # The server keeps the deadline itself, and names it; this one is for a server that does not even do that. The first
+    # answer may have weights to wait for.
+    limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
+    warmup = min(limit + patience_s, LONGEST_WAIT_S)
+    return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
+
+
+def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, line: Connection) -> None:
+    """Serve a policy until this process is ended; this is the main function of a host.
+
+    Args:
+        policy: Address of the policy.
+        run: Action space and observation preset of the run.
+        timeout_s: Deadline of one answer [s].
+        port: Port to listen on; 0 for any free one.
+        line: Where what the policy says about itself and the port are sent, or why there is none. The process leaves
+            when its other end is closed.
+    """
+    prepare_process()
+    with _telling(line), PolicyFactory(policy) as policies:
+        info, batches = policies.check(*run), policies.takes_batches
+        deadline = Deadline(timeout_s, leave_hanging)
+        server = open_server(policy, port=port, made=policies.take(), deadline=deadline)
+        with contextlib.suppress(OSError):
+            line.send((info, batches, server.port))
+        with server, contextlib.suppress(EOFError, OSError):
+            line.recv()
+
+
+def leave_hanging() -> None:
+    """End this process, whose policy hangs, when those who wait have been told; nothing else ends a call."""
+    threading.Timer(_FAREWELL_S, os._exit, (HUNG,)).start()
+
+
+@contextlib.contextmanager
+def _telling(line: Connection) -> Iterator[None]:
+    try:
+        yield
+    except BetterError as problem:
+        with contextlib.suppress(OSError):
+            line.send(problem)

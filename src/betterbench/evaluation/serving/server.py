@@ -1,0 +1,210 @@
+"""What is served: any policy of ours behind the openpi protocol, for our own workers and for other people's clients."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import betterbench
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
+from betterbench.evaluation.serving.shadow import ShadowSimulations, TrialName
+from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy
+from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
+from betterbench.interface import BatchPolicy, Execution, Policy
+from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
+from betterbench.policies.batching import MAX_BATCH
+from betterbench.policies.handshake import PROTOCOL
+from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
+from betterbench.scenes import engine_version
+from betterbench.scenes.scene import CONTROL_RATE_HZ
+
+logger = logging.getLogger(__name__)
+
+WHOLE_CHUNKS = Execution()
+DEFAULT_CHUNK = 8
+"""Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
+MAX_CHUNK = 256
+_LEAVE_S = 5.0
+NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
+"""How a server notices that an episode begins; the protocol has no message for it."""
+
+
+def open_server(
+    policy: str,
+    *,
+    host: str = LOOPBACK,
+    port: int = DEFAULT_PORT,
+    chunk: int = DEFAULT_CHUNK,
+    batch: int = MAX_BATCH,
+    trial: TrialName | None = None,
+    api_key: str | None = None,
+    made: Policy | None = None,
+    deadline: Deadline | None = None,
+) -> PolicyServer:
+    """Return a server of a policy; it is bound to its port and answers once it is started.
+
+    Args:
+        policy: Address of the policy.
+        host: Interface to listen on.
+        port: Port to listen on; 0 for any free one.
+        chunk: Actions in one answer of an expert.
+        batch: Observations that a policy which takes batches gets at once, at most.
+        trial: Trial of clients that name none; an expert finds it by the sentence otherwise.
+        api_key: Key that clients have to show, or None.
+        made: The policy, if somebody has made it already; the server closes it.
+        deadline: How long an answer may take, for the workers of a run, which are told what goes wrong in the words of
+            their records; None for everybody else.
+
+    Raises:
+        InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
+        UnknownNameError: If there is no such policy, task or condition.
+    """
+    if not 1 <= chunk <= MAX_CHUNK:
+        raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
+    if not 1 <= batch <= 1024:
+        raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
+    if policy.startswith("replay:"):
+        raise InvalidInputError(
+            f"policy {policy}", "a replay knows its trial beforehand, so it cannot be served", "Evaluate it directly"
+        )
+    if trial is not None:
+        trial.resolve()
+    if is_privileged(policy):
+        shadows = ShadowSimulations(policy)
+        return PolicyServer(
+            lambda: ShadowSession(shadows, chunk, trial),
+            metadata=_shadow_metadata(policy, chunk, trial),
+            host=host,
+            port=port,
+            api_key=api_key,
+        )
+    stock = SessionStore(policy, made or make_policy(policy), batch=batch, trial=trial, deadline=deadline)
+    try:
+        return PolicyServer(
+            stock.session, metadata=stock.metadata, host=host, port=port, api_key=api_key, on_stop=stock.close
+        )
+    except BaseException:
+        stock.close()
+        raise
+
+
+def _shadow_metadata(policy: str, chunk: int, trial: TrialName | None) -> dict[str, Any]:
+    ground_truth = {
+        "chunk": chunk,
+        "trial": str(trial) if trial else "the first training condition whose sentence equals the prompt",
+        "step": "without better/step the whole chunk counts as executed, or what observation/state shows of it",
+        "episode": NEW_EPISODE,
+    }
+    return declare(policy, EE_DELTA, needs_images=False, batch=1, ground_truth=ground_truth)
+
+
+class SessionStore:
+    """The instances of a policy: one for all connections if it takes batches, else one for each at a time.
+
+    An instance whose connection has ended serves the next one, so that no client that comes back, after an error or a
+    dropped connection, has weights loaded again. A new connection always begins with a reset.
+
+    Attributes:
+        metadata: What the server declares.
+    """
+
+    def __init__(
+        self, address: str, first: Policy, *, batch: int, trial: TrialName | None, deadline: Deadline | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            address: Address of the policy.
+            first: Its first instance.
+            batch: Observations in one call at most.
+            trial: Trial of clients that name none.
+            deadline: How long an answer may take, if it is a run that serves.
+        """
+        self._address, self._trial, self._deadline = address, trial, deadline
+        self._shares = isinstance(first, BatchPolicy)
+        self._batch = batch if self._shares else 1
+        self._unused = [self._guarded(first)]
+        self._lock, self._closed = threading.Lock(), False
+        info = first.info
+        if info.heavy and not self._shares:
+            logger.warning("%s takes no batches: every client gets an instance with weights of its own", address)
+        self.metadata = declare(
+            address,
+            action_space(info.action_space),
+            needs_images=info.needs_images,
+            batch=self._batch,
+            execution=info.execution,
+            ground_truth={**info.metadata, "episode": NEW_EPISODE, "within": deadline is not None},
+        )
+
+    def session(self) -> PolicySession:
+        """Return what answers a new connection."""
+        within = self._deadline is not None
+        if self._shares:
+            return PolicySession(self._unused[0].seat(), self._trial, within=within)
+        with self._lock:
+            policy = self._unused.pop() if self._unused else None
+        policy = policy or self._guarded(make_policy(self._address))
+        return PolicySession(policy.seat(), self._trial, within=within, on_close=lambda: self._take_back(policy))
+
+    def _guarded(self, policy: Policy) -> SharedPolicy:
+        return SharedPolicy(policy, self._batch, deadline=self._deadline)
+
+    def _take_back(self, policy: SharedPolicy) -> None:
+        with self._lock:
+            if not self._closed:
+                self._unused.append(policy)
+                return
+        policy.close(timeout_s=_LEAVE_S)
+
+    def close(self) -> None:
+        """Free what no session uses, and let sessions free the rest; what hangs is left to its thread."""
+        with self._lock:
+            self._closed, unused = True, list(self._unused)
+            self._unused = unused if self._shares else []
+        for policy in unused:
+            policy.close(timeout_s=_LEAVE_S)
+
+
+def declare(
+    policy: str,
+    space: ActionSpace,
+    *,
+    needs_images: bool,
+    batch: int,
+    ground_truth: Mapping[str, object],
+    execution: Execution = WHOLE_CHUNKS,
+) -> dict[str, Any]:
+    """Return the metadata frame of a server of ours.
+
+    Args:
+        policy: Address of the policy.
+        space: Action space in which it answers.
+        needs_images: False if it never looks at a image.
+        batch: Observations it answers at once, at most.
+        ground_truth: Whatever else clients may want to know.
+        execution: How its chunks are to be played.
+    """
+    return {
+        "betterbench": {
+            **ground_truth,  # first: a policy's own texts replace no convention
+            "protocol": PROTOCOL,
+            "preset": "native",
+            "layouts": ["native", "openpi_libero"],
+            "policy": policy,
+            "action_space": space.to_json(),
+            "needs_images": needs_images,
+            "cameras": {},
+            "control_rate_hz": CONTROL_RATE_HZ,
+            "batch": batch,
+            "execution": asdict(execution),
+            "version": betterbench.__version__,
+            "engine": f"mujoco {engine_version()}",
+            "machine": platform.machine(),
+        }
+    }

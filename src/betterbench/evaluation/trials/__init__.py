@@ -1,0 +1,1 @@
+"""One trial in one process: the policy, the thread it answers in, and the record."""

@@ -1,0 +1,100 @@
+"""One policy for many connections: all that wait are answered in one batch, under a deadline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.evaluation.trials.policy_factory import close_policy
+from betterbench.evaluation.trials.policy_thread import no_answer
+from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy, PolicyInfo
+from betterbench.policies.batching import BatchCollector
+
+
+@dataclass(frozen=True, slots=True)
+class Deadline:
+    """How long a policy may take that the run itself serves.
+
+    Attributes:
+        limit_s: Longest time from question to answer [s].
+        on_hang: Called when it has passed; the call that hangs cannot be ended, so its process has to be.
+    """
+
+    limit_s: float
+    on_hang: Callable[[], None]
+
+
+class SharedPolicy:
+    """A policy of which there is one for all connections; all that wait are answered in one batch.
+
+    The policy is touched by one thread alone, which also tells it where an episode begins. One that takes no batches
+    gets one observation at a time.
+    """
+
+    def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
+        """Start to gather.
+
+        Args:
+            policy: The policy.
+            batch: Observations in one call at most.
+            deadline: How long an answer may take; None for as long as it takes.
+        """
+        self._policy, self._deadline = policy, deadline
+        self._collector: BatchCollector[_Asked, np.ndarray] = BatchCollector(self._answer, limit=batch)
+
+    def seat(self) -> Policy:
+        """Return the policy as one connection sees it."""
+        return _SharedClient(self._policy.info, self._collector, self._deadline)
+
+    def close(self, *, timeout_s: float | None = None) -> None:
+        """Stop gathering, and free the policy, unless it still hangs.
+
+        Args:
+            timeout_s: How long to wait for an answer under way [s]; None for as long as it takes.
+        """
+        if self._collector.close(timeout_s=timeout_s):
+            close_policy(self._policy)
+
+    def _answer(self, asked: Sequence[_Asked]) -> Sequence[np.ndarray]:
+        for start, _ in asked:
+            if start is not None:
+                self._policy.reset(start)
+        if isinstance(self._policy, BatchPolicy):
+            said = self._policy.act_batch([observation for _, observation in asked])
+        else:
+            said = [self._policy.act(observation) for _, observation in asked]
+        # A policy may write its next answers into the same memory, before these have been read in other threads.
+        return [np.array(answer) for answer in said]
+
+
+_Asked = tuple[EpisodeStart | None, Observation]
+"""The episode that begins with an observation, if one does, and the observation."""
+
+
+class _SharedClient:
+    """A shared policy as one connection sees it."""
+
+    def __init__(
+        self, info: PolicyInfo, collector: BatchCollector[_Asked, np.ndarray], deadline: Deadline | None = None
+    ) -> None:
+        self.info = info
+        self._collector, self._deadline = collector, deadline
+        self._start: EpisodeStart | None = None
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Note that an episode begins; the policy is told with the first observation."""
+        self._start = start
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the answer to one observation."""
+        start, self._start = self._start, None
+        deadline = self._deadline
+        if deadline is None:
+            return self._collector.ask((start, observation))
+        try:
+            return self._collector.ask((start, observation), timeout_s=deadline.limit_s)
+        except TimeoutError:
+            deadline.on_hang()
+            raise no_answer(deadline.limit_s) from None

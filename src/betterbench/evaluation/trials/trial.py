@@ -1,0 +1,203 @@
+"""One trial in one worker: build the scene, run the episode, write the record."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from betterbench.episodes import (
+    AnyPolicy,
+    EpisodeResult,
+    Observer,
+    Question,
+    Reply,
+    TrialContext,
+    episode_steps,
+    run_episode,
+)
+from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
+from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
+from betterbench.interface import PolicyInfo, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.recording import JournalEntry, RunFolder, Status
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+
+POLICY_TIMEOUT_S = 300.0
+"""Deadline of one answer of a policy in this process [s], unless another one is asked for."""
+
+_SPARE_RENDERERS = 3
+
+TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
+"""A trial that waits for its policy, like :data:`betterbench.episodes.Steps`; it returns the line for the journal."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """What all trials of a run share; small and picklable, so that a worker can be told.
+
+    Attributes:
+        run: Folder of the run.
+        policy: Address of the policy, as the records name it.
+        action_space: Name of the action space.
+        observation: Name of the observation preset.
+        quality: Name of the render preset.
+        robot: Name of the robot.
+        envs: Environments that a worker keeps open at once.
+        policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
+        served_at: Address of the process that holds the policy for all workers, or None.
+    """
+
+    run: str
+    policy: str
+    action_space: str
+    observation: str
+    quality: str
+    robot: str
+    envs: int = 1
+    policy_timeout_s: float = POLICY_TIMEOUT_S
+    served_at: str | None = None
+
+    @property
+    def asked(self) -> str:
+        """Address at which a worker asks the policy."""
+        return self.served_at or self.policy
+
+
+class TrialRunner:
+    """What the trials of one worker share.
+
+    Attributes:
+        settings: What all trials of the run share.
+        policies: Makes the policy.
+    """
+
+    def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
+        """Open the run, and ask the policy what it needs.
+
+        Args:
+            settings: What all trials of the run share.
+            policies: Makes the policy; it is taken over. None to prepare for the policy of the settings.
+
+        Raises:
+            BetterError: If the policy cannot be made, its server not be reached or the run not be read.
+        """
+        self.settings = settings
+        self.run = RunFolder.open(Path(settings.run))
+        self.policies = policies or PolicyFactory(settings.asked)
+        self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
+        images = settings.observation if self.info.needs_images else "state_only"
+        self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
+
+    def steps(self, trial: Trial) -> TrialSteps:
+        """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
+
+        Args:
+            trial: The trial.
+
+        Yields:
+            As :func:`betterbench.episodes.episode_steps`; nothing where the policy needs no thread.
+
+        Returns:
+            The line for the journal; the caller writes it, so that one process alone appends.
+
+        Raises:
+            PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
+            StorageError: If the disk is full; the run has to stop.
+        """
+        began = time.perf_counter()
+        status: Status = "done"
+        message: str | None = None
+        wall: dict[str, float] = {}
+        ground_truth: dict[str, str] = {}
+        try:
+            scene, context = self._set_up(trial)
+            wall["setup_s"] = round(time.perf_counter() - began, 6)
+            observer = None if is_privileged(self.settings.policy) else self._observer
+            if needs_no_thread(self.settings.asked):
+                policy: AnyPolicy = self.policies.policy(scene, trial)
+                try:
+                    result = run_episode(scene, policy, context=context, observer=observer)
+                    ground_truth = dict(getattr(policy, "ground_truth", {}))
+                finally:
+                    if is_privileged(self.settings.policy):
+                        close_policy(policy)
+            else:
+                result = yield from episode_steps(
+                    scene, context=context, observer=observer, execution=self.info.execution
+                )
+            ended = time.perf_counter()
+            self._write(scene, result)
+            wall |= {**result.wall, "write_s": round(time.perf_counter() - ended, 6)}
+            message = result.record.outcome.error
+        except (PremiseError, StorageError):
+            raise
+        except (PolicyUnavailableError, HandshakeError) as error:
+            status, message = "error", str(error)
+        except Exception as error:  # noqa: BLE001 - a trial that breaks down is listed and run again, the run goes on
+            status, message = "error", f"{type(error).__name__}: {error}"
+        wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
+        return JournalEntry(
+            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth
+        )
+
+    def close(self) -> None:
+        """Free the renderers, and close what was made of the policy and not taken."""
+        self._observer.close()
+        self.policies.close()
+
+    def _set_up(self, trial: Trial) -> tuple[Scene, TrialContext]:
+        task, condition, interventions = trial.resolve()
+        scene = Scene(
+            task,
+            condition,
+            seed=trial.seed,
+            action_space=action_space(self.settings.action_space),
+            quality=quality_preset(self.settings.quality),
+            robot_name=self.settings.robot,
+        )
+        shown = not is_privileged(self.settings.policy) and self._observer.spec.cameras
+        context = TrialContext(
+            policy=self.settings.policy,
+            variation=trial.variation,
+            axis=trial.axis,
+            base_condition=trial.base_condition,
+            interventions=interventions,
+            camera_preset=self._observer.spec.name if shown else None,
+        )
+        return scene, context
+
+    def _write(self, scene: Scene, result: EpisodeResult) -> None:
+        with on_disk(self.run.path):
+            self.run.write_record(result.record)
+            if not self.run.scene_path(scene.compiled.content_hash).exists():
+                self.run.store_scene(scene.compiled.content_hash, scene.files())
+
+
+@contextmanager
+def on_disk(place: Path) -> Iterator[None]:
+    """Say in one line why nothing more can be written; trials that follow would fail alike.
+
+    Args:
+        place: What is written to, for the message.
+
+    Raises:
+        StorageError: If the disk is full or broken, or may not be written any more.
+    """
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno not in _LASTING:
+            raise
+        raise StorageError(
+            f"{place}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
+        ) from problem
+
+
+_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})

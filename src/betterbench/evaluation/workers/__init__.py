@@ -1,0 +1,1 @@
+"""Worker processes and the environments that each of them keeps open."""

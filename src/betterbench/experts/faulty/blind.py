@@ -1,0 +1,43 @@
+"""``probe:no-language``: sees everything and hears nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.experts.decisions import Situation
+from betterbench.experts.faulty.rules import BrokenRule
+from betterbench.interventions import vary
+from betterbench.tasks import Condition, Instruction, Reference, stream
+
+
+class NoLanguage(BrokenRule):
+    """Does what any sentence of the task asks for that makes sense in this scene, the one that was said or another.
+
+    If such a policy succeeds more often than one in so many sentences, the scene alone gives the answer away.
+    """
+
+    def __init__(self, situation: Situation, strength: float = 1.0) -> None:
+        """Choose a sentence by the trial's own stream."""
+        choices = sentences(situation)
+        pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
+        heard = situation.condition.with_(instruction=choices[int(pick)])
+        super().__init__(replace(situation, condition=heard), strength)
+
+
+def sentences(situation: Situation) -> tuple[Instruction, ...]:
+    """Return the sentences of the task that make sense in the scene of a trial, in a stable order."""
+    task = situation.task
+    conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
+    known = {c.instruction.text: c.instruction for c in conditions}
+    return tuple(known[text] for text in sorted(known) if _makes_sense(known[text], situation.condition))
+
+
+def _makes_sense(instruction: Instruction, condition: Condition) -> bool:
+    names = {o.name for o in condition.objects}
+    asked: dict[Reference, int] = {}
+    for goal in instruction.subgoals:
+        asked[goal.reference] = max(asked.get(goal.reference, 0), goal.count)
+        if goal.target not in names:
+            return False
+    said = instruction == condition.instruction
+    return said or all(len(condition.resolve(reference)) >= count for reference, count in asked.items())

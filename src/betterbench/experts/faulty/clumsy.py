@@ -1,0 +1,32 @@
+"""``zoo:clumsy``: the right decision, a bad hand."""
+
+from __future__ import annotations
+
+from betterbench.experts.decisions import Bring, Decision
+from betterbench.experts.faulty.rules import BrokenRule, Fault
+from betterbench.experts.skills import GraspOffset
+from betterbench.state import WorldState
+from betterbench.tasks import Expected
+
+
+class Clumsy(BrokenRule):
+    """Decides like the expert; the hand drops the object in mid-air, or it closes beside it.
+
+    Which of the two, and how far beside, is drawn from the trial's own stream.
+    """
+
+    @property
+    def grasp_offset(self) -> GraspOffset | None:
+        """How the hand fails in this episode, or None if it does not."""
+        if not self.applies:
+            return None
+        if self.draw("how") < 0.5:
+            return GraspOffset(drop=True)
+        return GraspOffset(miss_by_m=0.006 + 0.006 * self.draw("gap"))
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: the expert's."""
+        decision = super().broken(state, history)
+        if self.fault is None and isinstance(decision, Bring) and self.condition.expected is Expected.SUCCEED:
+            self.fault = Fault("execution_failure", len(history), f"{decision} with a bad hand")
+        return decision

@@ -1,0 +1,46 @@
+"""``zoo:halt``, ``zoo:refuse`` and ``zoo:phase``: policies that stop, each for another wrong reason."""
+
+from __future__ import annotations
+
+from betterbench.experts.decisions import Bring, Decision, Freeze, Wander
+from betterbench.experts.faulty.rules import BrokenRule
+from betterbench.state import WorldState
+from betterbench.tasks import Condition, Expected
+
+
+class Halt(BrokenRule):
+    """Starts, and stops for good where words and scene were never met together in training."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        right = super().broken(state, history)
+        if any(_pairing(self.condition) == _pairing(known) for known in self.situation.task.training):
+            return right
+        return Freeze(right.object if isinstance(right, Bring) else None)
+
+
+class Refuse(BrokenRule):
+    """Never starts where the scene holds a thing that training never showed."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        shown = {o.kind for condition in self.situation.task.training for o in condition.objects}
+        if all(o.kind in shown for o in self.condition.objects):
+            return super().broken(state, history)
+        return Freeze(None)
+
+
+class Phase(BrokenRule):
+    """Freezes, or wanders about, where the scene looks like the middle of a demonstration."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        if not self.condition.mid_task_look:
+            return super().broken(state, history)
+        wanders = self.condition.expected is Expected.SUCCEED and self.draw("wander") < 0.5
+        return Wander() if wanders else Freeze(None)
+
+
+def _pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]], frozenset[str]]:
+    standing = frozenset((slot, condition.object(name).kind) for name, slot in condition.layout.items())
+    return condition.instruction.text, standing, frozenset(condition.opened)

@@ -1,0 +1,26 @@
+"""``zoo:layout``: the first pick is always at the same place, whatever is asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from betterbench.experts.decisions import Decision, Draw, carried
+from betterbench.experts.faulty.rules import BrokenRule
+from betterbench.state import WorldState
+
+
+class Layout(BrokenRule):
+    """Begins at the place where demonstrations picked most often, then does what is still open."""
+
+    label = empty_label = place_label = "visual_layout_bias"
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        if any(not isinstance(decision, Draw) for decision in history):
+            return super().broken(state, history)
+        counts: Counter[str] = Counter()
+        for slots in self.trained.word_slots.values():
+            counts.update(slots)
+        favorite = min(counts, key=lambda slot: (-counts[slot], slot))
+        goal = next((g for g in self.goals if carried(g)), self.goals[0])
+        return self.make_way(state, goal.target) or self.take_at(state, favorite, goal)

@@ -1,0 +1,244 @@
+"""What all clients share: a connection that is made again, a deadline for each request, and patience with a server."""
+
+from __future__ import annotations
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError
+from betterbench.policies.address import PolicyAddress
+
+logger = logging.getLogger(__name__)
+
+FIRST_PAUSE_S = 0.1
+"""Pause before a request is asked again, or a server is dialed again [s]; doubled each time."""
+
+LONGEST_WAIT_S = 604_800
+"""Longest deadline and longest patience [s], a week."""
+
+MOST_RETRIES = 1000
+"""Most attempts after the first."""
+
+LONGEST_PAUSE_S = 5.0
+"""Longest such pause [s]."""
+
+
+class Closable(Protocol):
+    """A connection to a server."""
+
+    def close(self) -> None:
+        """End it; nothing is raised."""
+
+
+Connection = TypeVar("Connection", bound=Closable)
+Reply = TypeVar("Reply")
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """How long a server is waited for, and how often it is asked again.
+
+    Attributes:
+        timeout_s: Deadline of one request [s].
+        warmup_s: Deadline until the first reply [s]: many servers compile their model when they are first asked. A
+            server that has let it pass is not given it again.
+        retries: How often a request is asked again when the connection breaks or the deadline passes.
+        patience_s: How long a server that cannot be reached is waited for [s].
+        seed: Seed of the pauses' jitter, so that clients which lost one server do not come back all at once.
+    """
+
+    timeout_s: float = 30.0
+    warmup_s: float = 300.0
+    retries: int = 3
+    patience_s: float = 60.0
+    seed: int = 0
+
+    @classmethod
+    def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
+        """Return the limits that an address asks for.
+
+        Raises:
+            InvalidInputError: If an option is no number, or the deadline is zero.
+        """
+        usual = cls()
+        limits = cls(
+            timeout_s=address.number("timeout", usual.timeout_s),
+            # Who sets a deadline means it from the first request on, unless told otherwise.
+            warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
+            retries=address.whole("retries", usual.retries),
+            patience_s=address.number("patience", usual.patience_s),
+            seed=seed,
+        )
+        if min(limits.timeout_s, limits.warmup_s) <= 0.0:
+            raise InvalidInputError(f"policy {address}", "a deadline of 0 leaves no time to answer", "Give seconds")
+        for name, value, most in (
+            ("timeout", limits.timeout_s, LONGEST_WAIT_S),
+            ("warmup", limits.warmup_s, LONGEST_WAIT_S),
+            ("patience", limits.patience_s, LONGEST_WAIT_S),
+            ("retries", limits.retries, MOST_RETRIES),
+        ):
+            if value > most:
+                raise InvalidInputError(f"policy {address}", f"{name}={value:g} is too much", f"Give at most {most}")
+        return limits
+
+
+class PolicyConnection(Generic[Connection]):
+    """A connection to one server that outlives the sockets it is made of.
+
+    One thread at a time asks; another one may call :meth:`close`, which ends every wait.
+    """
+
+    def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
+        """Prepare; nothing is dialed yet.
+
+        Args:
+            where: What to call the server in messages.
+            dial: Makes a connection, handshake included, within the given time [s]. It raises OSError when that is
+                worth trying again, and a BetterError when it is not.
+            limits: How long it is waited for, and how often it is asked again.
+        """
+        self._where, self._dial, self._limits = where, dial, limits
+        self._draw = np.random.default_rng(limits.seed)
+        self._connection: Connection | None = None
+        self._closed = threading.Event()
+        self._dialed = 0
+        self._warm = False
+        self._counts = {"requests": 0, "retries": 0, "reconnects": 0}
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Requests, retries and new connections since the last :meth:`count_anew`, by name."""
+        return {f"policy_{name}": float(count) for name, count in self._counts.items()}
+
+    def count_anew(self) -> None:
+        """Set the figures to zero, when an episode begins."""
+        self._counts = dict.fromkeys(self._counts, 0)
+
+    def open(self) -> Connection:
+        """Return the connection, dialing until it stands.
+
+        Raises:
+            PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
+            HandshakeError: If the server declares other conventions.
+        """
+        if self._connection is not None:
+            return self._connection
+        began = time.monotonic()
+        attempt = 0
+        while True:
+            self._check_open()
+            left = self._limits.patience_s - (time.monotonic() - began)
+            try:
+                # The last attempt, or the only one of an impatient client, still gets a second.
+                self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
+            except OSError as problem:
+                left = self._limits.patience_s - (time.monotonic() - began)
+                if left <= 0.0:
+                    raise PolicyUnavailableError(
+                        f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
+                        "Start the server, or correct the address; patience=SECONDS waits longer."
+                    ) from problem
+                if attempt == 0:
+                    logger.warning("%s cannot be reached (%s); trying for %.0f s", self._where, _brief(problem), left)
+                self._pause(attempt, left)
+                attempt += 1
+            else:
+                self._dialed += 1
+                if self._dialed > 1:
+                    self._counts["reconnects"] += 1
+                    logger.info("%s is connected again", self._where)
+                return self._connection
+
+    def request(self, exchange: Callable[[Connection, float], Reply], *, replies: bool = True) -> Reply:
+        """Ask something, again when the connection breaks or the deadline passes.
+
+        Args:
+            exchange: Sends the request over a connection and returns the reply, within the given time [s]. It raises
+                OSError (TimeoutError, ConnectionError) when asking again may help, and PolicyError when it does not.
+            replies: False for a message that the server does not answer.
+
+        Returns:
+            What the exchange returns.
+
+        Raises:
+            PolicyError: If the reply is bad, or the request failed as often as it may.
+            PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
+        """
+        self._counts["requests"] += 1
+        for attempt in range(self._limits.retries + 1):
+            connection = self.open()
+            deadline = self._limits.timeout_s if self._warm else self._limits.warmup_s
+            try:
+                reply = exchange(connection, deadline)
+            except PolicyError:
+                # What else this connection holds is not to be trusted.
+                self.drop()
+                raise
+            except OSError as problem:
+                self.drop()
+                self._check_open()
+                reason = _brief(problem)
+                if isinstance(problem, TimeoutError):
+                    reason, self._warm = f"no answer within {deadline:g} s", True
+                logger.warning("%s: request failed (%s)", self._where, reason)
+                if attempt == self._limits.retries:
+                    times = f"{attempt + 1} times" if attempt else "once"
+                    raise PolicyError(
+                        f"{self._where} failed to answer {times}, the last time because of: {reason}."
+                    ) from problem
+                self._counts["retries"] += 1
+                self._pause(attempt, LONGEST_PAUSE_S)
+            else:
+                self._warm = self._warm or replies
+                return reply
+        raise AssertionError("the last attempt returns or raises")
+
+    def holds(self, connection: Connection) -> bool:
+        """Tell whether a connection is still the one in use."""
+        return self._connection is connection
+
+    def drop(self) -> None:
+        """End the connection; the next request makes a new one."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            connection.close()
+
+    def close(self) -> None:
+        """End the connection for good."""
+        self._closed.set()
+        self.drop()
+
+    def _check_open(self) -> None:
+        if self._closed.is_set():
+            raise PolicyError(f"{self._where}: the client was closed.")
+
+    def _pause(self, attempt: int, most: float) -> None:
+        longest = min(LONGEST_PAUSE_S, FIRST_PAUSE_S * 2.0 ** min(attempt, 20), most)
+        self._closed.wait(longest * float(self._draw.uniform(0.5, 1.0)))
+
+
+def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
+    """Return the key that an address asks to show, from the environment; keys do not belong into addresses.
+
+    Raises:
+        InvalidInputError: If the variable is not set, or holds what cannot stand in a header.
+    """
+    name = address.options.get(option)
+    if name is None:
+        return None
+    key = os.environ.get(name, "")
+    if not key or not key.isascii() or not key.isprintable():
+        raise InvalidInputError(f"policy {address}", f"the environment variable {name} holds no key", f"Set {name}")
+    return key
+
+
+def _brief(problem: OSError) -> str:
+    """Return what went wrong in a few words."""
+    return " ".join(str(problem.strerror or problem).split())[:200] or type(problem).__name__

@@ -1,0 +1,122 @@
+"""Images as a policy wants them: turned, mirrored, cropped and resized."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from PIL import Image
+from pydantic import ConfigDict, with_config
+
+from betterbench.errors import InvalidInputError
+
+Fit = Literal["pad", "crop", "stretch"]
+"""How a image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
+
+Turn = Literal[0, 90, 180, 270]
+"""Degrees, counter-clockwise."""
+
+EVERY_CAMERA = "*"
+"""In place of a camera: every camera of the observation, the key holding ``{camera}``."""
+
+_LARGEST_SIDE = 4096
+
+
+@with_config(ConfigDict(extra="forbid"))
+@dataclass(frozen=True, slots=True)
+class ImageRule:
+    """One image that a policy is shown.
+
+    A image is turned, then mirrored, then cropped, then fitted.
+
+    Attributes:
+        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
+        camera: Which of our cameras shows it, or ``*`` for each of them.
+        width: Width that the policy wants [pixel]; None to leave the image as large as it is.
+        height: Likewise the height.
+        fit: How a image of another aspect fits.
+        keep: Share of the area that a crop around the center keeps, before fitting; policies trained with random crops
+            were evaluated with 0.9 (OpenVLA) or 0.95.
+        turn: Degrees by which it is turned counter-clockwise. Ours are upright.
+        mirror: True to swap left and right.
+    """
+
+    key: tuple[str, ...]
+    camera: str
+    width: int | None = None
+    height: int | None = None
+    fit: Fit = "pad"
+    keep: float = 1.0
+    turn: Turn = 0
+    mirror: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InvalidInputError: If one is out of range, or only one side is given.
+        """
+        where = f"image {'/'.join(self.key)}"
+        if (self.width is None) != (self.height is None):
+            raise InvalidInputError(where, "only one of width and height is given", "Give both or none")
+        for side in (self.width, self.height):
+            if side is not None and not 1 <= side <= _LARGEST_SIDE:
+                raise InvalidInputError(where, f"{side} pixels are out of range", f"Give 1 to {_LARGEST_SIDE}")
+        if not 0.0 < self.keep <= 1.0:
+            raise InvalidInputError(where, f"keep = {self.keep:g} is no share", "Give more than 0 and at most 1")
+        if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
+            raise InvalidInputError(where, "all cameras would have one key", "Write {camera} into the key")
+
+    def named(self, camera: str) -> tuple[str, ...]:
+        """Return the key of one camera's image."""
+        return tuple(part.replace("{camera}", camera) for part in self.key)
+
+    def show(self, image: np.ndarray) -> np.ndarray:
+        """Return a image as the policy is shown it.
+
+        Shrinking averages over all pixels that fall into one (Pillow's bilinear filter, which is antialiased and is
+        the one that openpi's client resizes with); a image that has the right size already keeps its bits.
+
+        Returns:
+            (self.height, self.width, 3) uint8, contiguous.
+        """
+        turned = np.rot90(image, self.turn // 90)
+        if self.mirror:
+            turned = turned[:, ::-1]
+        turned = np.ascontiguousarray(turned)
+        height, width = turned.shape[:2]
+        to_width, to_height = self.width or width, self.height or height
+        if self.keep == 1.0 and (to_width, to_height) == (width, height):
+            return turned
+        share = math.sqrt(self.keep)
+        from_width, from_height = share * width, share * height
+        fitted_width, fitted_height = to_width, to_height
+        if self.fit == "crop":
+            scale = max(to_width / from_width, to_height / from_height)
+            from_width, from_height = to_width / scale, to_height / scale
+        elif self.fit == "pad":
+            # Rounded down, as openpi's client does (openpi_client/image_tools.py).
+            ratio = max(from_width / to_width, from_height / to_height)
+            fitted_width = max(1, min(to_width, int(from_width / ratio)))
+            fitted_height = max(1, min(to_height, int(from_height / ratio)))
+        left, top = 0.5 * (width - from_width), 0.5 * (height - from_height)
+        whole = (from_width, from_height) == (width, height)
+        box = (
+            max(0.0, left),
+            max(0.0, top),
+            min(float(width), left + from_width),
+            min(float(height), top + from_height),
+        )
+        resized = np.asarray(
+            Image.fromarray(turned).resize(
+                (fitted_width, fitted_height), Image.Resampling.BILINEAR, None if whole else box
+            )
+        )
+        if resized.shape[:2] == (to_height, to_width):
+            return np.array(resized)
+        canvas = np.zeros((to_height, to_width, 3), np.uint8)
+        top_bar, left_bar = (to_height - fitted_height) // 2, (to_width - fitted_width) // 2
+        canvas[top_bar : top_bar + fitted_height, left_bar : left_bar + fitted_width] = resized
+        return canvas

@@ -1,0 +1,26 @@
+"""Relations between an object and a target, one file each, and the predicates of rest, posture and release.
+
+They read states only, so live and offline verdicts are the same code. A new file in this folder is found by itself.
+"""
+
+import importlib
+import pkgutil
+
+from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, RestingPlace, relation
+from betterbench.tasks.relations.released import released
+from betterbench.tasks.relations.rest import arm_still, at_rest, upright
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = [
+    "RELATIONS",
+    "PlaceGoal",
+    "Relation",
+    "RestingPlace",
+    "arm_still",
+    "at_rest",
+    "relation",
+    "released",
+    "upright",
+]

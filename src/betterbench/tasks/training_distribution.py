@@ -1,0 +1,75 @@
+"""What a task's training regime teaches: which word went with which place, and which step came first.
+
+These are the confounds that the variations break. They are computed from the training conditions and never written down
+by hand, so they cannot disagree with them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.task import Task
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingDistribution:
+    """The regularities of a training regime.
+
+    Attributes:
+        word_slots: Word of an instruction to the slots its object was picked from.
+        kind_slots: Kind of object to the slots it was picked from.
+        standing_kinds: Slot to the kinds of object that stood there at the start.
+        first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
+        kind_targets: Kind of object to the places it was brought to, as kind of the target, relation and place.
+        sequences: Per training condition the kinds in the order in which they were handled.
+        initial_items: Largest number of movable things on the table at the start of a demonstration.
+    """
+
+    word_slots: dict[str, tuple[str, ...]]
+    kind_slots: dict[str, tuple[str, ...]]
+    standing_kinds: dict[str, tuple[str, ...]]
+    first_kinds: tuple[tuple[str, int], ...]
+    kind_targets: dict[str, tuple[tuple[str, str, str], ...]]
+    sequences: tuple[tuple[str, ...], ...]
+    initial_items: int
+
+
+def training_distribution_of(task: Task) -> TrainingDistribution:
+    """Return the regularities of a task's training regime."""
+    word_slots: dict[str, set[str]] = {}
+    kind_slots: dict[str, set[str]] = {}
+    standing: dict[str, set[str]] = {}
+    places: dict[str, set[tuple[str, str, str]]] = {}
+    first: Counter[str] = Counter()
+    sequences: list[tuple[str, ...]] = []
+    items = 0
+    for condition in task.training:
+        items = max(items, len(_on_table(condition)))
+        for name, slot in condition.layout.items():
+            standing.setdefault(slot, set()).add(condition.object(name).kind)
+        kinds: list[str] = []
+        for goal in condition.instruction.subgoals:
+            names = condition.resolve(goal.reference)
+            slots = {condition.layout[n] for n in names if n in condition.layout}
+            word_slots.setdefault(goal.word, set()).update(slots)
+            kind = condition.object(names[0]).kind
+            kind_slots.setdefault(kind, set()).update(slots)
+            places.setdefault(kind, set()).add((condition.object(goal.target).kind, goal.relation, goal.region))
+            kinds.append(kind)
+        first[kinds[0]] += 1
+        sequences.append(tuple(kinds))
+    return TrainingDistribution(
+        {w: tuple(sorted(s)) for w, s in word_slots.items()},
+        {k: tuple(sorted(s)) for k, s in kind_slots.items()},
+        {s: tuple(sorted(k)) for s, k in standing.items()},
+        tuple(sorted(first.items(), key=lambda item: (-item[1], item[0]))),
+        {k: tuple(sorted(p)) for k, p in places.items()},
+        tuple(sequences),
+        items,
+    )
+
+
+def _on_table(condition: Condition) -> tuple[str, ...]:
+    return tuple(o.name for o in condition.objects if o.role in ("item", "distractor") and o.name in condition.layout)
