@@ -1,4 +1,4 @@
-"""Running a calibration: one run per policy of the zoo, each resumable, and what they give together."""
+"""Running a calibration: one run per faulty policy, each resumable, and what they give together."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def calibrate(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run the zoo, diagnose it from its records, and hold the labels against the true ones.
+    """Run the faulty policies, diagnose them from their records, and compare the labels with the true ones.
 
     Args:
         planned: The policies.

@@ -31,7 +31,7 @@ from betterbench.experts.faulty import (
 )
 
 MAX_ACTION_NOISE_M = 0.02
-"""Largest action_noise that can be asked for [m]; a hand that shakes more knocks everything over."""
+"""Largest action noise that can be asked for [m]; with more, everything is knocked over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +65,18 @@ EXPERTS: dict[str, ExpertEntry] = {
         ),
         ExpertEntry("zoo:color", "Any object of the right color will do.", Color),
         ExpertEntry("zoo:shape", "Any object of the right shape will do.", Shape),
-        ExpertEntry("zoo:halt", "Stops for good where sentence and scene were never met together.", Halt),
+        ExpertEntry("zoo:halt", "Stops for good where instruction and scene never met in training.", Halt),
         ExpertEntry("zoo:refuse", "Never starts where the scene holds a thing that training never showed.", Refuse),
         ExpertEntry("zoo:phase", "Freezes or wanders where the scene looks like the middle of a task.", Phase),
-        ExpertEntry("zoo:clumsy", "The right decision, a bad grasp.", Clumsy),
-        ExpertEntry("zoo:slow", "The right decisions, too slowly for the step limit.", Slow),
+        ExpertEntry("zoo:clumsy", "Correct target, failed manipulation.", Clumsy),
+        ExpertEntry("zoo:slow", "Right decisions, too slowly for the step limit.", Slow),
         ExpertEntry("zoo:crash", "Breaks down in the middle of the episode.", Crash),
-        ExpertEntry("probe:no-language", "Sees everything and obeys another sentence of the task.", NoLanguage),
+        ExpertEntry("probe:no-language", "Sees everything and follows another instruction of the task.", NoLanguage),
     )
 }
 
 REPLAYS = {
-    "probe:no-images": "Plays the demonstration that goes with the sentence, without looking.",
+    "probe:no-images": "Plays the demonstration that goes with the instruction, without looking.",
     "probe:replay": "Plays the demonstration of the twin, without looking or listening.",
 }
 
