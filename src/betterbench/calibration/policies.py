@@ -17,13 +17,7 @@ ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """One policy of a calibration.
-
-    Attributes:
-        address: The policy with its strength and its action_noise.
-        trials: Trials per variation.
-        seed: First seed.
-    """
+    """One policy of a calibration."""
 
     address: Address
     trials: int
@@ -50,13 +44,6 @@ def calibration_policies(
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
     """Return the expert, every policy of the zoo at every strength, and the probes.
-
-    Args:
-        policies: Names to keep ("zoo:lexical"); all if empty.
-        strengths: Shares of the trials in which a rule applies.
-        trials: Trials per variation of the expert and of each policy of the zoo.
-        probe_trials: Trials per variation of each probe; 0 leaves them out.
-        seed: First seed; each strength has seeds of its own.
 
     Raises:
         InvalidInputError: If a policy is none of the zoo, or a number is out of range.

@@ -16,13 +16,7 @@ from betterbench.recording import RunFolder, TrialKey
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """How far a calibration is.
-
-    Attributes:
-        done: Finished trials over all policies.
-        planned: Planned trials over all policies.
-        policy: Address of the policy at work.
-    """
+    """How far a calibration is."""
 
     done: int
     planned: int
@@ -44,13 +38,6 @@ def calibrate(
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
     """Run the zoo, diagnose it from its records, and hold the labels against the true ones.
-
-    Args:
-        planned: The policies.
-        out: Folder of the calibration; an unfinished one with the same plans is continued.
-        tasks: Task ids; all of the suite if empty.
-        workers: Worker processes.
-        on_progress: Told after every trial.
 
     Raises:
         RunConflictError: If a folder holds another run.

@@ -33,14 +33,11 @@ class Comparison:
     """What several runs say about each other.
 
     Attributes:
-        sides: The runs.
         matching: Which of their trials were compared.
-        alpha: Level of every family of tests.
         groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
             failure and the labels over all variations.
         sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
         verdict: The result in sentences, the most important first.
-        notes: What limits it, one sentence each.
     """
 
     sides: tuple[Side, ...]

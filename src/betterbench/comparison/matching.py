@@ -24,8 +24,6 @@ class Matching:
     Attributes:
         paired: Whether the trials are the same ones on every side; else only their conditions are.
         trials: Trials of each side; if paired, the same key at the same place on every side, in plan order.
-        left_out: Per side, number of planned trials that are not compared.
-        notes: What a reader has to know about the choice, one sentence each.
     """
 
     paired: bool
@@ -36,10 +34,6 @@ class Matching:
 
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials that all sides share, by task, variation or condition, and seed.
-
-    Args:
-        sides: The runs.
-        allow_mixed: True to compare over different versions or engines; the difference is then a note.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and that is not allowed.

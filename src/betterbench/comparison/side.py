@@ -22,8 +22,6 @@ class Side:
 
     Attributes:
         name: What it is called: the address of its policy, with the name of its folder where two are alike.
-        diagnosis: Its diagnosis.
-        path: Its folder, or an empty text.
         unfinished: Keys of planned trials that neither ended nor broke down yet.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
@@ -37,10 +35,6 @@ class Side:
 
 def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison.
-
-    Args:
-        paths: Folders of the runs, at least two different ones.
-        allow_mixed: True to accept a run whose own records are of several versions or engines.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, or one of them twice.

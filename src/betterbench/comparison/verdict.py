@@ -17,13 +17,7 @@ _FAILURES = {"reasoning": "reasoning failures", "execution": "execution failures
 
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return the result of a comparison, the most important sentence first.
-
-    Args:
-        groups: All groups.
-        paired: Whether the policies ran the same trials.
-        alpha: Level of each family.
-    """
+    """Return the result of a comparison, the most important sentence first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there is no trial to compare.",)

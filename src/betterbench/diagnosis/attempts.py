@@ -15,13 +15,8 @@ class GraspAttempt:
     """One grasp attempt, before it is known what was asked for.
 
     Attributes:
-        start: Row of the last state before the gripper began to close.
-        end: Row at which the attempt was resolved.
         release: Row at which the hand was commanded to open again, or the number of rows.
-        object: Index of the object that was grasped at, or None for an air grasp.
         aim: Index of the object that the hand was closest to; for an air grasp the one that it missed, if any.
-        slot: Pick slot at which it happened, or None.
-        secured: True if the object was lifted.
     """
 
     start: int

@@ -35,10 +35,8 @@ class Step:
     """One grasp attempt, seen against the instruction.
 
     Attributes:
-        grasp: The attempt by rows and indices.
         attempt: The attempt as it is reported.
         at: Index of the object that it was at or that it missed, or None.
-        target: How that object stands to the instruction.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots in which the objects stand that were asked for.
         taken_for: Index of the subgoal at whose place the object was put although that subgoal means another object,
@@ -64,19 +62,13 @@ class EpisodeAnalysis:
     """One episode against its condition and its training regime.
 
     Attributes:
-        trace: The episode as arrays.
-        condition: The condition in force.
-        trained: The regularities of the training regime.
         meant: Per subgoal the indices of the objects that it can mean.
-        known_kinds: Kinds of object that some instruction of the task means.
-        steps: All grasp attempts, in time.
     """
 
     trace: Trace
     condition: Condition
     trained: TrainingDistribution
     meant: tuple[tuple[int, ...], ...]
-    known_kinds: frozenset[str]
     steps: tuple[Step, ...]
 
     @property
@@ -248,7 +240,7 @@ def analyze_episode(trace: Trace, condition: Condition, trained: TrainingDistrib
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
-    return EpisodeAnalysis(trace, condition, trained, trace.meant, known, steps)
+    return EpisodeAnalysis(trace, condition, trained, trace.meant, steps)
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
@@ -43,9 +43,9 @@ Finder = Callable[[TrialView], Evidence | None]
 class FailureMode:
     """One outcome label: how it is found, and how tables and reports speak of it.
 
+    An instance registers itself with the function that it decorates, the finder of the mode.
+
     Attributes:
-        label: The label.
-        find: Its finder.
         name: Full name.
         short: Name of one or two words for a segment of a bar.
         definition: What the record has to show, one sentence (suite, section 5).
@@ -57,7 +57,6 @@ class FailureMode:
     """
 
     label: Label
-    find: Finder
     name: str
     short: str
     definition: str
@@ -66,6 +65,20 @@ class FailureMode:
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     rule: str | None = None
     needs_rule: bool = False
+    find: Finder = field(default=lambda _: None, repr=False)
+
+    def __call__(self, find: Finder) -> Finder:
+        """Register the mode with its finder.
+
+        Raises:
+            InvalidInputError: If the label has a mode.
+        """
+        if self.label in _MODES:
+            raise InvalidInputError("failure mode", f"{self.label} is registered already", "Make a new label")
+        known = {**_MODES, self.label: replace(self, find=find)}
+        _MODES.clear()
+        _MODES.update((label, known[label]) for label in all_labels() if label in known)
+        return find
 
     @property
     def family(self) -> str:
@@ -77,38 +90,6 @@ _MODES: dict[Label, FailureMode] = {}
 
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
 """All modes by label, in the order of the labels; ``diagnosis.modes`` fills it when it is imported."""
-
-
-def failure_mode(
-    label: Label,
-    *,
-    name: str,
-    short: str,
-    definition: str,
-    conclusion: str = "",
-    finding: str = "",
-    detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None,
-    rule: str | None = None,
-    needs_rule: bool = False,
-) -> Callable[[Finder], Finder]:
-    """Register the decorated function as the finder of a label; the arguments are those of :class:`FailureMode`.
-
-    Raises:
-        InvalidInputError: If the label has a mode.
-    """
-
-    def register(find: Finder) -> Finder:
-        if label in _MODES:
-            raise InvalidInputError("failure mode", f"{label} is registered already", "Make a new label")
-        _MODES[label] = FailureMode(
-            label, find, name, short, definition, conclusion, finding, detail, rule, needs_rule=needs_rule
-        )
-        ordered = [_MODES[known] for known in all_labels() if known in _MODES]
-        _MODES.clear()
-        _MODES.update((mode.label, mode) for mode in ordered)
-        return find
-
-    return register
 
 
 def remove_mode(label: Label) -> None:

@@ -84,10 +84,6 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
     """Return what several records of one policy prove, without a run folder.
 
-    Args:
-        records: The records, in the order in which the trials are listed.
-        allow_mixed: True to diagnose records of several versions, engines or policies together.
-
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
         RecordError: If there is no record, or one lacks a predicate of its task.

@@ -86,11 +86,7 @@ class TaskRules:
 
 
 def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskRules]:
-    """Judge the rules on the first attempts of one policy in all tasks.
-
-    Args:
-        choices: Per task the first attempt per trial key.
-    """
+    """Judge the rules on the first attempts of one policy in all tasks."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     costs = family_costs([alone[task] for task in sorted(alone)])
     proven = {task for task, found in alone.items() if any(name.startswith("place:") for name in found.upheld)}
@@ -105,9 +101,6 @@ def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
     The weights of a mixture are fitted to the tasks that hold wrong attempts, by expectation maximization (Dempster,
     Laird & Rubin 1977), each kind with half a task of prior weight (Jeffreys' prior for a multinomial).
-
-    Args:
-        tasks: What was found out in each task on its own.
     """
     rows = [row for row in map(_family_row, tasks) if row is not None]
     weights = np.full(len(FAMILIES), 1.0 / len(FAMILIES))

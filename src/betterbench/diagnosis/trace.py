@@ -23,9 +23,6 @@ class Whereabout:
     """When an object was at one place of a target, asked for or not.
 
     Attributes:
-        object: Index of the object.
-        relation: Name of the relation.
-        target: Index of the target.
         place: TargetRegion of the target, "" if it offers just one.
         rows: (T,) whether it was there.
     """
@@ -42,8 +39,6 @@ class Trace:
     """One episode as arrays. ``T`` rows, ``n`` objects, ``g`` subgoals; world frame, meters, seconds.
 
     Attributes:
-        info: The scene.
-        rate_hz: Control rate [Hz].
         time: (T,) time since reset.
         tool: (T, 3) tool center point.
         width: (T,) distance of the finger pads.
@@ -112,15 +107,7 @@ class Trace:
         return 0.0
 
     def box_distances(self, row: int, point: Floats) -> Floats:
-        """Return the distance of a point to every object's oriented bounding box.
-
-        Args:
-            row: Row of the object poses.
-            point: (3,) point.
-
-        Returns:
-            (n,) distances [m], zero inside a box.
-        """
+        """Return the distance of a point to every object's oriented bounding box."""
         size = np.array([o.size_m for o in self.info.objects]).reshape(-1, 3)
         offset = point - self.positions[row]
         q = self.quaternions[row]

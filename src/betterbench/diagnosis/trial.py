@@ -54,8 +54,6 @@ class Reading:
     """What one record says: a diagnosis by itself, all evidence, and the choice for the second pass.
 
     Attributes:
-        diagnosis: The diagnosis under the trial's own evidence.
-        findings: All evidence.
         choice: The first attempt for the second pass, or None if it says nothing about a rule.
     """
 
@@ -75,10 +73,6 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
     the label is then ``wrong_object``, and the evidence names the candidates.
     :func:`~betterbench.diagnosis.diagnose_run` settles them.
-
-    Args:
-        record: The record.
-        path: Its path relative to the run, for the diagnosis.
 
     Raises:
         UnknownNameError: If its task or condition is unknown.

@@ -1,6 +1,6 @@
 """Numbers with their uncertainty: intervals, exact tests, corrections and what few trials can detect."""
 
-from betterbench.statistics.bootstrap import paired_bootstrap
+from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
 from betterbench.statistics.chance import chance_p
 from betterbench.statistics.difference import (
     Difference,
@@ -53,5 +53,6 @@ __all__ = [
     "smallest_unpaired_difference",
     "two_rate_e_process",
     "unpaired_power",
+    "wider_paired_difference",
     "wilson_interval",
 ]

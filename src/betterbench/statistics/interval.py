@@ -16,12 +16,7 @@ DEFAULT_CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A closed interval of rates or of differences of rates.
-
-    Attributes:
-        low: Lower end, as a fraction.
-        high: Upper end, as a fraction.
-    """
+    """A closed interval of rates or of differences of rates."""
 
     low: float
     high: float
@@ -32,11 +27,6 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
 
     It holds all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence level
     on average over ``p``, also for few trials, but may fall below it for single values of ``p``.
-
-    Args:
-        k: Number of successes.
-        n: Number of trials; with 0 trials nothing is known and the interval is [0, 1].
-        confidence: Two-sided confidence level, between 0 and 1.
 
     Returns:
         The interval, inside [0, 1].
@@ -61,14 +51,6 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
     It holds all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. It covers the
     true rate with at least the confidence level whatever the rate is; it is wider than Wilson's.
-
-    Args:
-        k: Number of successes.
-        n: Number of trials; with 0 trials nothing is known and the interval is [0, 1].
-        confidence: Two-sided confidence level, between 0 and 1.
-
-    Returns:
-        The interval, inside [0, 1].
 
     Raises:
         InvalidInputError: If the counts are impossible or the level is not between 0 and 1.
@@ -95,11 +77,6 @@ def normal_quantile(confidence: float) -> float:
 
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
     """Refuse counts that no experiment can have.
-
-    Args:
-        k: Number of successes.
-        n: Number of trials.
-        where: What the message calls the pair of counts.
 
     Raises:
         InvalidInputError: If the counts are negative or there are more successes than trials.

@@ -15,12 +15,6 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     ``alpha``, whatever the dependence among the tests. The ``i``-th smallest of ``m`` values is multiplied by
     ``m - i + 1``; a value is never adjusted below a smaller one, nor above 1.
 
-    Args:
-        p_values: The family of p-values, in any order.
-
-    Returns:
-        The adjusted values in the order given.
-
     Raises:
         InvalidInputError: If a value is not between 0 and 1.
     """

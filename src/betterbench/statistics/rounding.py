@@ -44,11 +44,6 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
 def percent(k: int, n: int, *, digits: int = 1) -> Decimal | None:
     """Return ``k`` of ``n`` in percent, computed exactly and rounded half up.
 
-    Args:
-        k: Number of successes.
-        n: Number of trials.
-        digits: Decimals to keep.
-
     Returns:
         The percentage, or None without trials.
 

@@ -69,9 +69,6 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
 
-    Returns:
-        The evidence after every pair.
-
     Raises:
         InvalidInputError: If the level is not between 0 and 1.
     """
@@ -98,9 +95,6 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
-
-    Returns:
-        The evidence after every pair.
 
     Raises:
         InvalidInputError: If the level is not between 0 and 1.

@@ -5,14 +5,14 @@ from __future__ import annotations
 import itertools
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import TrainingDistribution
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.BEHAVIORAL_INERTIA,
     name="Behavioral inertia",
     short="inertia",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.CAUSAL_CONFUSION,
     name="Causal confusion",
     short="causal",

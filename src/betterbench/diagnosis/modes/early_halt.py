@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.EARLY_HALT,
     name="Early halt",
     short="halt",

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.EXECUTION_FAILURE,
     name="Execution failure",
     short="execution",

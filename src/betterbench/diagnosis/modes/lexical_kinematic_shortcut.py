@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     name="Lexical-kinematic shortcut",
     short="lexical",

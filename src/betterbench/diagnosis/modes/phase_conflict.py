@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.PHASE_CONFLICT,
     name="Phase conflict",
     short="phase",

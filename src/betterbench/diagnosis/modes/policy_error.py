@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.POLICY_ERROR,
     name="Policy error",
     short="error",

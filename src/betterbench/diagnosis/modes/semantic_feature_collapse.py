@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks.labels import Label
@@ -19,7 +19,7 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
     return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
 
 
-@failure_mode(
+@FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     name="Semantic feature collapse",
     short="look-alike",

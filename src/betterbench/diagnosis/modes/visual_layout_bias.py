@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
     name="Visual layout bias",
     short="layout bias",
