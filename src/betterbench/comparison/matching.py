@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from betterbench.comparison.side import Side
-from betterbench.diagnosis import TrialDiagnosis
+from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError, RunConflictError
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz")
@@ -117,7 +117,7 @@ def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
     """Yield a note about trials that count as failures because there is nothing to judge."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
-    stopped = sum(t.kind == "system" and t.record is not None for t in trials)
+    stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
     n = len(trials)
     if unfinished:
         yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; let the run go on."

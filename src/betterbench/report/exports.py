@@ -118,7 +118,8 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
-        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s", "shared", "candidates", "collisions", "steps",
+        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s", "shared",
+        "candidates", "collisions", "steps",
         "duration_s", "record",
     )  # fmt: skip
     rows = tuple(
