@@ -31,9 +31,9 @@ def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing the sentence of a variation among those that make sense in its scene.
+    """Return the success rate of guessing the instruction of a variation among those that make sense in its scene.
 
-    Two sentences that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
+    Two instructions that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
     right guess each.
     """
     task = get_task(task_name)
@@ -43,7 +43,7 @@ def chance_of(task_name: str, name: str) -> float:
 
 
 def _meaning(instruction: Instruction, condition: Condition) -> object:
-    """Return what a sentence asks for in a scene: which objects where, and in which order if that matters."""
+    """Return what an instruction asks for in a scene: which objects where, and in which order if that matters."""
     steps = [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals

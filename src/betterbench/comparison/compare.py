@@ -90,7 +90,7 @@ def compare(
     Args:
         sides: The runs, at least two, with different names.
         alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
-        sequential: True to add the evidence that stays valid however often somebody looks while the runs go on.
+        sequential: True to add the evidence that stays valid however often one looks while the runs go on.
         allow_mixed: True to compare over different versions or engines.
 
     Raises:
@@ -140,7 +140,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that nobody shows cannot differ; leaving it out of the correction depends on no difference.
+    # A label that no policy shows cannot differ; leaving it out of the correction depends on no difference.
     shown = {t.label for t in varied if t.kind is not Kind.NONE}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 

@@ -11,6 +11,7 @@ from typing import Any
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
 from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz")
 """Conventions that stand in a plan as one value."""
@@ -84,7 +85,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
 def _load(path: Path, *, allow_mixed: bool) -> Side:
     run = RunFolder.open(path)
     diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
-    ended = {f"{e.task}/{e.variation or e.condition}/{e.seed}" for e in run.entries()}
+    ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
     return Side(diagnosis.policy, diagnosis, str(path), unfinished, side_conventions(run.plan, diagnosis.versions))
 

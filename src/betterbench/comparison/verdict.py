@@ -12,7 +12,7 @@ from betterbench.tasks.labels import Kind
 __all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets its own sentence; above it, letters say it shorter."""
+"""Largest number of policies for which every pair gets its own sentence; above it, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, TypeAdapter, with_config
+from pydantic import TypeAdapter, with_config
 
 from betterbench.diagnosis.forms import STRICT, LabelField, read_form
 from betterbench.statistics import Rate
@@ -188,7 +188,7 @@ class Calibration:
         file = read_form(_FILE, raw, where=where, cure="Run better calibrate again")
         return cls(
             {(c.truth, c.label): c.n for c in file.counts},
-            {name: Rate(rate.k, rate.n) for name, rate in file.policies.items()},
+            file.policies,
             file.wrong,
             file.crossed,
             file.probes,
@@ -206,21 +206,9 @@ class _CountForm:
 
 @with_config(STRICT)
 @dataclass(frozen=True, slots=True)
-class _RateForm:
-    k: Annotated[int, Field(ge=0)]
-    n: Annotated[int, Field(ge=0)]
-
-    def __post_init__(self) -> None:
-        """Refuse what no experiment can give."""
-        if self.k > self.n:
-            raise ValueError(f"{self.k} of {self.n} is impossible")
-
-
-@with_config(STRICT)
-@dataclass(frozen=True, slots=True)
 class _File:
     counts: list[_CountForm]
-    policies: dict[str, _RateForm]
+    policies: dict[str, Rate]
     wrong: tuple[Judged, ...]
     crossed: int
     probes: tuple[ProbeCell, ...]

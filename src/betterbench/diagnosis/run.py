@@ -47,7 +47,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once nobody writes any more, they are trials without a record.
+    nowhere. Once no process writes any more, they are trials without a record.
 
     Args:
         folder: The run, or its folder.

@@ -9,10 +9,10 @@ rule pays for the choice of its slot, because the slot is fitted to the trials a
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
 
-A policy is one mind in all tasks, so what is found in one task counts a little in the others: each kind of rule has a
-weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt that
-two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise: over
-ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
+Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
+has a weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt
+that two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise:
+over ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
 """
 
 from __future__ import annotations

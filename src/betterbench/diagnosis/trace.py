@@ -97,6 +97,10 @@ class Trace:
         """Return where an object is with respect to a target at a row, or None if at no place of any."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
+    def is_drawer(self, i: int | None) -> bool:
+        """Tell whether an object is a drawer."""
+        return any(i == drawer for drawer, _, _ in self.drawers)
+
     def opening(self, row: int, drawer: int) -> float:
         """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
         for i, cabinet, place in self.drawers:

@@ -168,7 +168,7 @@ class RunDiagnosis:
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
         pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
-            that nobody writes to any more: what it has not finished is then among the trials, without a record.
+            that no process writes to any more: what it has not finished is then among the trials, without a record.
     """
 
     policy: str

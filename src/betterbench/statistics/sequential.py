@@ -1,7 +1,7 @@
 """Sequential tests of pairs: evidence that may be looked at after every pair, and stopped at any time.
 
 An e-process starts at 1 and, if there is no difference, is expected not to grow, whenever one stops. By Ville's
-inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often somebody looks. A
+inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often one looks. A
 p-value of a fixed number of trials has no such guarantee: who looks after every pair finds a difference in the end.
 """
 

@@ -1,4 +1,4 @@
-"""Lexical-kinematic shortcut: the hand goes where the instruction's word led in training, to another object."""
+"""Lexical-kinematic shortcut: the gripper goes where the instruction's word led in training, to another object."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     Where the order is free, the mug that is taken for the mouse is a right object and betrays itself by where it is
     brought. If training brought its kind there, habit explains that, and no mistaken identity is needed.
     """
-    goal = step.taken_for
+    goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
         return None
     found = episode.wrong_place(step)

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the hand goes for an object that no instruction of the task means."""
+"""Semantic feature collapse: the gripper goes for an object that no instruction of the task means."""
 
 from __future__ import annotations
 

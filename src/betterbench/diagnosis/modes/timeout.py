@@ -22,5 +22,7 @@ def find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     last = episode.trace.rows - 1
     words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(last))
-    tail = f" with {words} still to do" if words else ""
-    return episode.evidence("step_limit", f"The step limit is reached on the right course{tail}.", rows=(last, last))
+    tail = f", with {words} still to do" if words else ""
+    return episode.evidence(
+        "step_limit", f"The step limit is reached although every attempt was right{tail}.", rows=(last, last)
+    )
