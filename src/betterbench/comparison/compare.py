@@ -180,17 +180,9 @@ def _contrast(
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
-        *question,
-        *names,
-        *tally.rates,
-        table=tally.table if paired else None,
-        difference=difference,
-        test=test,
-        p_value=p,
-        p_adjusted=p,
-        family=1,
-        different=False,
-    )
+        *question, *names, *tally.rates, table=tally.table if paired else None, difference=difference, test=test,
+        p_value=p, p_adjusted=p, family=1, different=False,
+    )  # fmt: skip
 
 
 def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:

@@ -46,7 +46,6 @@ class FailureMode:
     An instance registers itself with the function that it decorates, the finder of the mode.
 
     Attributes:
-        name: Full name.
         short: Name of one or two words for a segment of a bar.
         definition: What the record has to show, one sentence (suite, section 5).
         conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
@@ -54,10 +53,10 @@ class FailureMode:
         detail: Returns what the trials of one such sentence have in common, to go on with it.
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
+        title: Full name, if it is not the words of the label.
     """
 
     label: Label
-    name: str
     short: str
     definition: str
     conclusion: str = ""
@@ -65,6 +64,7 @@ class FailureMode:
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     rule: str | None = None
     needs_rule: bool = False
+    title: str = ""
     find: Finder = field(default=lambda _: None, repr=False)
 
     def __call__(self, find: Finder) -> Finder:
@@ -79,6 +79,11 @@ class FailureMode:
         _MODES.clear()
         _MODES.update((label, known[label]) for label in all_labels() if label in known)
         return find
+
+    @property
+    def name(self) -> str:
+        """Full name."""
+        return self.title or self.label.value.replace("_", " ").capitalize()
 
     @property
     def family(self) -> str:

@@ -164,15 +164,10 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiag
     )
     missing, pairs = sorted(map(str, trials.missing)), len(twins(found))
     return RunDiagnosis(
-        policy=policy,
-        trials=found,
-        metrics=compute_metrics(found),
-        findings=find_findings(found, rules),
-        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)),
-        thresholds=THRESHOLDS.to_json(),
-        versions=versions,
-        pending=tuple(map(str, trials.pending)),
-    )
+        policy=policy, trials=found, metrics=compute_metrics(found), findings=find_findings(found, rules),
+        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)), thresholds=THRESHOLDS.to_json(),
+        versions=versions, pending=tuple(map(str, trials.pending)),
+    )  # fmt: skip
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
@@ -188,28 +183,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _without_record(trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
     resolved = resolve_condition(trial.task, trial.condition)
     return TrialDiagnosis(
-        task=trial.task,
-        variation=None if resolved.variation is None else trial.condition,
-        condition=resolved.base,
-        axis=resolved.axis,
-        seed=trial.seed,
-        policy=policy,
-        instruction=resolved.condition.instruction.text,
-        success=False,
-        expected=resolved.condition.expected.value,
-        label=Label.POLICY_ERROR,
-        first_attempt=None,
-        first_attempt_kind=None,
-        first_slot=None,
-        intended=None,
-        intended_kind=None,
-        intended_any=(),
-        intention_correct=None,
-        progress=0.0,
-        attempts=(),
-        evidence=without_record(reason),
-        collisions=None,
-        steps=0,
-        duration_s=0.0,
-        record=None,
-    )
+        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
+        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
+        success=False, expected=resolved.condition.expected.value, label=Label.POLICY_ERROR, first_attempt=None,
+        first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
+        intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None, steps=0,
+        duration_s=0.0, record=None,
+    )  # fmt: skip

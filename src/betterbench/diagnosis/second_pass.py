@@ -220,14 +220,9 @@ def _judge(name: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         explained += fits and not choice.correct
     best = int(np.argmax(log))
     return PolicyRule(
-        name,
-        price - float(log[best]),
-        float(_GRID[best]),
-        explained,
-        max(opportunities, explained),
-        errors_elsewhere,
+        name, price - float(log[best]), float(_GRID[best]), explained, max(opportunities, explained), errors_elsewhere,
         elsewhere,
-    )
+    )  # fmt: skip
 
 
 def _chance(choice: Choice, error_rate: float) -> float:

@@ -180,27 +180,13 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     left, right = _touches(record, rows)
     stands = {o.slot for o in objects if o.role in ("container", "fixture")}
     return Trace(
-        info=info,
-        rate_hz=record.metadata.control_rate_hz,
-        time=record.time[:rows],
-        tool=record.ee_position[:rows],
-        width=record.finger_width[:rows],
-        closing=_closing(record.gripper_command[:rows]),
-        positions=record.object_positions[:rows],
-        quaternions=record.object_quaternions[:rows],
-        left=left,
-        right=right,
-        held=record.held[:rows],
-        whereabouts=whereabouts,
-        there=there,
-        serves=serves,
-        done=record.subgoals[:rows],
-        meant=meant,
-        targets=targets,
-        items=items,
-        drawers=_drawers(info, condition),
+        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows], tool=record.ee_position[:rows],
+        width=record.finger_width[:rows], closing=_closing(record.gripper_command[:rows]),
+        positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
+        held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
+        meant=meant, targets=targets, items=items, drawers=_drawers(info, condition),
         pick_slots=tuple(s.name for s in info.slots if s.name not in stands),
-    )
+    )  # fmt: skip
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

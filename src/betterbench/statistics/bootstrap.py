@@ -47,9 +47,6 @@ def paired_bootstrap(
 
     Returns:
         ``mean(first - second)``; without pairs the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the lengths differ, a score is not between 0 and 1, or a number is out of range.
     """
     check_fraction("confidence", confidence)
     if resamples < 1:

@@ -19,9 +19,6 @@ def chance_p(rate: Rate, *, chance: float) -> float:
 
     Returns:
         The p-value, 1.0 without trials.
-
-    Raises:
-        InvalidInputError: If the chance level is not between 0 and 1.
     """
     check_fraction("chance", chance)
     return float(stats.binomtest(rate.k, rate.n, chance).pvalue) if rate.n else 1.0

@@ -63,9 +63,6 @@ def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAUL
 
     Returns:
         ``first - second``; with no trials on a side the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     return _contrast(((1.0, first), (-1.0, second)), confidence, "newcombe")
 
@@ -79,9 +76,6 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
 
     Returns:
         The difference; with no trials in a condition the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If no seen condition is given or the level is not between 0 and 1.
     """
     if not seen:
         raise InvalidInputError("seen", "no seen composition to compare with", "Give at least one success rate")
@@ -98,9 +92,6 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
 
     Returns:
         ``first - second``; with no pairs the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     method = "newcombe paired"
     check_fraction("confidence", confidence)

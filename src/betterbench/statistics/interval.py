@@ -30,9 +30,6 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
 
     Returns:
         The interval, inside [0, 1].
-
-    Raises:
-        InvalidInputError: If the counts are impossible or the level is not between 0 and 1.
     """
     check_counts(k, n)
     z = normal_quantile(confidence)
@@ -51,9 +48,6 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
     It holds all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. It covers the
     true rate with at least the confidence level whatever the rate is; it is wider than Wilson's.
-
-    Raises:
-        InvalidInputError: If the counts are impossible or the level is not between 0 and 1.
     """
     check_counts(k, n)
     check_fraction("confidence", confidence)
@@ -66,30 +60,18 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
 
 def normal_quantile(confidence: float) -> float:
-    """Return the half width of the central interval of a standard normal variable that has this probability.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
-    """
+    """Return the half width of the central interval of a standard normal variable that has this probability."""
     check_fraction("confidence", confidence)
     return float(special.ndtri(0.5 + confidence / 2.0))
 
 
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
-    """Refuse counts that no experiment can have.
-
-    Raises:
-        InvalidInputError: If the counts are negative or there are more successes than trials.
-    """
+    """Refuse counts that no experiment can have."""
     if n < 0 or k < 0 or k > n:
         raise InvalidInputError(where, f"{k} successes in {n} trials is impossible", "Give counts with 0 <= k <= n")
 
 
 def check_fraction(where: str, value: float) -> None:
-    """Refuse a level or probability that does not lie strictly between 0 and 1.
-
-    Raises:
-        InvalidInputError: If it does not.
-    """
+    """Refuse a level or probability that does not lie strictly between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise InvalidInputError(where, f"{value!r} is not strictly between 0 and 1", "Give a fraction such as 0.95")

@@ -58,9 +58,6 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
 
     Returns:
         The probability of a p-value of at most ``alpha``, summed exactly over all outcomes.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     discordant_share = difference + 2.0 * opposite
@@ -85,9 +82,6 @@ def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAUL
 
     Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above, the normal approximation of the pooled
     score test is used.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     for where, rate in (("first", first), ("second", second)):
@@ -108,9 +102,6 @@ def smallest_paired_difference(
 
     With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favorable case, so no
     smaller difference can be found with this many pairs.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     check_fraction("power", power)
@@ -127,9 +118,6 @@ def smallest_unpaired_difference(
     """Return the smallest difference that two independent arms of ``n`` trials find with Barnard's test.
 
     One arm has the reference rate, the other lies below it (above it, if the reference is below one half).
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     check_fraction("power", power)

@@ -68,9 +68,6 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     check_fraction("alpha", alpha)
     wins, log, logs = [0, 0], 0.0, []
@@ -95,9 +92,6 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     check_fraction("alpha", alpha)
     counts, log, logs = [0, 0], 0.0, []

@@ -14,7 +14,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
-    name="Behavioral inertia",
     short="inertia",
     definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
     "unasked or at an empty slot, or the right object is put where training put its kind.",

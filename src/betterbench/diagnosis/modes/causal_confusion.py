@@ -10,7 +10,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.CAUSAL_CONFUSION,
-    name="Causal confusion",
     short="causal",
     definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
     conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",

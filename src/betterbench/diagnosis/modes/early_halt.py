@@ -11,7 +11,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.EARLY_HALT,
-    name="Early halt",
     short="halt",
     definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
     conclusion="It stops before the work is done.",

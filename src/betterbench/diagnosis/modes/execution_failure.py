@@ -14,7 +14,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.EXECUTION_FAILURE,
-    name="Execution failure",
     short="execution",
     definition="The right target at the right time, but slipped, dropped, collided, missed, knocked away again, or a "
     "drawer left halfway.",

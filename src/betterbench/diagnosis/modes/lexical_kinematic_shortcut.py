@@ -11,7 +11,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
-    name="Lexical-kinematic shortcut",
     short="lexical",
     definition="The first attempt goes where the word of the instruction led in training, to another object that the "
     "instruction could have meant in another layout.",
@@ -19,6 +18,7 @@ from betterbench.tasks.labels import Label
     finding="Goes where the word led in training, to another object",
     rule=WORD,
     needs_rule=True,
+    title="Lexical-kinematic shortcut",
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a first attempt that follows the word to a wrong object."""

@@ -12,7 +12,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.ORDER_VIOLATION,
-    name="Order violation",
     short="order",
     definition="The right objects are handled in the wrong order where the order is part of the goal.",
     conclusion="It handles the right objects in the wrong order.",

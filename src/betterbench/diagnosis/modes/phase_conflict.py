@@ -13,7 +13,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.PHASE_CONFLICT,
-    name="Phase conflict",
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes or wanders without an attempt.",
     conclusion="It freezes or wanders when the scene looks half finished.",

@@ -9,7 +9,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.POLICY_ERROR,
-    name="Policy error",
     short="error",
     definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",

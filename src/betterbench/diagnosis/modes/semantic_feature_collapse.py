@@ -21,7 +21,6 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
 
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
-    name="Semantic feature collapse",
     short="look-alike",
     definition="The attempt is at an object that no instruction of the task means.",
     conclusion="It takes look-alikes for the real thing.",

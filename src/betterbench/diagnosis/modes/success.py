@@ -10,7 +10,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.SUCCESS,
-    name="Success",
     short="solved",
     definition="The goal is met, at rest and released, before the step limit.",
 )
@@ -21,7 +20,6 @@ def find(trial: TrialView) -> Evidence | None:
 
 @FailureMode(
     Label.CORRECT_FREEZE,
-    name="Correct freeze",
     short="stayed still",
     definition="Nothing was left to do, nothing was touched, and the arm settled.",
 )
@@ -32,7 +30,6 @@ def find_freeze(trial: TrialView) -> Evidence | None:
 
 @FailureMode(
     Label.CORRECT_REFUSAL,
-    name="Correct refusal",
     short="refused",
     definition="What was asked for was absent, and nothing was grasped in its place.",
 )

@@ -9,7 +9,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.TIMEOUT,
-    name="Timeout",
     short="timeout",
     definition="Every attempt was right, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",

@@ -12,7 +12,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
-    name="Visual layout bias",
     short="layout bias",
     definition="The first attempt goes to the same place whatever the instruction; decided over several trials.",
     conclusion="It goes to the same place whatever the instruction says.",

@@ -10,7 +10,6 @@ from betterbench.tasks.labels import Label
 
 @FailureMode(
     Label.WRONG_OBJECT,
-    name="Wrong object",
     short="wrong object",
     definition="An attempt at an object or place of another instruction, by no rule that this run proves.",
     conclusion="It goes for the wrong object; this run cannot tell by which rule.",
