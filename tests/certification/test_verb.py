@@ -8,17 +8,16 @@ import pytest
 
 from betterbench.certification import load_coverage, runner
 from betterbench.certification.runner import versions_in_use
-from betterbench.cli import certify as verb
 from betterbench.cli.main import EXIT_INTERRUPTED, main
 from betterbench.evaluation import make_plan
-from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks import SUITE_VERSION, TrialId
 
 
 @pytest.fixture
 def better(capsys, monkeypatch, tmp_path, trial):
     """Runs `better certify` with an examination that takes no time; keywords say what fails."""
     fails: dict[tuple[str, int], str] = {}
-    monkeypatch.setattr(verb, "prepare_robot", lambda _name: None)
+    monkeypatch.setattr("betterbench.cli.evaluate.prepare_robot", lambda _name: None)
     monkeypatch.setattr(
         runner, "examine", lambda s: trial(s.task, s.condition, s.seed, fails=fails.get((s.condition, s.seed), ""))
     )
@@ -40,7 +39,7 @@ def test_what_is_certified_is_what_eval_with_the_same_arguments_plans(better):
     assert status == 0
     assert "all clauses hold on every trial" in out
     plan = make_plan("noop", tasks=["fast_food", "office_drawer"], trials=2, seed=5)
-    planned = [(t.task, t.condition, t.seed) for t in plan.trials]
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     used = versions_in_use(["fast_food", "office_drawer"])
     coverage = load_coverage(better.out)
     assert coverage.gap(planned, suite=SUITE_VERSION, engine=used.engine, tasks=used.tasks) is None

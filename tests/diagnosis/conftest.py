@@ -141,9 +141,9 @@ class Stage:
         self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for o in self.condition.objects:
             if o.mount is not None:
-                self._mount(o.name, o.mount.target, o.mount.at)
+                self._mount(o.name, o.mount.target, o.mount.region)
         for preplaced, where in self.condition.preplaced.items():
-            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.at)
+            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.region)
         self.grip_offset = np.zeros(3)
         self.fall: dict[str, float] = {}
         self.tracker = GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=RATE)
@@ -151,7 +151,7 @@ class Stage:
         self.metadata = RecordMetadata(
             task=task, task_version=self.task.version, suite_version="1.0", package_version="0.1.0",
             condition=self.condition.name, variation=variation, axis=self.setting.axis,
-            base_condition=self.setting.base if variation else None, seed=seed, policy=policy,
+            base_condition=self.setting.base if variation else None, interventions=(), seed=seed, policy=policy,
             instruction=self.condition.instruction.text, expected=self.condition.expected.value,
             action_space="ee_delta", action_components=("x", "y", "z", "rx", "ry", "rz", "gripper"),
             control_rate_hz=RATE, camera_preset=None, render_quality=None,

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
-from betterbench.interventions.layout import swap
-from betterbench.interventions.objects import remove
 from betterbench.recording import Record
 from betterbench.state import Contact
 from betterbench.tasks import Expected
+from betterbench.tasks.operations import remove, swap
 
 
 def label_of(record: Record) -> Label:
@@ -206,7 +205,7 @@ def test_one_trial_alone_cannot_prove_a_shortcut(stage):
 
 
 def test_inertia_stands_where_the_word_leads_there_too(changed_stage):
-    s = changed_stage("fast_food", "R1", lambda c: swap(c, a="burger_1", b="fries")[0])
+    s = changed_stage("fast_food", "R1", lambda c: swap(c.object("burger_1"), c.object("fries")).carry_out(c)[0])
     found = diagnose_record(s.bring(s.of("burger", "third")).wait(1).end())
     assert found.label is Label.BEHAVIORAL_INERTIA
     assert "lexical_kinematic_shortcut" in found.evidence.candidates
@@ -233,7 +232,11 @@ def test_the_first_evidence_in_time_decides(stage):
 
 def refusal(condition):
     """Takes the last burger away, so that a burger cannot be packed and the block must be left alone."""
-    return remove(condition, object="burger_2")[0].with_(expected=Expected.REFUSE, premise_broken=True)
+    return (
+        remove(condition.object("burger_2"))
+        .carry_out(condition)[0]
+        .with_(expected=Expected.REFUSE, premise_broken=True)
+    )
 
 
 def test_leaving_a_look_alike_alone_is_a_correct_refusal(changed_stage):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.cli.main import VERBS
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.experts import expert_names
 from betterbench.tasks import TEMPLATES, all_labels, get_task, suite_tasks, threshold_table
 
@@ -65,8 +66,8 @@ def test_every_variation_has_a_card():
         for variation in task.variations:
             assert f"pictures/{name}_{variation.name}.jpg" in text
             assert variation.hypothesis in text
-            for label in variation.exposes:
-                assert f"`{label}`" in text
+            exposed = ", ".join(f"`{label}`" for label in exposed_labels(name, variation.name))
+            assert f"- can expose: {exposed}\n" in text
         for condition in task.training:
             assert condition.instruction.text.isascii()
             assert condition.instruction.text in text

@@ -20,7 +20,8 @@ from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.ray_engine import engine as ray_engine
 from betterbench.evaluation.ray_engine.cluster import Cluster
-from betterbench.recording import RunFolder, TrialKey
+from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -120,7 +121,7 @@ def is_complete(run: RunFolder, plan) -> bool:
     lines = (run.path / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     keys = [e.key for e in run.entries() if e.status == "done"]
     return len(keys) == len(lines) == len(plan.trials) and set(keys) == {
-        TrialKey(t.task, t.condition, t.seed) for t in plan.trials
+        TrialId(t.task, t.condition, t.seed) for t in plan.trials
     }
 
 

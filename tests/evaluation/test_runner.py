@@ -30,7 +30,8 @@ from betterbench.evaluation import Progress, evaluate
 from betterbench.evaluation.trials import trial as trial_module
 from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
-from betterbench.recording import RunFolder, TrialKey
+from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
 
@@ -39,12 +40,12 @@ def lines(run: Path) -> list[str]:
     return (run / "journal.jsonl").read_text(encoding="utf-8").splitlines()
 
 
-def keys(run: RunFolder) -> set[TrialKey]:
+def keys(run: RunFolder) -> set[TrialId]:
     return {e.key for e in run.entries()}
 
 
-def planned(plan) -> set[TrialKey]:
-    return {TrialKey(t.task, t.condition, t.seed) for t in plan.trials}
+def planned(plan) -> set[TrialId]:
+    return {TrialId(t.task, t.condition, t.seed) for t in plan.trials}
 
 
 def is_complete(run: RunFolder, plan) -> bool:
@@ -63,7 +64,7 @@ def test_every_planned_trial_is_in_the_journal_once_with_its_record(uninterrupte
     plan = tiny_plan()
     assert is_complete(uninterrupted, plan)
     records = list(uninterrupted.records())
-    assert [TrialKey(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
+    assert [TrialId(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
         e.key for e in uninterrupted.entries()
     ]
     for record, entry in zip(records, uninterrupted.entries(), strict=True):

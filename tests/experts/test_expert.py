@@ -8,13 +8,13 @@ import weakref
 import mujoco
 import numpy as np
 import pytest
+from betterbench.experts.targets import place_goals
 
 from betterbench.certification.support import Handling, Pick, TrainedSupport
 from betterbench.errors import PlanningError, UnknownNameError
 from betterbench.experts import expert_names, make_expert
 from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
-from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import Expected, GoalTracker, Support, TargetRegion, all_tasks, get_task

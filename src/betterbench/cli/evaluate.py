@@ -27,7 +27,7 @@ from betterbench.recording import JournalEntry, RunFolder
 from betterbench.robots import build_robot_spec
 from betterbench.scenes import engine_version
 from betterbench.statistics import Rate, percent, smallest_paired_difference
-from betterbench.tasks import SUITE_VERSION, get_task, suite_tasks
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task, suite_tasks
 
 LOG_EVERY_S = 60.0
 """How often a line tells how far a run is where there is no terminal to draw a bar on [s]: the log of a batch job."""
@@ -164,19 +164,19 @@ def require_certified(plan: Plan, certificate: Path | None, *, seed: int, trials
         InvalidInputError: If a trial is not covered; the text names the first one and the cure.
     """
     coverage: Coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
-    planned = [(t.task, t.condition, t.seed) for t in plan.trials]
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in plan.trials)}
     gap = coverage.gap(planned, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
         raise InvalidInputError(
-            f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
+            f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
             f"it is not certified ({gap.reason})",
             cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials),
         )
     unsolved = coverage.unsolved(planned)
     if unsolved:
-        named = ", ".join(f"{task}/{condition} seed {number}" for task, condition, number in unsolved[:5])
+        named = ", ".join(f"{t.task}/{t.condition} seed {t.seed}" for t in unsolved[:5])
         more = f" and {len(unsolved) - 5} more" if len(unsolved) > 5 else ""
         say(f"The expert did not solve {len(unsolved)} of the planned trials: {named}{more}.")
 

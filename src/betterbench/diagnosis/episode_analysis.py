@@ -11,6 +11,7 @@ from betterbench.diagnosis.attempts import GraspAttempt, find_grasps
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.relations import relation
 
 
 class AttemptTarget(StrEnum):
@@ -294,7 +295,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
     """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
-    if goals[g].relation != "closed":
+    if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 

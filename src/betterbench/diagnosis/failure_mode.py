@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record
@@ -54,6 +55,7 @@ class FailureMode:
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
         title: Full name, if it is not the words of the label.
+        exposed_by: Tells whether a variation puts policies with this fault to the test; None where it shows anywhere.
     """
 
     label: Label
@@ -64,6 +66,7 @@ class FailureMode:
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     rule: str | None = None
     needs_rule: bool = False
+    exposed_by: Callable[[Exposure], bool] | None = None
     title: str = ""
     find: Finder = field(default=lambda _: None, repr=False)
 
@@ -105,3 +108,13 @@ def remove_mode(label: Label) -> None:
 def labels_of_second_pass() -> tuple[Label, ...]:
     """Return the labels that no trial gets by itself."""
     return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
+
+
+def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
+    """Return the labels of the failure modes that a variation can bring out, in the order of the labels.
+
+    Raises:
+        UnknownNameError: If there is no such task or variation.
+    """
+    exposure = Exposure.of(task_id, variation)
+    return tuple(m.label for m in MODES.values() if m.exposed_by is not None and m.exposed_by(exposure))

@@ -217,9 +217,9 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
     found = []
-    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
+    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried):
         for t, target in enumerate(objects):
-            for place in kind.places(target):
+            for place in kind.regions(target):
                 for i in items:
                     c = column.get(kind.label(objects[i].name, target.name, place))
                     if c is not None:
@@ -236,7 +236,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     for o in condition.objects:
         if o.mount is not None:
             cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
-            place = info.objects[cabinet].region(o.mount.at).position
+            place = info.objects[cabinet].region(o.mount.region).position
             found.append((_index_of_kind(info, o.kind), cabinet, place))
     return tuple(found)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from betterbench.errors import PlanningError
+from betterbench.experts.decisions import GraspOffset
 from betterbench.experts.motion import (
     APPROACH,
     CARRY,
@@ -24,29 +25,16 @@ from betterbench.experts.motion import (
     release_to,
 )
 from betterbench.experts.planner import DOWN, LIFT_M, Planner
-from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
 from betterbench.tasks import TargetRegion
+from betterbench.tasks.relations import relation as relation_named
 
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
 
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class GraspOffset:
-    """A deliberate clumsiness of the hand, for the calibration zoo.
-
-    Attributes:
-        miss_by_m: Gap between pads and object when the hand closes beside it [m], or None to grasp well.
-        drop: True to open the hand in mid-air after the lift.
-    """
-
-    miss_by_m: float | None = None
-    drop: bool = False
 
 
 @dataclass
@@ -148,7 +136,9 @@ class Skills:
             The last state and whether the object was still in the hand on arrival.
         """
         try:
-            plan = self.planner.plan_place(state, name, place_goals(state, name, target, relation))
+            plan = self.planner.plan_place(
+                state, name, relation_named(relation).place_goals(state, name, target.target, target.region)
+            )
         except PlanningError:
             return state, False
         state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)

@@ -34,12 +34,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file forms.
-
-    Args:
-        diagnoses: The runs.
-        paper_tables: The paper's tables, filled in.
-    """
+    """Return every table of a report in its file forms."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)
@@ -118,9 +113,8 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
-        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s", "shared",
-        "candidates", "collisions", "steps",
-        "duration_s", "record",
+        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s",
+        "shared", "candidates", "collisions", "steps", "duration_s", "record",
     )  # fmt: skip
     rows = tuple(
         (

@@ -124,11 +124,9 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by what they are and not by their names. The cell in which everything stands on the table is
-    training's own and holds training conditions only; every other cell holds each condition whose objects begin so.
-
-    Args:
-        diagnosis: The run.
+    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
+    so.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
@@ -146,11 +144,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
 
 def plain_matrix(matrices: Sequence[Matrix]) -> Table:
-    """Return matrices of one kind as a plain table: one row per policy and cell, rates as fractions.
-
-    Args:
-        matrices: The same matrix of one or more policies.
-    """
+    """Return the same matrix of several policies as a plain table: one row per policy and cell, rates as fractions."""
     rows: list[tuple[Scalar, ...]] = []
     for matrix in matrices:
         for cell in (cell for row in matrix.cells for cell in row):

@@ -44,12 +44,7 @@ class CellPosition:
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
     """Return the cell that a condition belongs to, or None if it belongs to neither matrix.
 
-    Args:
-        condition: The condition.
-        training: Whether it is a training condition.
-
-    Returns:
-        The place: on the short horizon for one object to be picked, on the long one for two.
+    One object to be picked belongs to the short horizon, two to the long one.
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:

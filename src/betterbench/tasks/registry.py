@@ -2,20 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable
 
 from betterbench.errors import UnknownNameError
 from betterbench.tasks.task import Task
+from betterbench.tasks.user_files import load_declared, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
-    """Register a function that returns a task under the function's name."""
-    _BUILDERS[build.__name__] = functools.cache(build)
-    return build
+    """Register a function that returns a task, under the function's name.
+
+    Raises:
+        InvalidInputError: If another file has registered a task of that name.
+    """
+    name = build.__name__
+    explained = registered("task", name, build, _BUILDERS)
+
+    @functools.cache
+    def complete() -> Task:
+        made = explained()
+        training = tuple(
+            dataclasses.replace(c, task=name, name=f"train{i}") for i, c in enumerate(made.training, start=1)
+        )
+        description = (inspect.getdoc(build) or made.title).partition("\n")[0]
+        return dataclasses.replace(made, id=name, description=description, training=training)
+
+    _BUILDERS[name] = functools.wraps(build)(complete)
+    return _BUILDERS[name]
 
 
 def get_task(name: str) -> Task:
@@ -24,10 +42,10 @@ def get_task(name: str) -> Task:
     Raises:
         UnknownNameError: If there is no such task.
     """
-    try:
-        return _BUILDERS[name]()
-    except KeyError:
-        raise UnknownNameError("task", name, _BUILDERS) from None
+    load_declared()
+    if name not in _BUILDERS:
+        raise UnknownNameError("task", name, _BUILDERS)
+    return _BUILDERS[name]()
 
 
 def notes_of(name: str) -> str:
@@ -42,6 +60,7 @@ def notes_of(name: str) -> str:
 
 def task_names() -> tuple[str, ...]:
     """Return the ids of all tasks, sorted."""
+    load_declared()
     return tuple(sorted(_BUILDERS))
 
 
@@ -64,8 +83,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         "dinner_plates",
     )
 }
-"""Suites by name: which tasks belong to them, in the order of the suite's table. A"
-" further task joins none by itself."""
+"""Suites by name: their tasks in the order of the table. A new task belongs to a suite only when the suite lists it."""
 
 
 def suite_tasks(name: str) -> tuple[str, ...]:

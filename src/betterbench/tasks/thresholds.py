@@ -62,37 +62,6 @@ class Thresholds:
     home_radius = threshold("home_radius", 0.1, "m",
         "Distance from home within which opening and closing the gripper is not an attempt.")
 
-    # Relations.
-    ring_radius = threshold("ring_radius", 0.01, "m",
-        "Distance up to which a mug is centered on its ring; suite, section 3, task 6.")
-    ring_height = threshold("ring_height", 0.006, "m", "Height above the ring plane up to which it stands on it.")
-    spout_margin = threshold("spout_margin", 0.003, "m", "Free distance between handle and spout, seen from above.")
-    side_reach = threshold("side_reach", 0.3, "m",
-        "Distance from an anchor beyond which nothing is beside it; the farthest region ends at 0.25 m.")
-    side_height = threshold("side_height", 0.012, "m",
-        "Height above the anchor's foot up to which something lies on the same table.")
-    side_turn = threshold("side_turn", 0.35, "rad",
-        "Angle up to which a long object is aligned with its anchor; 20 degrees, seen as parallel.")
-    long_ratio = threshold("long_ratio", 1.5, "1",
-        "Length over width from which an object has a direction; a mug with its handle has 1.4.")
-    hole_depth = threshold("hole_depth", 0.004, "m",
-        "Height of a foot above the floor of its hole up to which it stands on it.")
-    hole_tilt = threshold("hole_tilt", 0.12, "rad",
-        "Tilt up to which an object in a hole is upright; the clearance allows 4 degrees.")
-    layer_offset = threshold("layer_offset", 0.02, "m",
-        "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot "
-        "topple.")
-    layer_gap = threshold("layer_gap", 0.006, "m",
-        "Height between a layer and the one below up to which it lies on it; leaves and buns are uneven.")
-    layer_tilt = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
-    plate_offset = threshold("plate_offset", 0.014, "m",
-        "Distance from the middle of a plate up to which the next one is centered; the play within the rim.")
-    plate_gap = threshold("plate_gap", 0.004, "m",
-        "Height of a foot above the floor of a plate up to which it stands on it.")
-    closed_gap = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut.")
-    inside_margin = threshold("inside_margin", 0.0, "m",
-        "Distance by which an object's center must be inside the opening of a container.")
-
     # Grasp attempts.
     grasp_reach = threshold("grasp_reach", 0.035, "m",
         "Distance from the tool center point to an object's box up to which a closing gripper is an attempt at it; "

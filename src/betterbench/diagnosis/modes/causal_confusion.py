@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+
+
+def _exposed(x: Exposure) -> bool:
+    """A step is done or repeated, fewer things are there than in the twin, or more steps are asked for than ever."""
+    done = len(x.open_goals) < len(x.goals) and bool(x.test.preplaced)
+    repeated = any(goal.count > 1 for goal in x.goals)
+    fewer = x.items(x.test) < x.items(x.base) and not done
+    return done or repeated or fewer or len(x.goals) > x.longest_trained
 
 
 @FailureMode(
@@ -14,6 +23,7 @@ from betterbench.tasks.labels import Label
     definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
     conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
     finding="Skips a required step or repeats a finished one",
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of causal confusion."""

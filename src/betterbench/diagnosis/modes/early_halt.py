@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from betterbench.diagnosis.exposure import Exposure, shown_by
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
+
+
+def _exposed(x: Exposure) -> bool:
+    """Instruction and scene never met in training, and something is to be done."""
+    met = {(c.instruction.text, shown_by(c)) for c in x.task.training}
+    return x.test.expected is Expected.SUCCEED and (x.test.instruction.text, shown_by(x.test)) not in met
 
 
 @FailureMode(
@@ -15,6 +22,7 @@ from betterbench.tasks.labels import Label
     definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
     conclusion="It stops before the work is done.",
     finding="Stops for good with something left to do",
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an early halt."""

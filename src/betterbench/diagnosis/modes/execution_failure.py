@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
+from betterbench.tasks.relations import relation
+
+
+def _exposed(x: Exposure) -> bool:
+    """What something is to be put at stands elsewhere than in the twin, or a slot is outside the training regime."""
+    return any(x.stand_of(x.test, goal.target) != x.stand_of(x.base, goal.target) for goal in x.open_goals)
 
 
 @FailureMode(
@@ -19,6 +26,7 @@ from betterbench.tasks.labels import Label
     "drawer left halfway.",
     conclusion="It goes for the right things, but its manipulation fails.",
     finding="Chooses the right target and fails at the manipulation",
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
@@ -71,7 +79,7 @@ def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
             continue
         gone, rest, place = found
         heights = episode.trace.positions[[gone, rest], later.at, 2]
-        if place.relation == "inside" or heights[0] - heights[1] <= THRESHOLDS.fall_height:
+        if relation(place.relation).falls or heights[0] - heights[1] <= THRESHOLDS.fall_height:
             return True
     return False
 
@@ -79,7 +87,7 @@ def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
     """Tell whether a drawer is as far out, or in, as the step needs it after all; one that is to be shut is not yet."""
     trace = episode.trace
-    if step.goal is not None and episode.goals[step.goal].relation == "closed":
+    if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
     openings = [trace.opening(row, drawer) for row in range(step.grasp.end, trace.rows)]
     if step.goal is not None and trace.targets[step.goal] == drawer:

@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+
+
+def _exposed(x: Exposure) -> bool:
+    """A word of the instruction was picked in a slot that now holds another object that an instruction may mean."""
+    for goal in x.open_goals:
+        for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
+            kind = x.movable_in(slot)
+            if kind is not None and x.known(kind):
+                return True
+    return False
 
 
 @FailureMode(
@@ -19,6 +30,7 @@ from betterbench.tasks.labels import Label
     rule=WORD,
     needs_rule=True,
     title="Lexical-kinematic shortcut",
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a first attempt that follows the word to a wrong object."""

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.labels import Label
+
+
+def _exposed(x: Exposure) -> bool:
+    """The initial state looks like the middle of a demonstration."""
+    return x.test.mid_task_look
 
 
 @FailureMode(
@@ -17,6 +23,7 @@ from betterbench.tasks.labels import Label
     definition="The start looks like the middle of a demonstration, and the arm freezes or wanders without an attempt.",
     conclusion="It freezes or wanders when the scene looks half finished.",
     finding="Freezes or wanders where the scene looks like the middle of a demonstration",
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a phase conflict. An episode with an attempt has none."""

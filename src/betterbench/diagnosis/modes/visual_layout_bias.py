@@ -2,12 +2,31 @@
 
 from __future__ import annotations
 
+import collections
+
 from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+
+
+def _exposed(x: Exposure) -> bool:
+    """The slot of the twin's first pick, or the one picked for most words, holds nothing that is to be picked now.
+
+    What no instruction means is left out: an attempt at it shows another fault.
+    """
+    first = x.base.instruction.subgoals[0]
+    slots = {x.base.layout[n] for n in x.base.resolve(first.reference) if n in x.base.layout}
+    counts = collections.Counter(slot for trained in x.trained.word_slots.values() for slot in trained)
+    slots.add(min(counts, key=lambda slot: (-counts[slot], slot)))
+    for slot in slots - x.right_slots:
+        kind = x.movable_in(slot)
+        if kind is None or x.known(kind):
+            return True
+    return False
 
 
 @FailureMode(
@@ -18,6 +37,7 @@ from betterbench.tasks.labels import Label
     finding="Goes to the same place whatever the instruction",
     rule=PLACE,
     needs_rule=True,
+    exposed_by=_exposed,
 )
 def find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a wrong first attempt at a slot; the second pass says whether the slot is a favorite."""

@@ -9,7 +9,7 @@ from betterbench.evaluation.preflight.check import PreflightCheck
 from betterbench.evaluation.preflight.sheet import Sheet, draw_action, draw_sheet
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.rendering import camera_matrices
+from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.stage import quality_preset
 
 _VIEW = 640

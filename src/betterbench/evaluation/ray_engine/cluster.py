@@ -20,6 +20,7 @@ from betterbench.evaluation.workers.worker import Worker
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.user_files import load_sources
 
 _KNOCK_S = 10.0
 
@@ -158,6 +159,7 @@ class RemoteWorker:
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
+        load_sources(self._setting.task_files)
         versions = versions_here()
         self._folder = tempfile.TemporaryDirectory(prefix="betterbench-")
         path = Path(self._folder.name)

@@ -28,6 +28,7 @@ from betterbench.evaluation.trials.trial import RunSettings, on_disk
 from betterbench.evaluation.workers.worker import even_share
 from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, write_durably
+from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
@@ -340,7 +341,7 @@ class _Pool:
                 if delivery.record is not None:
                     place = self._run.record_path(entry.task, entry.condition, entry.seed)
                     self._write(place, delivery.record, keep=False)
-                ended = [t for t in post.trials if (t.task, t.condition, t.seed) == entry.key]
+                ended = [t for t in post.trials if TrialId(t.task, t.condition, t.seed) == entry.key]
                 post.trials = [t for t in post.trials if t not in ended]
                 post.broken += ended if entry.status == "error" else []
                 self._deaths_in_a_row = 0

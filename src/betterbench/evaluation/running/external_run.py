@@ -19,7 +19,8 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
-from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, TrialKey, first_difference, read_outcome
+from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference, read_outcome
+from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0
 """How long another process that drives the same run is waited for [s]; each holds the lock for one line only."""
@@ -89,7 +90,7 @@ class ExternalRun:
 
     def is_done(self, trial: Trial) -> bool:
         """Tell whether the journal holds the trial."""
-        key = TrialKey(trial.task, trial.condition, trial.seed)
+        key = TrialId(trial.task, trial.condition, trial.seed)
         return any(e.status == "done" and e.key == key for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:

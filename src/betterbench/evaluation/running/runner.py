@@ -23,7 +23,8 @@ from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, o
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
-from betterbench.recording import JournalEntry, RunFolder, TrialKey
+from betterbench.recording import JournalEntry, RunFolder
+from betterbench.tasks import TrialId
 
 if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.engine import RaySession
@@ -132,7 +133,7 @@ def evaluate(
             run = RunFolder.start(out, plan.to_json(), context=context)
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
-        waiting = [t for t in plan.trials if not journal.is_done(TrialKey(t.task, t.condition, t.seed))]
+        waiting = [t for t in plan.trials if not journal.is_done(TrialId(t.task, t.condition, t.seed))]
         done = started_with = len(plan.trials) - len(waiting)
         if on_progress is not None:
             on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
 from betterbench.episodes import AnyPolicy
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.experts import EXPERTS, REPLAYS, make_expert, parse_address
+from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, known_policies
+from betterbench.experts import make_expert, parse_address
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
@@ -19,47 +20,6 @@ from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
 SOURCE = "source file"
 """Under which name the file of a Python policy, with its fingerprint, stands in the metadata of a policy."""
-
-
-@dataclass(frozen=True, slots=True)
-class PolicyEntry:
-    """One policy as ``better list policies`` shows it.
-
-    Attributes:
-        address: How to ask for it.
-        summary: What it is, one sentence.
-        privileged: True if it sees the truth instead of observations.
-    """
-
-    address: str
-    summary: str
-    privileged: bool
-
-
-_PLAIN = {
-    "noop": PolicyEntry("noop", "Never moves.", privileged=False),
-    "random": PolicyEntry("random", "A seeded random walk with a gripper that opens and closes.", privileged=False),
-}
-_PREFIXES = {
-    "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
-    "python": PolicyEntry("python:MODULE:CLASS", "A class of yours with info, reset and act.", privileged=False),
-}
-_CONNECTED = {
-    "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
-    "gr00t": PolicyEntry("gr00t://HOST:PORT", "An inference server of Isaac GR00T.", privileged=False),
-    "vla-eval": PolicyEntry(
-        "vla-eval://HOST:PORT", "A model server of vla-evaluation-harness, some twenty families.", privileged=False
-    ),
-    "being-h": PolicyEntry("being-h://HOST:PORT", "An inference server of Being-H.", privileged=False),
-    "lerobot": PolicyEntry("lerobot:CHECKPOINT", "A policy of LeRobot, in this process.", privileged=False),
-}
-
-
-def known_policies() -> tuple[PolicyEntry, ...]:
-    """Return all policies that can be asked for."""
-    privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
-    privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
-    return (*privileged, *_PLAIN.values(), *_PREFIXES.values(), *_CONNECTED.values())
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
@@ -115,7 +75,7 @@ def is_privileged(address: str) -> bool:
 def is_remote(address: str) -> bool:
     """Tell whether a policy answers from a server."""
     scheme, separator, _ = address.partition("://")
-    return bool(separator) and scheme in _CONNECTED
+    return bool(separator) and scheme in CONNECTED
 
 
 def is_in_process_model(address: str) -> bool:
@@ -125,7 +85,7 @@ def is_in_process_model(address: str) -> bool:
 
 def needs_no_thread(address: str) -> bool:
     """Tell whether a policy is ours and answers at once, so that the simulation may wait for it."""
-    return is_privileged(address) or address in _PLAIN or address.startswith("replay:")
+    return is_privileged(address) or address in PLAIN or address.startswith("replay:")
 
 
 class PolicyFactory:

@@ -19,7 +19,8 @@ from betterbench.errors import BetterError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker, even_share
-from betterbench.recording import JournalEntry, TrialKey
+from betterbench.recording import JournalEntry
+from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +44,7 @@ class _WorkerProcess:
 
     process: BaseProcess
     connection: Connection
-    trials: dict[TrialKey, Trial] = field(default_factory=dict)
+    trials: dict[TrialId, Trial] = field(default_factory=dict)
     alone: bool = False  # its one trial was in a process that died
     lost: bool = False  # its end of the pipe is closed
     ready: bool = False  # it has loaded what it needs
@@ -64,7 +65,7 @@ class WorkerPool:
         self._hands: list[_WorkerProcess] = []
         self._waiting: deque[Trial] = deque()
         self._suspects: deque[Trial] = deque()
-        self._deaths: Counter[TrialKey] = Counter()
+        self._deaths: Counter[TrialId] = Counter()
         self._in_a_row = 0
         self._stillborn = 0
 
@@ -139,7 +140,7 @@ class WorkerPool:
                     self._send(hand, self._waiting.popleft())
 
     def _send(self, hand: _WorkerProcess, trial: Trial) -> None:
-        hand.trials[TrialKey(trial.task, trial.condition, trial.seed)] = trial
+        hand.trials[TrialId(trial.task, trial.condition, trial.seed)] = trial
         try:
             hand.connection.send(trial)
         except OSError:

@@ -1,0 +1,98 @@
+"""JSON that comes from files and strangers, checked against the dataclass it stands for.
+
+A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter`` of it reads the text::
+
+    @strict_form
+    @dataclass(frozen=True, slots=True)
+    class Metric: ...
+
+    _METRIC = TypeAdapter(Metric)
+    metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+
+from betterbench.errors import InvalidInputError
+
+Value = TypeVar("Value")
+
+strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
+"""Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
+
+
+def read_form(adapter: TypeAdapter[Value], form: object, *, where: str, cure: str) -> Value:
+    """Return the value that a JSON form stands for.
+
+    Args:
+        adapter: Reads the form.
+        form: JSON as ``bytes``, which is the fastest, or a value that was parsed before.
+        where: File (and place in it) for the error.
+        cure: What to do about a wrong form, for the error.
+
+    Raises:
+        InvalidInputError: If a field is missing, unknown or malformed; the text names the first one.
+    """
+    with form_errors(where, cure):
+        return adapter.validate_json(form if isinstance(form, bytes) else json.dumps(form))
+
+
+@contextmanager
+def form_errors(where: str, cure: str) -> Iterator[None]:
+    """Turn what is raised while a form is read into one line that names the file, the field and the cure.
+
+    Raises:
+        InvalidInputError: In place of what pydantic, ``json`` or the dataclass itself raised.
+    """
+    try:
+        yield
+    except ValidationError as error:
+        field, problem = first_problem(error)
+        raise InvalidInputError(f"{where}: {field}" if field else where, problem, cure) from error
+    except InvalidInputError as error:  # of the dataclass itself
+        raise InvalidInputError(f"{where}: {error.where}", error.problem, error.cure) from error
+    except (TypeError, ValueError, RecursionError) as error:  # of json.dumps
+        raise InvalidInputError(where, f"is not JSON ({error})", cure) from error
+
+
+def read_bounded(path: Path, *, max_bytes: int, cure: str) -> bytes:
+    """Return the content of a file that must not be larger than a limit.
+
+    Raises:
+        InvalidInputError: If it is missing, larger or cannot be read.
+    """
+    try:
+        if path.stat().st_size > max_bytes:
+            raise InvalidInputError(str(path), f"is larger than {max_bytes} bytes", cure)
+        return path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", cure) from error
+
+
+def first_problem(error: ValidationError) -> tuple[str, str]:
+    """Return the field of the first problem ("trials[3].label", empty for the whole) and what is wrong with it."""
+    first = error.errors(include_url=False)[0]
+    field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    match first["type"]:
+        case "missing" | "missing_argument":
+            return field, "is missing"
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            return field, "is unknown"
+        case "dataclass_type" | "dict_type" | "model_type":
+            return field, "is not a JSON object"
+        case "too_short" | "too_long":
+            return field, first["msg"]
+        case "json_invalid":
+            return field, f"is not JSON ({first['ctx']['error']})"
+        case "value_error":
+            return field, str(first["ctx"]["error"])
+        case _:
+            shown = repr(first["input"])
+            return field, f"{first['msg']}, not {shown if len(shown) <= 80 else shown[:77] + '...'}"

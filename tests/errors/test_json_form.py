@@ -1,0 +1,79 @@
+"""JSON from files: what is accepted, and one line about what is not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_bounded, read_form, strict_form
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Part:
+    count: int
+    sizes: tuple[float, ...]
+    note: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.count < 0:
+            raise InvalidInputError("count", f"{self.count} is negative", "Give 0 or more")
+        if self.count > 100:
+            msg = "there are too many"
+            raise ValueError(msg)
+
+
+WHOLE = TypeAdapter(tuple[Part, ...])
+
+
+def test_a_form_is_read_from_bytes_and_from_a_value():
+    part = (Part(1, (1.0, 2.5)),)
+    assert read_form(WHOLE, b'[{"count": 1, "sizes": [1, 2.5]}]', where="f.json", cure="Mend it") == part
+    assert read_form(WHOLE, [{"count": 1, "sizes": [1, 2.5]}], where="f.json", cure="Mend it") == part
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (b'[{"count": true, "sizes": []}]', "f.json: [0].count: Input should be a valid integer, not True. Mend it."),
+        (b'[{"count": 1.0, "sizes": []}]', "f.json: [0].count: Input should be a valid integer, not 1.0. Mend it."),
+        (b'[{"count": 1}]', "f.json: [0].sizes: is missing. Mend it."),
+        (
+            b'[{"count": 1, "sizes": [0, NaN]}]',
+            "f.json: [0].sizes[1]: Input should be a finite number, not nan. Mend it.",
+        ),
+        (
+            b'[{"count": 1, "sizes": [1e999]}]',
+            "f.json: [0].sizes[0]: Input should be a finite number, not inf. Mend it.",
+        ),
+        (b'[{"count": 1, "sizes": ["1"]}]', "f.json: [0].sizes[0]: Input should be a valid number, not '1'. Mend it."),
+        (b'[{"count": 1, "sizes": [], "q": 2}]', "f.json: [0].q: is unknown. Mend it."),
+        (b'[{"count": -1, "sizes": []}]', "f.json: count: -1 is negative. Give 0 or more."),
+        (b'[{"count": 101, "sizes": []}]', "f.json: [0]: there are too many. Mend it."),
+        (b"[" * 5000, "f.json: is not JSON (recursion limit exceeded at line 1 column 202). Mend it."),
+        (b"\xff", "f.json: is not JSON (expected value at line 1 column 1). Mend it."),
+        ({1, 2}, "f.json: is not JSON (Object of type set is not JSON serializable). Mend it."),
+    ],
+)
+def test_a_wrong_form_is_one_line_with_file_field_and_cure(form, text):
+    with pytest.raises(InvalidInputError) as caught:
+        read_form(WHOLE, form, where="f.json", cure="Mend it")
+    assert str(caught.value) == text
+
+
+def test_a_long_value_is_shortened():
+    with pytest.raises(InvalidInputError, match=r"not 'a{76}\.\.\.\. Mend it\.$"):
+        read_form(WHOLE, [{"count": "a" * 500, "sizes": []}], where="f.json", cure="Mend it")
+
+
+def test_a_file_is_read_up_to_a_limit(tmp_path):
+    file = tmp_path / "f.json"
+    with pytest.raises(InvalidInputError, match=r"f\.json: cannot be read \(No such file or directory\)\. Give one\."):
+        read_bounded(file, max_bytes=3, cure="Give one")
+    file.write_bytes(b"123")
+    assert read_bounded(file, max_bytes=3, cure="Give one") == b"123"
+    with pytest.raises(InvalidInputError, match="is larger than 2 bytes"):
+        read_bounded(file, max_bytes=2, cure="Give one")
