@@ -46,21 +46,29 @@ def test_a_name_is_registered_once_and_unknown_names_are_refused():
         Label("early_hlat")
 
 
+def entered(tree: ast.Module) -> dict[str, str]:
+    """Return which constant a file makes of each threshold that it enters."""
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Name):
+            called = node.value.func
+            if isinstance(called, ast.Name) and called.id == "threshold":
+                found[node.value.args[0].value] = node.targets[0].id
+    return found
+
+
 def test_every_threshold_is_read_somewhere():
-    """A threshold is read as ``THRESHOLDS.name``, or as the constant that the file which enters it makes of it."""
-    constants, read = {}, set()
-    for tree in SOURCES.values():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
-                called = node.value.func
-                if isinstance(called, ast.Name) and called.id == "threshold" and isinstance(node.targets[0], ast.Name):
-                    constants[node.value.args[0].value] = node.targets[0].id
+    """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
+    constants = {name: (constant, path) for path, tree in SOURCES.items() for name, constant in entered(tree).items()}
+    read = set()
     for path, tree in SOURCES.items():
-        for node in ast.walk(tree):
+        nodes = list(ast.walk(tree))
+        loaded = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+        imported = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}
+        read |= {c for c, (name, home) in constants.items() if name in loaded and (path == home or name in imported)}
+        for node in nodes:
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "THRESHOLDS":
                 read.add(node.attr)
-            elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and path.name != "thresholds.py":
-                read |= {name for name, constant in constants.items() if constant == node.id}
     assert set(constants) == set(THRESHOLDS.names())
     assert set(THRESHOLDS.names()) <= read
     for name in vars(type(THRESHOLDS)).keys() - {"names", "to_json"}:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 
 from betterbench.diagnosis.failure_mode import remove_mode
 from betterbench.diagnosis.modes import MODES
+from betterbench.recording import JournalEntry, RunFolder
 from betterbench.tasks import THRESHOLDS, Label, all_labels, remove_label
 from betterbench.tasks.thresholds import remove_threshold
 
@@ -61,6 +64,25 @@ def test_everything_else_follows_from_the_entry(put_back):
     assert mode.family == "reasoning"
     assert THRESHOLDS.to_json()["put_back_radius"] == put_back.PUT_BACK_RADIUS
     assert Label("put_back") is put_back.PUT_BACK
+
+
+def test_the_command_gives_the_label_with_the_file_and_not_without(tmp_path):
+    """The mode is loaded in processes of its own, so that it is in no other test."""
+    s = imported("stage_of_diagnosis", ROOT / "tests" / "diagnosis" / "conftest.py").Stage("fast_food", "train1")
+    burger = s.at("first")
+    trial = {"task": "fast_food", "condition": "train1", "variation": None, "seed": 0}
+    run = RunFolder.start(tmp_path / "run", {"policy": "scripted", "trials": [trial]})
+    run.write_record(s.grasp(burger).lift().carry(s.positions[burger].copy()).home().wait(5).end())
+    with run.journal() as journal:
+        journal.append(JournalEntry("fast_food", "train1", None, 0))
+    (tmp_path / "put_back.py").write_text(MODE)
+    labels = []
+    for options in ([], ["--task-file", str(tmp_path / "put_back.py")]):
+        command = [sys.executable, "-m", "betterbench.cli", "diagnose", str(run.path), "--json", *options]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        labels.append(json.loads(done.stdout)["trials"][0]["label"])
+    assert labels == ["execution_failure", "put_back"]
 
 
 def test_without_it_the_label_is_unknown():

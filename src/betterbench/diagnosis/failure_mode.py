@@ -12,6 +12,7 @@ from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
+from betterbench.tasks.user_files import registered
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +79,7 @@ class FailureMode:
         """
         if self.label in _MODES:
             raise InvalidInputError("failure mode", f"{self.label} is registered already", "Make a new label")
+        find = registered("failure mode", self.label.value, find, _MODES)
         known = {**_MODES, self.label: replace(self, find=find)}
         _MODES.clear()
         _MODES.update((label, known[label]) for label in all_labels() if label in known)
