@@ -66,6 +66,8 @@ def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
             Calibration.from_json(json.dumps(bad))
     with pytest.raises(RecordError):
         Calibration.from_json("[]")
+    with pytest.raises(RecordError, match=r"rate: 3 successes in 2 trials is impossible.*better calibrate"):
+        Calibration.from_json(json.dumps({**form, "policies": {"zoo:x": {"k": 3, "n": 2}}}))
     unknown = {**form, "counts": [{"truth": "success", "label": "succes", "n": 1}]}
     with pytest.raises(RecordError, match=r"counts\[0\]\.label: .*Did you mean 'success'"):
         Calibration.from_json(json.dumps(unknown))

@@ -17,9 +17,6 @@ def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
     """Return what a probe reaches on every variation on which something has to be done.
 
     Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
-
-    Args:
-        trials: All trials of one probe.
     """
     cells = []
     for task_name, name in dict.fromkeys((t.task, t.variation) for t in trials if t.variation is not None):

@@ -6,7 +6,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import ConfigDict, PlainValidator, TypeAdapter, ValidationError
 
-from betterbench.errors import RecordError, UnknownNameError
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.tasks.labels import Label
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
@@ -35,6 +35,8 @@ def read_form(adapter: TypeAdapter[Form], raw: bytes | str, *, where: str, cure:
             raise RecordError(f"{where}: is corrupt ({first['msg']}). {cure}.") from error
         path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
         raise RecordError(f"{where}: {path or 'the document'}: {first['msg']}. {cure}.") from error
+    except InvalidInputError as error:
+        raise RecordError(f"{where}: {error.where}: {error.problem}. {cure}.") from error
 
 
 def _label(name: object) -> Label:

@@ -51,10 +51,6 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     The first one in time decides; for the same attempt the order of the labels does. Where the second pass leaves open
     which rule explains an attempt, the label is ``wrong_object`` with the labels that remain possible, unless something
     else explains the same attempt.
-
-    Args:
-        findings: All evidence of the trial.
-        ruling: What the second pass says about it.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided = {f.evidence.start_s for f in findings if _status(f.label, ruling) == "open"}

@@ -17,7 +17,6 @@ class Ruling:
     """What the second pass says about one trial.
 
     Attributes:
-        shortcut: Status of "the word leads there".
         place: Whether "always the same place" is upheld and explains this trial.
     """
 

@@ -47,7 +47,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once nobody writes any more, they are trials without a record.
+    nowhere. Once no process writes any more, they are trials without a record.
 
     Args:
         folder: The run, or its folder.
@@ -83,10 +83,6 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
     """Return what several records of one policy prove, without a run folder.
-
-    Args:
-        records: The records, in the order in which the trials are listed.
-        allow_mixed: True to diagnose records of several versions, engines or policies together.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
@@ -168,15 +164,10 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiag
     )
     missing, pairs = sorted(map(str, trials.missing)), len(twins(found))
     return RunDiagnosis(
-        policy=policy,
-        trials=found,
-        metrics=compute_metrics(found),
-        findings=find_findings(found, rules),
-        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)),
-        thresholds=THRESHOLDS.to_json(),
-        versions=versions,
-        pending=tuple(map(str, trials.pending)),
-    )
+        policy=policy, trials=found, metrics=compute_metrics(found), findings=find_findings(found, rules),
+        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)), thresholds=THRESHOLDS.to_json(),
+        versions=versions, pending=tuple(map(str, trials.pending)),
+    )  # fmt: skip
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
@@ -192,28 +183,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _without_record(trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
     resolved = resolve_condition(trial.task, trial.condition)
     return TrialDiagnosis(
-        task=trial.task,
-        variation=None if resolved.variation is None else trial.condition,
-        condition=resolved.base,
-        axis=resolved.axis,
-        seed=trial.seed,
-        policy=policy,
-        instruction=resolved.condition.instruction.text,
-        success=False,
-        expected=resolved.condition.expected.value,
-        label=Label.POLICY_ERROR,
-        first_attempt=None,
-        first_attempt_kind=None,
-        first_slot=None,
-        intended=None,
-        intended_kind=None,
-        intended_any=(),
-        intention_correct=None,
-        progress=0.0,
-        attempts=(),
-        evidence=without_record(reason),
-        collisions=None,
-        steps=0,
-        duration_s=0.0,
-        record=None,
-    )
+        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
+        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
+        success=False, expected=resolved.condition.expected.value, label=Label.POLICY_ERROR, first_attempt=None,
+        first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
+        intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None, steps=0,
+        duration_s=0.0, record=None,
+    )  # fmt: skip

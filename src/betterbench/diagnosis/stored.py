@@ -45,16 +45,8 @@ class StoredTrial:
     """What a stored diagnosis says about one trial.
 
     Attributes:
-        key: Text form of the trial.
         label: The outcome, by the names of the version that gave it.
-        success: Whether the trial succeeded.
-        rule: Rule that fired.
-        text: The evidence in a sentence.
-        start_s: Beginning of the evidence [s].
-        end_s: End of the evidence [s].
         candidates: Labels that the trial alone could not tell apart.
-        attempts: Its grasp attempts.
-        steps: Control steps of its record.
         has_record: Whether there was a record.
     """
 
@@ -74,15 +66,7 @@ class StoredTrial:
 @with_config(STRICT)
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """What a stored diagnosis says about one metric.
-
-    Attributes:
-        name: What is measured.
-        scope: What it is measured over.
-        k: Count of the numerator, or None.
-        n: Count of the denominator.
-        value: The number, or None.
-    """
+    """What a stored diagnosis says about one metric."""
 
     name: str
     scope: str
@@ -113,14 +97,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """What a later diagnosis of the same run is compared with.
-
-    Attributes:
-        package_version: Version of betterbench that made it.
-        thresholds: Thresholds in force.
-        trials: Trials by their key.
-        metrics: Metrics by name and scope.
-    """
+    """What a later diagnosis of the same run is compared with."""
 
     package_version: str
     thresholds: Mapping[str, float]
