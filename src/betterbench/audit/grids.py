@@ -61,7 +61,7 @@ class Grid:
             found, verdict = str(count), Verdict.HOLDS
         else:
             found, verdict = shown(nearest_count(printed, self.trials), digits), Verdict.BROKEN
-            why = f"{printed} is no k/{self.trials}{self._explain(printed)}."
+            why = f"{printed} is not a k/{self.trials}{self._explain(printed)}."
         return AuditFinding(
             table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible
         )

@@ -127,7 +127,7 @@ def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
     Raises:
-        InvalidInputError: If it is no JSON or a field is wrong.
+        InvalidInputError: If it is not JSON or a field is wrong.
         UnknownNameError: If a rule is unknown.
     """
     try:

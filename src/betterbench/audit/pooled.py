@@ -137,7 +137,7 @@ class Pooled:
                 str(parts[i]),
                 repaired.get(i, ""),
                 Verdict.BROKEN,
-                f"{parts[i]} is no k/{sizes.parts[i]}. {explanation}",
+                f"{parts[i]} is not a k/{sizes.parts[i]}. {explanation}",
                 tuple(numbers),
             )
 

@@ -176,10 +176,10 @@ class Certificate:
         """Read the JSON form.
 
         Raises:
-            InvalidInputError: If it is no certificate of this schema version.
+            InvalidInputError: If it is not a certificate of this schema version.
         """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
-            raise InvalidInputError(where, "it is no certificate", "Give a certificate.json of better certify")
+            raise InvalidInputError(where, "it is not a certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
         form = {name: value for name, value in form.items() if name not in derived}
         return read_form(_CERTIFICATE, form, where=where, cure="Make it again with better certify")

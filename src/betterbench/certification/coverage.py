@@ -160,7 +160,7 @@ def parse_ranges(text: str) -> frozenset[int]:
         low, _, high = part.partition("-")
         ends = (low, high or low)
         if not all(e.isdecimal() and e.isascii() and len(e) <= 7 for e in ends) or int(ends[1]) > MOST_SEEDS:
-            raise InvalidInputError("seeds", f"{part!r} is no range of seeds", "Write ranges like 0-19,23")
+            raise InvalidInputError("seeds", f"{part!r} is not a range of seeds", "Write ranges like 0-19,23")
         found.update(range(int(ends[0]), int(ends[1]) + 1))
     return frozenset(found)
 

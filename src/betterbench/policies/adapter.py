@@ -18,7 +18,7 @@ from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
 
 PANDA_OPENING_M = 0.08
-"""Distance of the pads of a fully open Franka hand [m]."""
+"""Distance of the pads of a fully open Franka gripper [m]."""
 
 CONTROL_RATE_HZ = 20.0
 """Control rate of the suite [Hz]."""
@@ -27,7 +27,7 @@ CONTROL_RATE_HZ = 20.0
 @with_config(ConfigDict(extra="forbid"))
 @dataclass(frozen=True, slots=True)
 class InstructionRule:
-    """Where the sentence goes.
+    """Where the instruction goes.
 
     Attributes:
         key: Where it stands in the request: a name, or the names on the way to it in nested maps.
@@ -47,7 +47,7 @@ class Adapter:
         name: Name of the preset it comes from, or of the file.
         views: What it sees.
         states: What it feels.
-        instruction: Where the sentence goes.
+        instruction: Where the instruction goes.
         answer: How its answers are read.
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
@@ -136,10 +136,10 @@ class Adapter:
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
             put(message, rule.key, value)
-        sentence: Any = observation.instruction
+        instruction: Any = observation.instruction
         for _ in range(self.instruction.depth):
-            sentence = [sentence]
-        put(message, self.instruction.key, sentence)
+            instruction = [instruction]
+        put(message, self.instruction.key, instruction)
         if self.episode_key is not None and start is not None:
             trial = {
                 "task": start.task,

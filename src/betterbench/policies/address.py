@@ -87,7 +87,7 @@ class PolicyAddress:
         target, _, query = rest.removeprefix("//").partition("?")
         where = f"policy {text}"
         if not target:
-            raise InvalidInputError(where, "it names nothing after the colon", f"Write {_example(scheme)}")
+            raise InvalidInputError(where, "nothing follows the colon", f"Write {_example(scheme)}")
         try:
             pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=100)
         except ValueError as error:
@@ -107,7 +107,7 @@ class PolicyAddress:
         if scheme in DEFAULT_PORTS:
             address.server()
         elif rest.startswith("//"):
-            raise InvalidInputError(where, "a checkpoint is no server", f"Write {_example(scheme)}")
+            raise InvalidInputError(where, "a checkpoint is not a server", f"Write {_example(scheme)}")
         address.execution()
         return address
 
@@ -137,7 +137,7 @@ class PolicyAddress:
         if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
             raise InvalidInputError(
                 f"policy {self.text}",
-                f"{self.target!r} is no host with a port from 1 to 65535",
+                f"{self.target!r} is not a host with a port from 1 to 65535",
                 f"Write {_example(self.scheme)}",
             )
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
@@ -146,7 +146,7 @@ class PolicyAddress:
         """Return how the chunks of the policy are played.
 
         Raises:
-            InvalidInputError: If an option is no number, or the numbers do not go together.
+            InvalidInputError: If an option is not a number, or the numbers do not go together.
         """
         return Execution(
             horizon=self.whole("horizon") if "horizon" in self.options else None,
@@ -155,7 +155,7 @@ class PolicyAddress:
         )
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number of at least 0.
+        """Return a finite number ≥ 0.
 
         Raises:
             InvalidInputError: If it is something else.
@@ -168,21 +168,20 @@ class PolicyAddress:
         except ValueError:
             value = math.nan
         if not 0.0 <= value < math.inf:
-            raise InvalidInputError(
-                f"policy {self.text}", f"{name}={text} is no number of at least 0", "Give such a one"
-            )
+            raise InvalidInputError(f"policy {self.text}", f"{name}={text} must be ≥ 0", "Give a number such as 2.5")
         return value
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return a whole number of at least 0.
+        """Return a whole number ≥ 0.
 
         Raises:
             InvalidInputError: If it is something else.
         """
         value = self.number(name, float(default))
         if value != int(value):
+            text = self.options[name]
             raise InvalidInputError(
-                f"policy {self.text}", f"{name}={self.options[name]} is no whole number", "Give one, such as 8"
+                f"policy {self.text}", f"{name}={text} must be a whole number", "Give one such as 8"
             )
         return int(value)
 

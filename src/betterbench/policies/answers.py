@@ -184,7 +184,7 @@ class AnswerRule:
         try:
             actions = self._convert(clean, bad, observation, ee_offset_m, self._pace(control_rate_hz))
         except ValueError as error:
-            raise PolicyError(f"the reply's rotation is none ({error}). Send {self.rotation}.") from error
+            raise PolicyError(f"the reply holds an invalid rotation ({error}). Send {self.rotation}.") from error
         actions[bad] = np.nan
         return actions
 
@@ -348,7 +348,7 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         array = np.asarray(None)
     if array.dtype.kind not in "fiu":
         kind = array.dtype if isinstance(given, np.ndarray) else type(given).__name__
-        raise PolicyError(f"the reply's {name!r} is no array of real numbers ({kind}). Send float32 or float64.")
+        raise PolicyError(f"the reply's {name!r} is not an array of real numbers ({kind}). Send float32 or float64.")
     shape = array.shape
     while array.ndim > 2 and array.shape[0] == 1:
         array = array[0]

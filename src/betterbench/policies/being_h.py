@@ -113,12 +113,12 @@ def _numbers(chunk: object, where: str) -> np.ndarray:
     """Return the whole chunk as an array; the server takes no lists, in which it sends them.
 
     Raises:
-        PolicyError: If it is no chunk of numbers.
+        PolicyError: If it is not a chunk of numbers.
     """
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):
         array = np.zeros(0, dtype=np.float32)
     if array.ndim not in (2, 3) or not array.size:
-        raise PolicyError(f"{where}: {_UNIFIED} is no chunk of numbers, (horizon, dim).")
+        raise PolicyError(f"{where}: {_UNIFIED} is not a chunk of numbers, (horizon, dim).")
     return array

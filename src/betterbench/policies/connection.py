@@ -65,7 +65,7 @@ class ConnectionLimits:
         """Return the limits that an address asks for.
 
         Raises:
-            InvalidInputError: If an option is no number, or the deadline is zero.
+            InvalidInputError: If an option is not a number, or the deadline is zero.
         """
         usual = cls()
         limits = cls(

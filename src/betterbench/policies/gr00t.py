@@ -152,15 +152,15 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             for i, observation in enumerate(observations)
         ]
 
-    def _data(self, message: dict[str, Any], sentences: list[str]) -> dict[str, Any]:
+    def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
         """Return the data of ``get_action`` in the layout that the server wants."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":
-            observation = {**message, "language": {name: [[sentence] for sentence in sentences]}}
+            observation = {**message, "language": {name: [[instruction] for instruction in instructions]}}
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
-        flat[name] = sentences
+        flat[name] = instructions
         return flat if self._layout == "n1.5" else {"observation": flat, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
@@ -176,7 +176,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         for key, value in actions.items():
             name = str(key).removeprefix("action.")
             if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-                raise PolicyError(f"{self._where}: the action {name!r} is no array of real numbers.")
+                raise PolicyError(f"{self._where}: the action {name!r} is not an array of real numbers.")
             array = value[None] if value.ndim == 2 and count == 1 else value
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(

@@ -32,7 +32,7 @@ class Declaration:
         rotation: Format of rotations ("axis_angle").
         gripper: Polarity of the gripper ("close_positive").
         state: Format of the robot's state.
-        language: Whether the sentence is sent, or wanted ("sentence").
+        language: Whether the instruction is sent, or wanted ("instruction").
         rate_hz: Control rate [Hz].
         cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
             has to give; more may be given.
@@ -103,7 +103,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
         rotation=None if space.name.startswith("joint") else answer.rotation,
         gripper=answer.gripper,
         state=", ".join(part for rule in adapter.states for part in rule.parts) or None,
-        language="sentence",
+        language="instruction",
         rate_hz=adapter.control_rate_hz if rate_hz is None else rate_hz,
         cameras={
             "/".join(rule.key): None if rule.width is None or rule.height is None else (rule.width, rule.height)
@@ -119,7 +119,7 @@ def read_server(who: str, form: object) -> Declaration:
         HandshakeError: If it is malformed or of another version.
     """
     if not isinstance(form, Mapping):
-        raise HandshakeError(f"{who} declares conventions that are no map. Update the server.")
+        raise HandshakeError(f"{who} declares conventions that are not a map. Update the server.")
     version = form.get("protocol")
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(

@@ -128,7 +128,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return what LeRobot's processors take: tensors with a leading batch axis, and the sentences."""
+        """Return what LeRobot's processors take: tensors with a leading batch axis, and the instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -262,12 +262,12 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         HandshakeError: If they differ; the text names both.
     """
     wanted = {
-        **{key: f"a image of {width} x {height}" for key, (height, width) in features.images.items()},
+        **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
         "action": f"{features.action} numbers",
     }
     given = {
-        **{"/".join(r.key): f"a image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
+        **{"/".join(r.key): f"an image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
         **{"/".join(rule.key): f"{rule.size} numbers" for rule in adapter.states},
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
@@ -277,7 +277,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
     ]
     if adapter.instruction.key != _TASK or adapter.instruction.depth:
-        found.append("the sentence: LeRobot takes it as a string under 'task'")
+        found.append("the instruction: LeRobot takes it as a string under 'task'")
     if found:
         raise HandshakeError(
             f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found)}. "
@@ -297,7 +297,7 @@ def seed_of(observation: Observation, salt: int = 0) -> int:
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return which of our cameras a image shows."""
+    """Return which of our cameras an image shows."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given
@@ -310,7 +310,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
         return "wrist"
     raise InvalidInputError(
         where,
-        f"nothing says which camera {key} shows",
+        f"the camera that {key} shows is not known",
         f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}",
     )
 
@@ -327,7 +327,7 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
     if not space:
         raise InvalidInputError(
             where,
-            f"its actions have {features.action} numbers, and nothing says what they mean",
+            f"its actions have {features.action} numbers, and their meaning is not known",
             "Add action_space=NAME (joint_position, joint_delta or ee_pose have 8), or adapter=FILE",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

@@ -150,7 +150,7 @@ VLA_EVAL = Adapter(
     answer=AnswerRule("ee_delta", _twist("actions")),
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
-model servers take: images by camera, eight numbers of state, and the sentence. Sizes are the server's business.
+model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
 Servers that want one image take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
 
 PRESETS: dict[str, Adapter] = {
@@ -210,7 +210,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         else:
             reason = ""
         if reason:
-            raise InvalidInputError(where, f"ee_offset means nothing, because {reason}", "Leave ee_offset out")
+            raise InvalidInputError(where, f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
         adapter = replace(adapter, ee_offset_m=_offset(address))
     return replace(adapter, views=tuple(_image(rule, address) for rule in adapter.views), answer=answer)
 
@@ -236,7 +236,7 @@ def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
     for name in ("rotation", "units", "frame"):
         meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")
         if meaningless and name in address.options:
-            raise InvalidInputError(f"policy {address}", f"{name} means nothing for {space}", f"Leave {name} out")
+            raise InvalidInputError(f"policy {address}", f"{name} has no effect for {space}", f"Leave {name} out")
     return replace(
         rule,
         space=space,
@@ -253,7 +253,7 @@ def _size(address: PolicyAddress) -> tuple[int, int]:
     width, _, height = text.partition("x")
     sides = (width, height or width)
     if not all(s.isdecimal() and s.isascii() and len(s) <= 4 for s in sides):
-        raise InvalidInputError(f"policy {address}", f"size={text} is no size", "Write size=224 or size=320x240")
+        raise InvalidInputError(f"policy {address}", f"size={text} is not a size", "Write size=224 or size=320x240")
     return int(sides[0]), int(sides[1])
 
 
@@ -263,6 +263,6 @@ def _offset(address: PolicyAddress) -> tuple[float, float, float]:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
         raise InvalidInputError(
-            f"policy {address}", f"ee_offset={text} is no triple of meters", "Write ee_offset=-0.66,0,0.912"
+            f"policy {address}", f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912"
         ) from None
     return x, y, z

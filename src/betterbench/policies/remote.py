@@ -63,7 +63,7 @@ def plain_text(value: object) -> str:
     """Return something that a server declared as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
-    except TypeError:  # a map with keys that are no texts
+    except TypeError:  # a map with keys that are not texts
         text = str(value)
     if len(text) <= _LONGEST_TEXT:
         return text

@@ -194,7 +194,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame; raise InvalidInputError if the frame is no request."""
+        """Return the reply to a frame; raise InvalidInputError if the frame is not a request."""
         if isinstance(frame, str):
             raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
         request = decode_openpi(frame)
@@ -208,7 +208,7 @@ class PolicyServer:
 def _listen(host: str, port: int) -> socket.socket:
     """Return a listening socket; raise InvalidInputError if it cannot be had."""
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is no port", "Give 1 to 65535, or 0 for any free one")
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -221,7 +221,7 @@ def _listen(host: str, port: int) -> socket.socket:
             raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
         raise InvalidInputError(
             "--host",
-            f"{host!r} is no interface of this machine ({problem.strerror})",
+            f"{host!r} is not an interface of this machine ({problem.strerror})",
             "127.0.0.1 is this machine alone",
         ) from None
 

@@ -86,7 +86,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin one; the server learns the sentence and nothing else of the trial.
+        """End the last episode and begin one; the server learns the instruction and nothing else of the trial.
 
         Raises:
             HandshakeError: If the episode wants actions of another kind.
@@ -197,7 +197,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
             frame = connection.receive(end - time.monotonic())
             message = decode_vla_eval(frame) if isinstance(frame, bytes) else None
             if not isinstance(message, Mapping) or not isinstance(message.get("payload"), Mapping):
-                raise PolicyError(f"{self._where} sent what is no message with a type and a payload.")
+                raise PolicyError(f"{self._where} sent a frame that is not a message with a type and a payload.")
             payload: Mapping[Any, Any] = message["payload"]
             kind, number = message.get("type"), message.get("seq")
             if not isinstance(kind, str) or not isinstance(number, int):
@@ -209,7 +209,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
                 return payload
             if number >= sent:
                 raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
-        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that answer nothing.")
+        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
@@ -246,7 +246,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
     """Return what a server declares and what the adapter offers, in words that can be compared.
 
-    As in the harness, a format ``raw`` promises nothing, and ranges are no conventions: its own constant for rotation
+    As in the harness, a format ``raw`` promises nothing, and ranges are not conventions: its own constant for rotation
     vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
     take them in order; how many there are is compared.
 
@@ -309,7 +309,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
-        raise HandshakeError(f"{who} declares an {name} that is no map of components.")
+        raise HandshakeError(f"{who} declares an {name} that is not a map of components.")
     found = {}
     for key, spec in given.items():
         told, accepts = spec.get("format"), spec.get("accepts")

@@ -168,7 +168,7 @@ def _is_image(array: np.ndarray, images: ImageCoding) -> bool:
 def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
     buffer = io.BytesIO()
     image = Image.fromarray(np.ascontiguousarray(array))
-    # Level 1 of zlib: a image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
+    # Level 1 of zlib: an image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
     options: dict[str, int] = {"quality": 95} if images == "jpeg" else {"compress_level": 1}
     image.save(buffer, images.upper(), **options)
     return {"__image__": True, "format": images, "data": buffer.getvalue(), "shape": list(array.shape)}
@@ -177,13 +177,13 @@ def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
 def _image(form: dict[Any, Any]) -> np.ndarray:
     data, coding, shape = form.get("data"), form.get("format"), _shape(form.get("shape"))
     if coding not in ("png", "jpeg") or not isinstance(data, bytes):
-        raise ValueError(f"a image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
+        raise ValueError(f"an image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
     if len(shape) != 3 or shape[2] not in (1, 3, 4) or not 0 < shape[0] * shape[1] <= MAX_PIXELS:
-        raise ValueError(f"a image has the shape {shape}")
+        raise ValueError(f"an image has the shape {shape}")
     with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
         expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
         if image.size != (shape[1], shape[0]) or image.mode != expected:
-            raise ValueError(f"a image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
+            raise ValueError(f"an image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
         array = np.asarray(image).reshape(shape)
     array.flags.writeable = False
     return array
@@ -319,7 +319,7 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
 
 
 def _no_extension(code: int, data: bytes) -> object:
-    raise ValueError(f"an extension of type {code} with {len(data)} bytes means nothing here")
+    raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
 # Tokens of msgpack by their first byte: how many bytes follow; how many bytes hold a length; how many hold a count, and
@@ -400,7 +400,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
     if not isinstance(text, str) or not (_NUMBERS.fullmatch(text) or (texts and _TEXTS.fullmatch(text))):
-        raise ValueError(f"an array has the type {str(text)[:20]!r}, which is no plain number")
+        raise ValueError(f"an array has the type {str(text)[:20]!r}, which is not a plain number")
     return np.dtype(text)
 
 
@@ -408,7 +408,7 @@ def _shape(given: object) -> tuple[int, ...]:
     if not isinstance(given, (list, tuple)) or len(given) > _MAX_AXES:
         raise ValueError("an array has no shape")
     if not all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < _MAX_LENGTH for n in given):
-        raise ValueError("the shape of an array is no list of whole numbers")
+        raise ValueError("the shape of an array is not a list of whole numbers")
     return tuple(int(n) for n in given)
 
 

@@ -200,13 +200,13 @@ class RecordBuilder:
         """Return the index of the held object in every row, or -1.
 
         Raises:
-            InvalidInputError: If a state holds what is no object of the scene.
+            InvalidInputError: If a state holds what is not an object of the scene.
         """
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
             row = held.index(-2)
-            problem = f"{self._states[row].held!r} is no object (row {row})"
+            problem = f"{self._states[row].held!r} is not an object (row {row})"
             raise InvalidInputError("state.held", problem, "Name a scene object")
         return np.array(held, dtype=np.int16)
 

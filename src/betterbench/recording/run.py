@@ -187,10 +187,10 @@ class RunFolder:
         """Return the place of a stored scene.
 
         Raises:
-            InvalidInputError: If it is no hash in lower-case hexadecimal digits.
+            InvalidInputError: If it is not a hash in lower-case hexadecimal digits.
         """
         if not _HASH.fullmatch(scene_hash):
-            raise InvalidInputError("scene hash", f"{scene_hash!r} is none", "Give 8 to 128 hexadecimal digits")
+            raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
         return self._inside("scenes", f"{scene_hash}.zip")
 
     def write_record(self, record: Record) -> Path:
