@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import count_behind
-from betterbench.audit.fields import Columns, Count, Row, Rows, exact_fields
+from betterbench.audit.fields import ColumnNames, RowName, RowNames, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.table import AuditedTable
 from betterbench.audit.wording import ALPHA, POINTS, ends, p_text
@@ -27,16 +27,16 @@ class Chance:
     Attributes:
         trials: Trials behind each cell.
         choices: Number of things to choose from.
-        guess: Row that prints the rate of a guess, or an empty text.
-        rows: Rows that are tested; all but the guess if none is named.
-        columns: Columns that are tested; all if none is named.
+        guess: RowName that prints the rate of a guess, or an empty text.
+        rows: RowNames that are tested; all but the guess if none is named.
+        columns: ColumnNames that are tested; all if none is named.
     """
 
-    trials: Count
-    choices: Annotated[Count, Field(ge=2)]
-    guess: Row = ""
-    rows: Rows = ()
-    columns: Columns = ()
+    trials: WholeNumber
+    choices: Annotated[WholeNumber, Field(ge=2)]
+    guess: RowName = ""
+    rows: RowNames = ()
+    columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield whether the guess is printed right, and one finding per cell."""

@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import CountBehind, count_behind
-from betterbench.audit.fields import Column, Columns, Count, Row, Text, exact_fields
+from betterbench.audit.fields import ColumnName, ColumnNames, RowName, Text, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
@@ -28,7 +28,7 @@ class ClaimComparison:
     """Two rates from different trials.
 
     Attributes:
-        row: Row that the finding is about.
+        row: RowName that the finding is about.
         claim: The claim in a few words.
         first: The rate that counts positive.
         second: The rate that counts negative.
@@ -46,14 +46,14 @@ class Composition:
     """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
 
     Attributes:
-        novel: Column of the novel composition.
-        seen: Columns of the seen ones.
+        novel: ColumnName of the novel composition.
+        seen: ColumnNames of the seen ones.
         trials: Trials behind each cell.
     """
 
-    novel: Column
-    seen: Columns
-    trials: Count
+    novel: ColumnName
+    seen: ColumnNames
+    trials: WholeNumber
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
@@ -77,26 +77,22 @@ class Claim:
 
     Attributes:
         claim: The claim in a few words.
-        first: Row that counts positive.
-        second: Row that counts negative.
+        first: RowName that counts positive.
+        second: RowName that counts negative.
         column: The column.
         trials: Trials behind both cells, or 0 to recover them from the parts.
-        parts: Columns of the parts whose sizes add up to the trials.
+        parts: ColumnNames of the parts whose sizes add up to the trials.
     """
 
     claim: Text
-    first: Row
-    second: Row
-    column: Column
-    trials: Count = 0
-    parts: Columns = ()
+    first: RowName
+    second: RowName
+    column: ColumnName
+    trials: WholeNumber = 0
+    parts: ColumnNames = ()
 
     def __post_init__(self) -> None:
-        """Refuse a claim that gives both trials and parts, or neither.
-
-        Raises:
-            ValueError: If it does.
-        """
+        """Refuse a claim that gives both trials and parts, or neither."""
         if bool(self.trials) == bool(self.parts):
             raise ValueError("either trials or parts must be given")
 

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-Cell = tuple[str, str]
-"""Row and column of a number."""
+TableCell = tuple[str, str]
+"""RowName and column of a number."""
 
 
 class Verdict(StrEnum):
@@ -54,8 +54,8 @@ class AuditFinding:
     Attributes:
         table: Name of the table.
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row it is about; empty for the table as a whole.
-        cell: Column it is about, or the claim in a few words.
+        row: RowName it is about; empty for the table as a whole.
+        cell: ColumnName it is about, or the claim in a few words.
         printed: What stands in the table.
         recomputed: What comes out.
         verdict: What follows.
@@ -74,7 +74,7 @@ class AuditFinding:
     recomputed: str
     verdict: Verdict
     why: str
-    covers: tuple[Cell, ...] = ()
+    covers: tuple[TableCell, ...] = ()
     unnoticed: int = 0
     misprints: int = 0
     support: ClaimSupport | None = None

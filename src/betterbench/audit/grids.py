@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
-from betterbench.audit.counts import count_behind, nearest_count, shown, smallest_multiple, with_dropped
-from betterbench.audit.fields import Columns, Count, Rows, exact_fields
+from betterbench.audit.counts import count_behind, nearest_count, smallest_multiple, with_dropped, with_percentage
+from betterbench.audit.fields import ColumnNames, RowNames, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.table import AuditedTable, blindness, decimals
 
@@ -19,13 +19,13 @@ class Grid:
 
     Attributes:
         trials: Number of trials behind each cell.
-        rows: Rows it is promised for; all if none is named.
-        columns: Columns it is promised for; all if none is named.
+        rows: RowNames it is promised for; all if none is named.
+        columns: ColumnNames it is promised for; all if none is named.
     """
 
-    trials: Count
-    rows: Rows = ()
-    columns: Columns = ()
+    trials: WholeNumber
+    rows: RowNames = ()
+    columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
@@ -60,7 +60,7 @@ class Grid:
             why = f"{printed} is {count}; {unnoticed} of {possible} wrong digits would be on the grid too."
             found, verdict = str(count), Verdict.HOLDS
         else:
-            found, verdict = shown(nearest_count(printed, self.trials), digits), Verdict.BROKEN
+            found, verdict = with_percentage(nearest_count(printed, self.trials), digits), Verdict.BROKEN
             why = f"{printed} is not a k/{self.trials}{self._explain(printed)}."
         return AuditFinding(
             table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from betterbench.audit.fields import Column, Row, Text, exact_fields
+from betterbench.audit.fields import ColumnName, RowName, Text, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.table import AuditedTable, misprints
 from betterbench.errors import UnknownNameError
@@ -17,15 +17,15 @@ class Quoted:
     """A number is quoted from another table.
 
     Attributes:
-        row: Row of the quotation.
-        column: Column of the quotation.
+        row: RowName of the quotation.
+        column: ColumnName of the quotation.
         table: Name of the table that is quoted.
-        at_row: Row there.
-        at_column: Column there.
+        at_row: RowName there.
+        at_column: ColumnName there.
     """
 
-    row: Row
-    column: Column
+    row: RowName
+    column: ColumnName
     table: Text
     at_row: Text
     at_column: Text

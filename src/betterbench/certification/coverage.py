@@ -150,11 +150,7 @@ def _minor(version: str) -> str:
 
 
 def parse_ranges(text: str) -> frozenset[int]:
-    """Return the seeds that a text of ranges names.
-
-    Raises:
-        InvalidInputError: If it is none.
-    """
+    """Return the seeds that a text of ranges names; raise InvalidInputError if it is none."""
     found: set[int] = set()
     for part in text.split(",") if text else ():
         low, _, high = part.partition("-")

@@ -55,7 +55,6 @@ class CertificationJournal(LineJournal):
     """
 
     def __init__(self, folder: Path, versions: CertificateVersions) -> None:
-        """Open the journal."""
         self.trials: dict[TrialId, TrialCertificate] = {}
         self._versions = versions
         self._sessions: dict[str, float] = {}

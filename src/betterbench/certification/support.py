@@ -110,7 +110,6 @@ class Handling:
     """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
-        """Prepare for an episode."""
         self._condition = condition
         self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
         self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}

@@ -69,11 +69,7 @@ class Adapter:
     episode_key: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check that no two entries share a key.
-
-        Raises:
-            InvalidInputError: If two do, or a number is out of range.
-        """
+        """Check that no two entries share a key."""
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [] if self.episode_key is None else [self.episode_key]
         for i, key in enumerate(keys):
@@ -130,16 +126,16 @@ class Adapter:
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
-            put(message, key, image.reshape((1,) * self.leading_axes + image.shape))
+            set_entry(message, key, image.reshape((1,) * self.leading_axes + image.shape))
         for rule in self.states:
             value = rule.read(observation, ee_offset_m=self.ee_offset_m, gripper_opening_m=self.gripper_opening_m)
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
-            put(message, rule.key, value)
+            set_entry(message, rule.key, value)
         instruction: Any = observation.instruction
         for _ in range(self.instruction.depth):
             instruction = [instruction]
-        put(message, self.instruction.key, instruction)
+        set_entry(message, self.instruction.key, instruction)
         if self.episode_key is not None and start is not None:
             trial = {
                 "task": start.task,
@@ -148,7 +144,7 @@ class Adapter:
                 "action_space": start.action_space,
                 "instruction": start.instruction,
             }
-            put(message, self.episode_key, trial)
+            set_entry(message, self.episode_key, trial)
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
@@ -176,7 +172,7 @@ class Adapter:
             actions, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz
         )
         for key, array in written.items():
-            put(message, key, array)
+            set_entry(message, key, array)
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
@@ -228,11 +224,7 @@ class Adapter:
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file.
-
-        Raises:
-            InvalidInputError: If it cannot be read; the text names the field.
-        """
+        """Read an adapter from a JSON file; raise InvalidInputError if it cannot be read; the text names the field."""
         try:
             form = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
@@ -246,7 +238,7 @@ _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key")
 
 
-def put(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
+def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
     """Set an entry of a message, making the maps on the way to it."""
     *way, last = key
     for name in way:

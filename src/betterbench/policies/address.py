@@ -111,6 +111,10 @@ class PolicyAddress:
         address.execution()
         return address
 
+    def error(self, problem: str, cure: str) -> InvalidInputError:
+        """Return the error about this address."""
+        return InvalidInputError(f"policy {self.text}", problem, cure)
+
     @property
     def names_adapter(self) -> bool:
         """Whether it says how the policy is spoken to, by a preset or a file."""
@@ -122,11 +126,7 @@ class PolicyAddress:
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
-        """Return host and port of the server.
-
-        Raises:
-            InvalidInputError: If the target is no "host:port".
-        """
+        """Return host and port of the server; raise InvalidInputError if the target is no "host:port"."""
         host, port = None, None
         try:
             parts = urlsplit(f"//{self.target}")
@@ -135,9 +135,7 @@ class PolicyAddress:
         except ValueError:
             host = None
         if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
-            raise InvalidInputError(
-                f"policy {self.text}",
-                f"{self.target!r} is not a host with a port from 1 to 65535",
+            raise self.error(f"{self.target!r} is not a host with a port from 1 to 65535",
                 f"Write {_example(self.scheme)}",
             )
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
@@ -155,11 +153,7 @@ class PolicyAddress:
         )
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0.
-
-        Raises:
-            InvalidInputError: If it is something else.
-        """
+        """Return a finite number ≥ 0; raise InvalidInputError if it is something else."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -168,29 +162,20 @@ class PolicyAddress:
         except ValueError:
             value = math.nan
         if not 0.0 <= value < math.inf:
-            raise InvalidInputError(f"policy {self.text}", f"{name}={text} must be ≥ 0", "Give a number such as 2.5")
+            raise self.error(f"{name}={text} must be ≥ 0", "Give a number such as 2.5")
         return value
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return a whole number ≥ 0.
-
-        Raises:
-            InvalidInputError: If it is something else.
-        """
+        """Return a whole number ≥ 0; raise InvalidInputError if it is something else."""
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
-            raise InvalidInputError(
-                f"policy {self.text}", f"{name}={text} must be a whole number", "Give one such as 8"
+            raise self.error(f"{name}={text} must be a whole number", "Give one such as 8"
             )
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return one of several words.
-
-        Raises:
-            UnknownNameError: If it is another word.
-        """
+        """Return one of several words; raise UnknownNameError if it is another word."""
         if name not in self.options:
             return default
         for word in choices:

@@ -19,7 +19,7 @@ from betterbench.interface.actions import (
 )
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
-Kind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
+AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
 """What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
 position."""
 
@@ -42,7 +42,7 @@ class AnswerPart:
     """
 
     key: tuple[str, ...]
-    kind: Kind
+    kind: AnswerKind
     size: int | None = None
 
 
@@ -75,12 +75,7 @@ class AnswerRule:
     gripper: Polarity = "close_positive"
 
     def __post_init__(self) -> None:
-        """Check that the parts make an action of the space.
-
-        Raises:
-            InvalidInputError: If something is missing, doubled or out of range.
-            UnknownNameError: If there is no such action space.
-        """
+        """Check that the parts make an action of the space."""
         action_space(self.space)
         if not self.parts:
             raise InvalidInputError("answer", "it has no parts", "Name them, such as translation, rotation, gripper")
@@ -123,7 +118,7 @@ class AnswerRule:
         """Whether it holds whole actions of ours already."""
         return any(part.kind == "action" for part in self.parts)
 
-    def _natural(self, kind: Kind) -> int | None:
+    def _natural(self, kind: AnswerKind) -> int | None:
         sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
         return action_space(self.space).dim if kind == "action" else sizes.get(kind)
 
@@ -246,7 +241,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Turn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
+        """QuarterTurn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             turn = from_axis_angle(rotation[i].tolist())
@@ -302,7 +297,7 @@ class AnswerRule:
         return {key: np.concatenate(parts, axis=1) for key, parts in columns.items()}
 
     def _to_tool(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Turn deltas in the base's frame to the tool's, in place."""
+        """QuarterTurn deltas in the base's frame to the tool's, in place."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             translation[i] = rotate(conjugate(tool), translation[i].tolist())
@@ -324,7 +319,7 @@ class AnswerRule:
         return closed if self.gripper == "closed_fraction" else 1.0 - closed
 
 
-def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
+def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     """Return what stands under a key of a reply.
 
     Raises:
@@ -341,7 +336,7 @@ def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
     """Return the array under a key as (horizon, width) float64."""
-    name, given = "/".join(key), pick(reply, key)
+    name, given = "/".join(key), get_entry(reply, key)
     try:
         array = np.asarray(given)
     except ValueError:

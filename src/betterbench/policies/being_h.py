@@ -81,7 +81,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         """
         data = self.adapter.request(observation)
         if self._last is not None:
-            data |= continuation(*self._last, step=observation.step, delay=self._delay)
+            data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)
         reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
         actions = self.adapter.actions(reply, observation)
         chunk = reply.get(_UNIFIED)
@@ -89,7 +89,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         return actions
 
 
-def continuation(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
     The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk. They have to be those of

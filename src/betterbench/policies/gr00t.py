@@ -20,9 +20,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
-from betterbench.policies.adapter import Adapter, put
+from betterbench.policies.adapter import Adapter, set_entry
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.endpoint_server import ERROR_REPLY, EndpointServer
 from betterbench.policies.modality import SEEN, Modalities, name_of
@@ -30,7 +30,7 @@ from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
 from betterbench.policies.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
-Layout = Literal["nested", "flat", "n1.5"]
+RequestLayout = Literal["nested", "flat", "n1.5"]
 """How an observation is sent: maps by modality (N1.6), one map with names such as ``video.front`` (N1.6 with its
 simulation wrapper), or that map as the data itself, without options (N1.5)."""
 
@@ -52,7 +52,6 @@ class Gr00tServer(EndpointServer):
     """
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
-        """Connect, ask whether the server is alive, and compare modalities; see :class:`EndpointServer`."""
         self._adapter = adapter
         super().__init__(address, token, timeout_s=timeout_s)
 
@@ -90,7 +89,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             UnknownNameError: If a name in the address does not exist.
         """
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
-        self._layout = address.choice("layout", get_args(Layout), "nested")
+        self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._known: Modalities | None = None
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
@@ -195,7 +194,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                 raise PolicyError(
                     f"{self._where}: the reply has no action {name!r}. It has: {', '.join(sorted(arrays)) or 'none'}."
                 )
-            put(message, key, arrays[name])
+            set_entry(message, key, arrays[name])
         return message
 
 
@@ -227,13 +226,10 @@ class Gr00tHistoryClient(Gr00tClient):
     """A GR00T policy that is given several time steps; it sees every control step and plays its chunks itself."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect and compare modalities; see :class:`Gr00tClient`."""
         super().__init__(address, seed=seed)
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
-            raise InvalidInputError(
-                f"policy {address}",
-                "the server wants several time steps, so it is asked between two steps and never ahead",
+            raise address.error("the server wants several time steps, so it is asked between two steps and never ahead",
                 "Leave ahead and ensemble out",
             )
         self._horizon = self.info.execution.horizon

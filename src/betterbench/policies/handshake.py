@@ -113,11 +113,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read what one of our own servers declares.
-
-    Raises:
-        HandshakeError: If it is malformed or of another version.
-    """
+    """Read what one of our own servers declares; raise HandshakeError if it is malformed or of another version."""
     if not isinstance(form, Mapping):
         raise HandshakeError(f"{who} declares conventions that are not a map. Update the server.")
     version = form.get("protocol")

@@ -15,7 +15,7 @@ from betterbench.errors import InvalidInputError
 Fit = Literal["pad", "crop", "stretch"]
 """How an image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
 
-Turn = Literal[0, 90, 180, 270]
+QuarterTurn = Literal[0, 90, 180, 270]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
@@ -49,15 +49,11 @@ class ImageRule:
     height: int | None = None
     fit: Fit = "pad"
     keep: float = 1.0
-    turn: Turn = 0
+    turn: QuarterTurn = 0
     mirror: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidInputError: If one is out of range, or only one side is given.
-        """
+        """Check the numbers."""
         where = f"image {'/'.join(self.key)}"
         if (self.width is None) != (self.height is None):
             raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")

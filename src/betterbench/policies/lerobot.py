@@ -96,19 +96,11 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode in one of the environments; raise HandshakeError if it wants actions of another kind."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next actions, (horizon, dim) float64; raise PolicyError if the answer cannot be read."""
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
@@ -159,12 +151,9 @@ class LerobotStepPolicy(AdaptedPolicy):
     """
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
-        """Prepare; see :class:`LerobotPolicy`."""
         given = [option for option in EXECUTION_OPTIONS if option in address.options]
         if given:
-            raise InvalidInputError(
-                f"policy {address}",
-                f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
+            raise address.error(f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
                 f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
             )
         self._inner = LerobotPolicy(address, checkpoint)
@@ -174,21 +163,13 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-        """
+        """Forget the last episode; raise HandshakeError if the episode wants actions of another kind."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.seed
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next action, (1, dim) float64; raise PolicyError if the answer cannot be read."""
         batch = self._inner._batch([observation])
         seed = seed_of(observation, self._seed)
         return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)

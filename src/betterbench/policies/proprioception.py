@@ -65,11 +65,7 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it holds something.
-
-        Raises:
-            InvalidInputError: If it holds nothing, or a scalar more than one number.
-        """
+        """Check that it holds something."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")

@@ -29,7 +29,6 @@ class Random:
     info = PolicyInfo("random", needs_images=False)
 
     def __init__(self) -> None:
-        """Prepare a walk; it is seeded anew at every reset."""
         self._draw = np.random.default_rng(0)
         self._velocity = np.zeros(6)
         self._gripper = -1.0

@@ -72,11 +72,7 @@ def plain_text(value: object) -> str:
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Check that an episode wants actions of the kind that a policy gives.
-
-    Raises:
-        HandshakeError: If it does not.
-    """
+    """Check that an episode wants actions of the kind that a policy gives; raise HandshakeError if it does not."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
@@ -168,11 +164,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
         check_start(self.adapter, start, self._where)
         self._connection.count_anew()
 

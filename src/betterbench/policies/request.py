@@ -45,11 +45,7 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request.
-
-    Raises:
-        InvalidInputError: If a field is missing or malformed; the text names it.
-    """
+    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":

@@ -46,11 +46,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a rotation in a policy's format.
-
-    Raises:
-        ValueError: If all components of the quaternion are zero.
-    """
+    """Return a rotation in a policy's format; raise ValueError if all components of the quaternion are zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]

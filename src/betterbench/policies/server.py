@@ -137,14 +137,12 @@ class PolicyServer:
             self._on_stop()
 
     def __enter__(self) -> Self:
-        """Start."""
         self.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop."""
         self.stop()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:

@@ -108,11 +108,7 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch.
-
-    Raises:
-        MissingDependencyError: If it is not installed, or too old to read what strangers wrote.
-    """
+    """Return torch; raise MissingDependencyError if it is not installed, or too old to read what strangers wrote."""
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:

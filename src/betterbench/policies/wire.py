@@ -46,6 +46,13 @@ _MAX_JSON = 1_000_000
 _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
 
+_UNREADABLE = (
+    *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
+    *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
+    *(Image.DecompressionBombError, Image.DecompressionBombWarning),
+)
+"""What the decoders raise about a frame that they cannot read."""
+
 ImageCoding = Literal["raw", "png", "jpeg"]
 """How vla-eval sends uint8 images: as they are, or compressed without or with loss."""
 
@@ -294,26 +301,7 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
         _survey(data)
         # Map keys must be text or bytes: nothing else is needed, and lists of colliding numbers would be slow to hash.
         return msgpack.unpackb(data, object_hook=hook, raw=False, strict_map_key=True, ext_hook=_no_extension)
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        AttributeError,
-        OverflowError,
-        ArithmeticError,
-        RecursionError,
-        MemoryError,
-        EOFError,
-        OSError,
-        SyntaxError,
-        UnicodeError,
-        struct.error,
-        zlib.error,
-        msgpack.UnpackException,
-        Image.DecompressionBombError,
-        Image.DecompressionBombWarning,
-    ) as error:
+    except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"{dialect} frame of {len(data)} bytes: it cannot be read ({problem}).") from error
 
@@ -324,21 +312,9 @@ def _no_extension(code: int, data: bytes) -> object:
 
 # Tokens of msgpack by their first byte: how many bytes follow; how many bytes hold a length; how many hold a count, and
 # of how many values.
-_FIXED = {
-    0xC0: 0,
-    0xC2: 0,
-    0xC3: 0,
-    0xCA: 4,
-    0xCB: 8,
-    0xCC: 1,
-    0xCD: 2,
-    0xCE: 4,
-    0xCF: 8,
-    0xD0: 1,
-    0xD1: 2,
-    0xD2: 4,
-    0xD3: 8,
-}
+_FIXED = dict(
+    zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
+)
 _SIZED = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}
 _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 

@@ -36,7 +36,6 @@ class RecordBuilder:
     """
 
     def __init__(self, metadata: RecordMetadata) -> None:
-        """Begin an empty record."""
         if metadata.schema_version != SCHEMA_VERSION:
             problem = f"{metadata.schema_version!r} cannot be written"
             raise InvalidInputError("schema_version", problem, f"Leave it at {SCHEMA_VERSION}")
@@ -51,7 +50,6 @@ class RecordBuilder:
         self._no_action = np.full(len(metadata.action_components), np.nan)
 
     def __len__(self) -> int:
-        """Return the number of rows so far."""
         return len(self._states)
 
     def append(

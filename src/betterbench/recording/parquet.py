@@ -183,9 +183,7 @@ def _intact(path: Path) -> bytes:
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
-        raise RecordError(
-            f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record"
-        )
+        raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record")
     data = path.read_bytes()
     # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
     if seal(data) != data:

@@ -160,11 +160,7 @@ class RunFolder:
         return Journal(self.journal_path)
 
     def entries(self) -> tuple[JournalEntry, ...]:
-        """Read the journal without locking the folder.
-
-        Raises:
-            RecordError: If the journal is corrupt.
-        """
+        """Read the journal without locking the folder; raise RecordError if the journal is corrupt."""
         return read_journal(self.journal_path)
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
