@@ -135,8 +135,8 @@ class PolicyAddress:
         except ValueError:
             host = None
         if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
-            raise self.error(f"{self.target!r} is not a host with a port from 1 to 65535",
-                f"Write {_example(self.scheme)}",
+            raise self.error(
+                f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {_example(self.scheme)}"
             )
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
 
@@ -170,8 +170,7 @@ class PolicyAddress:
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
-            raise self.error(f"{name}={text} must be a whole number", "Give one such as 8"
-            )
+            raise self.error(f"{name}={text} must be a whole number", "Give one such as 8")
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:

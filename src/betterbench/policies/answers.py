@@ -12,11 +12,7 @@ from pydantic import ConfigDict, with_config
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
 from betterbench.interface import Observation
-from betterbench.interface.actions import (
-    ROTATION_PER_UNIT_RAD,
-    TRANSLATION_PER_UNIT_M,
-    action_space,
-)
+from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M, action_space
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
 AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]

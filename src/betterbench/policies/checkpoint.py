@@ -273,9 +273,7 @@ def _located(target: str, where: str) -> str:
     if folder.exists() or not _HUB_ID.fullmatch(target):
         there = "holds no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
-            where,
-            f"{target} {there}",
-            "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub",
+            where, f"{target} {there}", "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub"
         )
     return target
 

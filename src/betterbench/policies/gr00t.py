@@ -122,9 +122,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             seen["video"][name_of(key)] = image[None, None]
         for rule in self.adapter.states:
             value = rule.read(
-                observation,
-                ee_offset_m=self.adapter.ee_offset_m,
-                gripper_opening_m=self.adapter.gripper_opening_m,
+                observation, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m
             )
             seen["state"][name_of(rule.key)] = np.atleast_1d(np.asarray(value))[None, None]
         return seen
@@ -229,7 +227,8 @@ class Gr00tHistoryClient(Gr00tClient):
         super().__init__(address, seed=seed)
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
-            raise address.error("the server wants several time steps, so it is asked between two steps and never ahead",
+            raise address.error(
+                "the server wants several time steps, so it is asked between two steps and never ahead",
                 "Leave ahead and ensemble out",
             )
         self._horizon = self.info.execution.horizon

@@ -129,11 +129,7 @@ class LerobotPolicy(AdaptedPolicy):
             batch[key[0]] = tensor(images.astype(np.float32) / 255.0)
         for rule in self.adapter.states:
             values = [
-                rule.read(
-                    seen,
-                    ee_offset_m=self.adapter.ee_offset_m,
-                    gripper_opening_m=self.adapter.gripper_opening_m,
-                )
+                rule.read(seen, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m)
                 for seen in observations
             ]
             batch[rule.key[0]] = tensor(np.stack([np.atleast_1d(value) for value in values]).astype(np.float32))
@@ -153,7 +149,8 @@ class LerobotStepPolicy(AdaptedPolicy):
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = [option for option in EXECUTION_OPTIONS if option in address.options]
         if given:
-            raise address.error(f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
+            raise address.error(
+                f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
                 f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
             )
         self._inner = LerobotPolicy(address, checkpoint)
@@ -290,9 +287,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     if any(word in name for word in _WRIST_WORDS):
         return "wrist"
     raise InvalidInputError(
-        where,
-        f"the camera that {key} shows is not known",
-        f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}",
+        where, f"the camera that {key} shows is not known", f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}"
     )
 
 

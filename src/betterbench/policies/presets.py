@@ -120,10 +120,7 @@ of our own export. The server tells its own at connection, and they are compared
 
 BEING_H_LIBERO = Adapter(
     "being_h_libero",
-    views=(
-        ImageRule(("video.top_view",), "front"),
-        ImageRule(("video.wrist_view",), "wrist"),
-    ),
+    views=(ImageRule(("video.top_view",), "front"), ImageRule(("video.wrist_view",), "wrist")),
     states=(
         StateRule(("state.eef_position",), ("ee_position",)),
         StateRule(("state.eef_rotation",), ("ee_axis_angle",)),
@@ -258,6 +255,5 @@ def _offset(address: PolicyAddress) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise address.error(f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912"
-        ) from None
+        raise address.error(f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912") from None
     return x, y, z
