@@ -114,10 +114,6 @@ class Adapter:
     def request(self, observation: Observation, start: EpisodeStart | None = None) -> dict[str, Any]:
         """Return the message that asks a policy for actions.
 
-        Args:
-            observation: What is seen now.
-            start: How the episode began; used only where the adapter names the trial.
-
         Returns:
             Texts, numbers and arrays by key, nested where a key has several names.
 
@@ -161,12 +157,7 @@ class Adapter:
         return self.answer.read(reply, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz)
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Return what a policy with this adapter would answer to mean these actions.
-
-        Args:
-            actions: (horizon, dim) in the action space ``answer.space``.
-            observation: What the policy was asked about.
-        """
+        """Return what a policy with this adapter would answer to mean these actions."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz

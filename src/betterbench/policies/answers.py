@@ -259,12 +259,6 @@ class AnswerRule:
     ) -> dict[tuple[str, ...], np.ndarray]:
         """Return what a policy with this layout would answer to mean these actions: the inverse of :meth:`read`.
 
-        Args:
-            actions: (horizon, dim) in our action space.
-            observation: What the policy was asked about.
-            ee_offset_m: What was added to the end effector's position [m].
-            control_rate_hz: Control rate of the run [Hz].
-
         Returns:
             Per key of the reply its array (horizon, columns), float64.
         """

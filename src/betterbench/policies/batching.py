@@ -70,9 +70,6 @@ class BatchCollector(Generic[Asked, Answered]):
     def close(self, *, timeout_s: float | None = None) -> bool:
         """Answered what waits, then end the thread.
 
-        Args:
-            timeout_s: How long to wait for that [s]; None for as long as it takes.
-
         Returns:
             Whether the thread has ended; a call that hangs cannot be ended.
         """

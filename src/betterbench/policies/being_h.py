@@ -48,15 +48,6 @@ class BeingHClient(ServerClient[BeingHServer]):
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect.
-
-        Raises:
-            MissingDependencyError: If torch is not installed.
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it refuses this client.
-            InvalidInputError: If an option of the address is malformed.
-            UnknownNameError: If a name in the address does not exist.
-        """
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
         self._delay = address.whole("delay", address.execution().ahead)
@@ -73,12 +64,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         data = self.adapter.request(observation)
         if self._last is not None:
             data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)

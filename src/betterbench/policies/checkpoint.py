@@ -192,13 +192,7 @@ class Checkpoint:
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
 
     def step(self, policy: Any, batch: Mapping[str, Any], seed: int) -> np.ndarray:  # noqa: ANN401 - LeRobot's
-        """Return the next action of one environment, (1, dim) float64.
-
-        Args:
-            policy: What :meth:`sibling` returned for it.
-            batch: As for :meth:`chunks`, with B = 1.
-            seed: Number from which noise is drawn.
-        """
+        """Return the next action of one environment, (1, dim) float64."""
         torch = self._torch
         devices = [torch.device(self.device)] if self.device.startswith("cuda") else []
         with self.lock, torch.inference_mode(), self._precision(), torch.random.fork_rng(devices):

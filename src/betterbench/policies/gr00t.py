@@ -79,15 +79,6 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect and compare modalities.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If its modalities are not those of the adapter.
-            InvalidInputError: If an option of the address is malformed, or does not go with a server that wants several
-                time steps.
-            UnknownNameError: If a name in the address does not exist.
-        """
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._known: Modalities | None = None
@@ -107,12 +98,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return server
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         return self._ask([self._seen(observation)], [observation])[0]
 
     def _seen(self, observation: Observation) -> Seen:
@@ -128,15 +114,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return seen
 
     def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Ask for the actions of some environments.
-
-        Args:
-            seen: What each of them sees, (1, T, ...) arrays.
-            observations: The same before it was adapted.
-
-        Returns:
-            Per environment (horizon, dim) float64.
-        """
+        """Ask for the actions of some environments."""
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
         }
@@ -200,23 +178,11 @@ class Gr00tBatchClient(Gr00tClient):
     """A GR00T policy that looks at the present only; one client asks for many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is nothing to forget.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode in one of the environments; there is nothing to forget."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, asked for in one question.
-
-        Returns:
-            Per observation (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions of several environments, asked for in one question."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
@@ -243,24 +209,14 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode, on the server too where it has a word for it.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Forget the last episode, on the server too where it has a word for it."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
             self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played."""
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
@@ -285,14 +241,7 @@ class Gr00tHistoryClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client of a GR00T server, which takes batches if the server looks at the present only.
-
-    Raises:
-        PolicyUnavailableError: If the server cannot be reached.
-        HandshakeError: If its modalities are not those of the adapter.
-        InvalidInputError: If an option of the address is malformed.
-        UnknownNameError: If a name in the address does not exist.
-    """
+    """Return a client of a GR00T server, which takes batches if the server looks at the present only."""
     client = Gr00tBatchClient(address, seed=seed)
     if not client.modalities.remembers:
         return client

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
 
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError
 from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.json_form import first_problem
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.image_rule import EVERY_CAMERA
 
@@ -66,6 +70,18 @@ class Declaration:
         return shown
 
 
+class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
+    """What one of our own servers declares; newer ones may declare more."""
+
+    preset: str
+    action_space: dict[str, Any]
+    control_rate_hz: float | None = None
+    cameras: dict[str, Annotated[tuple[int, int], Strict(False)] | None] | None = None
+
+
+_SERVER = TypeAdapter(_ServerForm)
+
+
 def declare_space(who: str, space: ActionSpace) -> Declaration:
     """Return the declaration of an action space alone."""
     return Declaration(
@@ -114,38 +130,21 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 def read_server(who: str, form: object) -> Declaration:
     """Read what one of our own servers declares; raise HandshakeError if it is malformed or of another version."""
-    if not isinstance(form, Mapping):
-        raise HandshakeError(f"{who} declares conventions that are not a map. Update the server.")
-    version = form.get("protocol")
+    version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
             f"{who} speaks version {str(version)[:20]} of our declaration, this side {PROTOCOL}. "
             "Install the same release on both sides."
         )
-    preset, rate, space = form.get("preset"), form.get("control_rate_hz"), form.get("action_space")
-    if not isinstance(preset, str) or not isinstance(space, Mapping):
-        raise HandshakeError(f"{who} declares no preset or no action space. Update the server.")
     try:
-        declared = ActionSpace.from_json(space)
-    except BetterError as error:
-        raise HandshakeError(f"{who} declares an action space that cannot be read ({error})") from error
-    cameras = form.get("cameras")
-    sizes: dict[str, tuple[int, int] | None] = {}
-    for key, size in cameras.items() if isinstance(cameras, Mapping) else ():
-        known = isinstance(size, (list, tuple)) and len(size) == 2 and all(isinstance(side, int) for side in size)
-        sizes[str(key)] = (int(size[0]), int(size[1])) if known else None
-    return Declaration(
-        who,
-        preset=preset,
-        action_space=declared.name,
-        action_dim=declared.dim,
-        action_low=declared.low,
-        action_high=declared.high,
-        action_scale=declared.scale,
-        action_convention=declared.convention,
-        rate_hz=float(rate) if isinstance(rate, (int, float)) and not isinstance(rate, bool) else None,
-        cameras=sizes or None,
-    )
+        told = _SERVER.validate_python(form)
+        declared = ActionSpace.from_json(told.action_space)
+    except (BetterError, ValidationError) as error:
+        problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else str(error)
+        raise HandshakeError(
+            f"{who} declares conventions that cannot be read ({problem}). Update the server."
+        ) from error
+    return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
 
 
 def read_execution(who: str, form: object) -> Execution | None:

@@ -46,22 +46,9 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """A policy that answers whole chunks; one instance serves many environments.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the checkpoint declares in the terms of the other clients: its images.
-        info: What the policy says about itself.
-    """
+    """A policy that answers whole chunks; one instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
-        """Prepare.
-
-        Raises:
-            InvalidInputError: If the checkpoint leaves something open, which the text names.
-            HandshakeError: If the adapter of the address gives something else than the checkpoint wants.
-            UnknownNameError: If a name in the address does not exist.
-        """
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
@@ -104,14 +91,7 @@ class LerobotPolicy(AdaptedPolicy):
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments.
-
-        Returns:
-            Per observation (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next actions of several environments."""
         noisy = self._checkpoint.type in NOISE_TYPES
         seeds = [seed_of(seen) for seen in observations] if noisy else []
         chunks = self._checkpoint.chunks(self._batch(observations), seeds)
@@ -138,13 +118,7 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """A policy with a memory; each environment has one of its own, and all share the weights.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the checkpoint declares.
-        info: What the policy says about itself.
-    """
+    """A policy with a memory; each environment has one of its own, and all share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         given = [option for option in EXECUTION_OPTIONS if option in address.options]

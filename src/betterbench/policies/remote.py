@@ -133,7 +133,8 @@ class AdaptedPolicy:
 class ServerClient(AdaptedPolicy, Generic[Connection]):
     """A policy behind a server; each environment has a client of its own.
 
-    What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`.
+    What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`. Its ``act`` raises
+    PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be reached.
 
     Attributes:
         info: What the policy says about itself.

@@ -25,6 +25,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.websocket import quiet_logger
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
 
 logger = logging.getLogger(__name__)
@@ -96,7 +97,7 @@ class PolicyServer:
             # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
-            logger=_quiet(),
+            logger=quiet_logger(),
         )
         self.host = host
         self.port = int(self._server.socket.getsockname()[1])
@@ -226,10 +227,3 @@ def _listen(host: str, port: int) -> socket.socket:
 
 def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket
     return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
-
-
-def _quiet() -> logging.Logger:
-    """Return a logger for the library: it logs a traceback for every port scan and every client that breaks off."""
-    quiet = logging.getLogger(f"{__name__}.websockets")
-    quiet.setLevel(logging.CRITICAL)
-    return quiet

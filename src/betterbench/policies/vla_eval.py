@@ -54,21 +54,9 @@ _MessageKind = Literal["hello", "observation", "action", "episode_start", "episo
 
 
 class VlaEvalClient(ServerClient[WebSocket]):
-    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the server declares.
-    """
+    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        """Connect, say hello and compare conventions.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it declares other conventions than the address asks for.
-            UnknownNameError: If a name in the address does not exist.
-        """
         super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
         self._max_bytes, self._wanted = max_bytes, self.adapter
         self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
@@ -86,25 +74,14 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin one; the server learns the instruction and nothing else of the trial.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-            PolicyError: If the server breaks.
-            PolicyUnavailableError: If it cannot be reached.
-        """
+        """End the last episode and begin one; the server learns the instruction and nothing else of the trial."""
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
         self._connection.request(self._begin_episode, replies=False)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         payload = self.adapter.request(observation, self._start)
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:

@@ -51,7 +51,7 @@ class WebSocket:
                     # Servers answer no pings while they infer; the deadline of the request finds out who is dead.
                     ping_interval=None,
                     proxy=None,
-                    logger=_quiet(),
+                    logger=quiet_logger(),
                 )
             )
         except InvalidStatus as error:
@@ -134,8 +134,8 @@ class WebSocket:
         return ConnectionError(f"the server closed the connection with code {error.rcvd.code} {reason}".strip())
 
 
-def _quiet() -> logging.Logger:
-    """Return a logger for the library; what it would say is said by the errors above."""
+def quiet_logger() -> logging.Logger:
+    """Return a logger for the library, which would log a traceback for every port scan and client that breaks off."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet
