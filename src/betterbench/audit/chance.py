@@ -27,9 +27,9 @@ class Chance:
     Attributes:
         trials: Trials behind each cell.
         choices: Number of things to choose from.
-        guess: RowName that prints the rate of a guess, or an empty text.
-        rows: RowNames that are tested; all but the guess if none is named.
-        columns: ColumnNames that are tested; all if none is named.
+        guess: Row that prints the rate of a guess, or an empty text.
+        rows: Rows that are tested; all but the guess if none is named.
+        columns: Columns that are tested; all if none is named.
     """
 
     trials: WholeNumber
@@ -56,33 +56,17 @@ class Chance:
                 f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be told'} from guessing among {self.choices}: "
                 f"{p_text(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
             )
-            yield AuditFinding(
-                table.name,
-                "chance",
-                row,
-                column,
-                str(table.cell(row, column)),
-                f"{rate.k}/{rate.n}",
-                Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
-                why,
-                support=support,
-            )
+            verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+            cell = (row, column, str(table.cell(row, column)), f"{rate.k}/{rate.n}")
+            yield AuditFinding(table.name, "chance", *cell, verdict, why, support=support)
 
     def _guesses(self, table: AuditedTable) -> Iterator[AuditFinding]:
         for column in self.columns or table.columns:
             printed = table.cell(self.guess, column)
             if printed is None:
                 continue
-            right = printed * self.choices == 100
-            found = round_half_up(POINTS / self.choices, 2)
-            yield AuditFinding(
-                table.name,
-                "chance",
-                self.guess,
-                column,
-                str(printed),
-                f"1/{self.choices} = {found}",
-                Verdict.HOLDS if right else Verdict.BROKEN,
-                f"Guessing among {self.choices} is right in one of {self.choices}.",
-                ((self.guess, column),),
-            )
+            verdict = Verdict.HOLDS if printed * self.choices == 100 else Verdict.BROKEN
+            found = f"1/{self.choices} = {round_half_up(POINTS / self.choices, 2)}"
+            why = f"Guessing among {self.choices} is right in one of {self.choices}."
+            cell = (self.guess, column)
+            yield AuditFinding(table.name, "chance", *cell, str(printed), found, verdict, why, (cell,))

@@ -28,7 +28,7 @@ class ClaimComparison:
     """Two rates from different trials.
 
     Attributes:
-        row: RowName that the finding is about.
+        row: Row that the finding is about.
         claim: The claim in a few words.
         first: The rate that counts positive.
         second: The rate that counts negative.
@@ -46,8 +46,8 @@ class Composition:
     """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
 
     Attributes:
-        novel: ColumnName of the novel composition.
-        seen: ColumnNames of the seen ones.
+        novel: Column of the novel composition.
+        seen: Columns of the seen ones.
         trials: Trials behind each cell.
     """
 
@@ -77,11 +77,11 @@ class Claim:
 
     Attributes:
         claim: The claim in a few words.
-        first: RowName that counts positive.
-        second: RowName that counts negative.
+        first: Row that counts positive.
+        second: Row that counts negative.
         column: The column.
         trials: Trials behind both cells, or 0 to recover them from the parts.
-        parts: ColumnNames of the parts whose sizes add up to the trials.
+        parts: Columns of the parts whose sizes add up to the trials.
     """
 
     claim: Text
@@ -159,14 +159,6 @@ def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimCompa
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
-        yield AuditFinding(
-            table.name,
-            rule,
-            c.row,
-            c.claim,
-            f"{shown_rate(c.first)} against {shown_rate(c.second)}",
-            counts,
-            Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
-            why,
-            support=support,
-        )
+        verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+        printed = f"{shown_rate(c.first)} against {shown_rate(c.second)}"
+        yield AuditFinding(table.name, rule, c.row, c.claim, printed, counts, verdict, why, support=support)

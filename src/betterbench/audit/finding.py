@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Any
 
 TableCell = tuple[str, str]
-"""RowName and column of a number."""
+"""Row and column of a number."""
 
 
 class Verdict(StrEnum):
@@ -54,8 +54,8 @@ class AuditFinding:
     Attributes:
         table: Name of the table.
         rule: Name of the rule that was checked ("grid", "mean").
-        row: RowName it is about; empty for the table as a whole.
-        cell: ColumnName it is about, or the claim in a few words.
+        row: Row it is about; empty for the table as a whole.
+        cell: Column it is about, or the claim in a few words.
         printed: What stands in the table.
         recomputed: What comes out.
         verdict: What follows.

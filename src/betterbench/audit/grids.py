@@ -19,8 +19,8 @@ class Grid:
 
     Attributes:
         trials: Number of trials behind each cell.
-        rows: RowNames it is promised for; all if none is named.
-        columns: ColumnNames it is promised for; all if none is named.
+        rows: Rows it is promised for; all if none is named.
+        columns: Columns it is promised for; all if none is named.
     """
 
     trials: WholeNumber
@@ -40,16 +40,9 @@ class Grid:
     def _mute(self, table: AuditedTable, example: Decimal) -> AuditFinding:
         digits = decimals(example)
         written = f"{digits} decimal{'s' * (digits != 1)}"
-        return AuditFinding(
-            table.name,
-            "grid",
-            "",
-            ", ".join(self.columns or table.columns),
-            written,
-            f"k/{self.trials}",
-            Verdict.UNKNOWN,
-            f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing.",
-        )
+        why = f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing."
+        cell = ", ".join(self.columns or table.columns)
+        return AuditFinding(table.name, "grid", "", cell, written, f"k/{self.trials}", Verdict.UNKNOWN, why)
 
     def _judge(self, table: AuditedTable, row: str, column: str, printed: Decimal) -> AuditFinding:
         count = count_behind(printed, self.trials)

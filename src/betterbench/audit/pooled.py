@@ -60,8 +60,8 @@ class Pooled:
     """In each row, one column is the micro average of others.
 
     Attributes:
-        target: ColumnName of the overall rate.
-        parts: ColumnNames of the parts.
+        target: Column of the overall rate.
+        parts: Columns of the parts.
     """
 
     target: ColumnName

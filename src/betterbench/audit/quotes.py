@@ -17,11 +17,11 @@ class Quoted:
     """A number is quoted from another table.
 
     Attributes:
-        row: RowName of the quotation.
-        column: ColumnName of the quotation.
+        row: Row of the quotation.
+        column: Column of the quotation.
         table: Name of the table that is quoted.
-        at_row: RowName there.
-        at_column: ColumnName there.
+        at_row: Row there.
+        at_column: Column there.
     """
 
     row: RowName
@@ -45,16 +45,7 @@ class Quoted:
         right = printed == source
         # A zero appended or left out does not change a number; any other wrong digit does.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
-        yield AuditFinding(
-            table.name,
-            "quoted",
-            self.row,
-            self.column,
-            str(printed),
-            "nothing" if source is None else str(source),
-            Verdict.HOLDS if right else Verdict.BROKEN,
-            f"{where} says {'the same' if right else source}.",
-            ((self.row, self.column),),
-            len(unnoticed),
-            len(tuple(misprints(printed))) if right else 0,
-        )
+        verdict, why = (Verdict.HOLDS, "the same") if right else (Verdict.BROKEN, str(source))
+        cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))
+        blind = len(unnoticed), len(tuple(misprints(printed))) if right else 0
+        yield AuditFinding(table.name, "quoted", *cell, *shown, verdict, f"{where} says {why}.", (cell,), *blind)

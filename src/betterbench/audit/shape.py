@@ -52,7 +52,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """RowNames are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
+    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
 
     Attributes:
         columns: The group of columns.
@@ -90,7 +90,7 @@ class Shares:
     """Weights of a mixture, of which only the weights are printed: the shares that they amount to.
 
     Attributes:
-        column: ColumnName of the weights.
+        column: Column of the weights.
     """
 
     column: ColumnName

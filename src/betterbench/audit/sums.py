@@ -102,8 +102,8 @@ class _RowCombination:
     """In each row, one column is a combination of others; the name of the rule is that of the class.
 
     Attributes:
-        target: ColumnName of the result.
-        rows: RowNames it is promised for; all if none is named.
+        target: Column of the result.
+        rows: Rows it is promised for; all if none is named.
         rounded_parts: True if the parts were rounded before they were printed.
     """
 
@@ -177,7 +177,7 @@ class Total:
     """In each column, one row is the sum of all others.
 
     Attributes:
-        row: RowName of the total.
+        row: Row of the total.
         column: The column.
         rounded_parts: True if the parts were rounded before they were printed.
         unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").

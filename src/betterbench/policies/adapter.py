@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.policies.answers import AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
@@ -24,7 +24,7 @@ CONTROL_RATE_HZ = 20.0
 """Control rate of the suite [Hz]."""
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class InstructionRule:
     """Where the instruction goes.
@@ -38,7 +38,7 @@ class InstructionRule:
     depth: Literal[0, 1, 2] = 0
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
@@ -204,27 +204,21 @@ class Adapter:
             InvalidInputError: If a field is missing, unknown or malformed.
             UnknownNameError: If it names an action space that does not exist.
         """
-        try:
-            return _ADAPTER.validate_python(_longer(form))
-        except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            path = ".".join(str(part) for part in first["loc"]) or "the whole"
-            raise InvalidInputError(
-                f"{where}: {path}", str(first["msg"]), "Write it as better doctor --policy P --json prints it"
-            ) from error
+        return read_form(_ADAPTER, _longer(form), where=where, cure=_CURE)
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
         """Read an adapter from a JSON file; raise InvalidInputError if it cannot be read; the text names the field."""
-        try:
-            form = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise InvalidInputError(f"adapter {path}", f"it cannot be read ({error})", "Give a JSON file") from error
-        if isinstance(form, dict):
-            form.setdefault("name", path.stem)
-        return cls.from_json(form, where=f"adapter {path}")
+        where = f"adapter {path}"
+        form = read_form(
+            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
+        )
+        return cls.from_json({"name": path.stem, **form}, where=where)
 
 
+_ANYTHING = TypeAdapter(dict[str, Any])
+_MAX_BYTES = 1_000_000
+_CURE = "Write it as better doctor --policy P --json prints it"
 _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key")
 
@@ -239,22 +233,17 @@ def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> N
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
     """Return a JSON form with keys of one name as strings."""
-    if isinstance(form, list):
-        return [_shorter(value) for value in form]
-    if not isinstance(form, dict):
-        return form
-    return {
-        name: value[0] if name in _KEYS and isinstance(value, list) and len(value) == 1 else _shorter(value)
-        for name, value in form.items()
-    }
+    return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
     """Return a JSON form with keys as lists."""
+    return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
+
+
+def _with_keys(form: Any, change: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - a JSON value
     if isinstance(form, list):
-        return [_longer(value) for value in form]
+        return [_with_keys(value, change) for value in form]
     if not isinstance(form, dict):
         return form
-    return {
-        name: [value] if name in _KEYS and isinstance(value, str) else _longer(value) for name, value in form.items()
-    }
+    return {name: change(value) if name in _KEYS else _with_keys(value, change) for name, value in form.items()}

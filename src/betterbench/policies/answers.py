@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, with_config
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
 from betterbench.interface import Observation
 from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M, action_space
+from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
 AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
@@ -26,7 +26,7 @@ than a half counts."""
 _DELTAS = ("ee_delta", "ee_delta_measured")
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
     """Some columns of an answer.
@@ -42,7 +42,7 @@ class AnswerPart:
     size: int | None = None
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
     """How an answer is read.

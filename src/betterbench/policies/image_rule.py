@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 from PIL import Image
-from pydantic import ConfigDict, with_config
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
 """How an image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
@@ -24,7 +24,7 @@ EVERY_CAMERA = "*"
 _LARGEST_SIDE = 4096
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
     """One image that a policy is shown.
