@@ -25,14 +25,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Two rates from different trials.
-
-    Attributes:
-        row: Row that the finding is about.
-        claim: The claim in a few words.
-        first: The rate that counts positive.
-        second: The rate that counts negative.
-    """
+    """Two rates from different trials, of which the first counts positive."""
 
     row: str
     claim: str
@@ -43,13 +36,7 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
-
-    Attributes:
-        novel: Column of the novel composition.
-        seen: Columns of the seen ones.
-        trials: Trials behind each cell.
-    """
+    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -109,11 +96,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Claims that two cells differ; Fisher's exact test and Newcombe's interval.
-
-    Attributes:
-        claims: The claims, corrected together.
-    """
+    """Claims that two cells differ; Fisher's exact test and Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 
@@ -136,11 +119,8 @@ class Differences:
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, corrected together.
 
-    Args:
-        table: The table.
-        rule: Name of the rule: "composition" takes Barnard's test; "differences" takes Fisher's, which is a little
-            stricter and quick with thousands of trials.
-        compared: The comparisons.
+    The rule "composition" takes Barnard's test; "differences" takes Fisher's, which is a little stricter and quick with
+    thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
     barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES

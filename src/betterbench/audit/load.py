@@ -86,12 +86,7 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """A file of tables.
-
-    Attributes:
-        name: What the tables come from.
-        tables: Each table with its rules.
-    """
+    """A file of tables."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]

@@ -57,12 +57,7 @@ class Sizes:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """In each row, one column is the micro average of others.
-
-    Attributes:
-        target: Column of the overall rate.
-        parts: Columns of the parts.
-    """
+    """In each row, one column is the micro average of others."""
 
     target: ColumnName
     parts: ColumnNames

@@ -14,15 +14,7 @@ from betterbench.errors import UnknownNameError
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Quoted:
-    """A number is quoted from another table.
-
-    Attributes:
-        row: Row of the quotation.
-        column: Column of the quotation.
-        table: Name of the table that is quoted.
-        at_row: Row there.
-        at_column: Column there.
-    """
+    """A number is quoted from another table."""
 
     row: RowName
     column: ColumnName

@@ -16,11 +16,7 @@ from betterbench.audit.table import AuditedTable, blindness, replaced
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
-    """From column to column the rates of a row never rise (solving five tasks in a row means solving four).
-
-    Attributes:
-        columns: The columns in order.
-    """
+    """From column to column the rates of a row never rise (solving five tasks in a row means solving four)."""
 
     columns: ColumnNames
 
@@ -52,11 +48,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
-
-    Attributes:
-        columns: The group of columns.
-    """
+    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns."""
 
     columns: ColumnNames
 
@@ -87,11 +79,7 @@ class Measured:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Weights of a mixture, of which only the weights are printed: the shares that they amount to.
-
-    Attributes:
-        column: Column of the weights.
-    """
+    """Weights of a mixture, of which only the weights are printed: the shares that they amount to."""
 
     column: ColumnName
 

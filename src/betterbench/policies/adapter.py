@@ -91,10 +91,7 @@ class Adapter:
         return tuple(dict.fromkeys(rule.camera for rule in self.views))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return exactly the images that the policy is shown.
-
-        Returns:
-            Per key of the request an (height, width, 3) uint8 image.
+        """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
 
         Raises:
             PolicyError: If the run does not render a camera that is needed.
@@ -112,10 +109,7 @@ class Adapter:
         return shown
 
     def request(self, observation: Observation, start: EpisodeStart | None = None) -> dict[str, Any]:
-        """Return the message that asks a policy for actions.
-
-        Returns:
-            Texts, numbers and arrays by key, nested where a key has several names.
+        """Return the message that asks a policy for actions; an entry is nested where its key has several names.
 
         Raises:
             PolicyError: If the run does not render a camera that is needed.
@@ -144,10 +138,7 @@ class Adapter:
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
-        """Return the actions that a reply means.
-
-        Returns:
-            (horizon, dim) float64 in the action space ``answer.space``.
+        """Return the actions that a reply means, (horizon, dim) float64 in the action space ``answer.space``.
 
         Raises:
             PolicyError: If the reply cannot be read; the text names the key and what it holds.

@@ -164,9 +164,6 @@ class PolicyConnection(Generic[Connection]):
                 OSError (TimeoutError, ConnectionError) when asking again may help, and PolicyError when it does not.
             replies: False for a message that the server does not answer.
 
-        Returns:
-            What the exchange returns.
-
         Raises:
             PolicyError: If the reply is bad, or the request failed as often as it may.
             PolicyUnavailableError: If the server could not be reached for as long as patience lasts.

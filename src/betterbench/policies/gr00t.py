@@ -45,11 +45,7 @@ _NO_PICKLES = (
 
 
 class Gr00tServer(EndpointServer):
-    """A server that speaks msgpack, and whose modalities fit the adapter.
-
-    Attributes:
-        modalities: What it declares.
-    """
+    """A server that speaks msgpack, and whose modalities fit the adapter."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
         self._adapter = adapter
@@ -72,11 +68,7 @@ class Gr00tServer(EndpointServer):
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
-    """A GR00T policy; each environment has a client of its own.
-
-    Attributes:
-        modalities: What the server declares.
-    """
+    """A GR00T policy; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)

@@ -96,13 +96,7 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 
 
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
-    """Return what an adapter gives to a policy and takes from it.
-
-    Args:
-        who: What to call this side in messages.
-        adapter: The adapter.
-        rate_hz: Control rate of the run [Hz]; None for that of the adapter.
-    """
+    """Return what an adapter gives to a policy and takes from it, at its own control rate [Hz] if no other is given."""
     answer = adapter.answer
     space = action_space(answer.space)
     absolute = answer.space == "ee_pose"

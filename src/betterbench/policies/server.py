@@ -53,12 +53,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Serves sessions until it is told to stop; a context manager that starts and stops it.
-
-    Attributes:
-        host: Interface it listens on.
-        port: Port it listens on, the real one where any free port was asked for.
-    """
+    """Serves sessions until it is told to stop; a context manager that starts and stops it."""
 
     def __init__(
         self,

@@ -59,12 +59,7 @@ ImageCoding = Literal["raw", "png", "jpeg"]
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """What a GR00T server says about one modality.
-
-    Attributes:
-        delta_indices: Time steps of each sample, relative to now.
-        modality_keys: Names of its entries, in order.
-    """
+    """What a GR00T server says about one modality."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
