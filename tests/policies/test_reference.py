@@ -29,7 +29,7 @@ def test_noop_holds_still_with_an_open_hand():
     assert not policy.info.needs_images
 
 
-def test_random_repeats_with_seed_and_sentence_and_with_nothing_else():
+def test_random_repeats_with_seed_and_instruction_and_with_nothing_else():
     start = EpisodeStart("Do it.", 3, "ee_delta")
     first = walk(start)
     assert np.array_equal(first, walk(start))

@@ -1,7 +1,7 @@
 """Requests as our server reads them: an observation in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds and names its trial. The LIBERO
-layout of openpi is what other people's clients send: two images, eight numbers and the sentence. Nothing in it tells
+layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
 the joint angles; they are NaN then, which no policy can take for a measurement.
 """
 
@@ -30,7 +30,7 @@ class Request:
     """One question of a client.
 
     Attributes:
-        instruction: The sentence.
+        instruction: The instruction.
         step: Control steps since reset, or None where the client does not say.
         start: The trial, or None where the client names none.
         observation: What the client sees, or None where it sends neither joints nor state.
@@ -45,17 +45,13 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request.
-
-    Raises:
-        InvalidInputError: If a field is missing or malformed; the text names it.
-    """
+    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
         instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
     if not isinstance(instruction, str) or not instruction.strip():
-        raise InvalidInputError("prompt", "the sentence is missing", "Send what the robot shall do as a string")
+        raise InvalidInputError("prompt", "the instruction is missing", "Send what the robot shall do as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
     start = None if "better/episode" not in message else _start(message["better/episode"], instruction)
     native = any(key.startswith("better/joint") for key in message)
@@ -78,7 +74,7 @@ def _start(form: object, instruction: str) -> EpisodeStart:
     for key in ("task", "condition", "action_space"):
         value = form.get(key)
         if not isinstance(value, str):
-            raise InvalidInputError(f"better/episode: {key}", "it is no string", "Send the name as a string")
+            raise InvalidInputError(f"better/episode: {key}", "it is not a string", "Send the name as a string")
         texts[key] = value
     said = form.get("instruction", instruction)
     return EpisodeStart(
@@ -131,7 +127,7 @@ def _whole(value: object, where: str) -> int:
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
-        raise InvalidInputError(where, f"{str(value)[:40]!r} is no whole number from 0", "Send an integer")
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is not a whole number from 0", "Send an integer")
     return int(value)
 
 
