@@ -30,7 +30,13 @@ def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = Fa
     if json:
         print_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
+    if what == "variations":
+        rows = [[name, axis.replace("_", " "), *rest] for name, axis, *rest in rows]
     print_table(columns, rows)
+    if what == "policies":
+        OUT.print(
+            "\nzoo: faulty on purpose; its one fault is what the diagnosis has to find", markup=False
+        )
     if what == "variations":
         letters = [row[0].split("/")[1][0] for row in rows]
         counts = ", ".join(f"{letters.count(letter)} {letter}" for letter in "LROT")
