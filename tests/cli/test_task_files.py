@@ -135,6 +135,30 @@ def test_the_cure_works(mine, tmp_path):
     assert status == 0, err
 
 
+REMOTE = """
+import pathlib, sys
+from betterbench.evaluation.ray_engine.cluster import RemoteWorker
+from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.tasks.user_files import TaskFile
+
+source, run = (pathlib.Path(name).read_text() for name in sys.argv[1:])
+file = TaskFile("/on/another/machine/my_tasks.py", source)
+settings = RunSettings(
+    "unused", "expert", "ee_delta", "default", "standard", "panda", task_files=(file,)
+)
+worker = RemoteWorker(settings, run.encode(), ())
+print("problem" in worker.prepare({}))
+worker.close()
+"""
+
+
+def test_a_worker_on_another_machine_needs_no_file(run, mine):
+    environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
+    command = [sys.executable, "-c", REMOTE, str(mine), str(run / "run.json")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.stdout.strip() == "False", done.stderr
+
+
 ERRORS = {
     "syntax": ("x = 1\nx = = 2\n", ", line 2: SyntaxError: invalid syntax."),
     "import": ("\nimport no_such_module\n", ", line 2: ModuleNotFoundError: No module named 'no_such_module'."),
