@@ -25,13 +25,7 @@ def film_key(policy: str, trial: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a film.
-
-    Attributes:
-        time_s: Simulated time [s].
-        image: A JPEG or PNG file.
-        caption: A few words, or nothing.
-    """
+    """One image of a film: simulated time [s], a JPEG or PNG file, and a few words or nothing."""
 
     time_s: float
     image: bytes
@@ -51,14 +45,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The frames of a trial, and those of its counterfactual twin.
+    """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
 
     Attributes:
-        policy: Address of the policy.
-        trial: Key of the trial ("fast_food/T1/3").
-        frames: Frames of the trial, in time.
-        twin: Key of the twin, or None.
-        twin_frames: Frames of the twin, in time.
         evidence_s: Beginning and end of the span that shows the evidence [s]; frames inside it are marked.
     """
 
@@ -77,16 +66,12 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial that is worth a film, and the moments to render.
+    """A trial that is worth a film, and the moments to render, each with its caption.
 
     Attributes:
-        policy: Address of the policy.
-        trial: Key of the trial.
         twin: Key of the twin, or None if the run has no record of it.
         times_s: Moments of the trial [s], strictly increasing.
-        captions: One caption per moment.
         twin_times_s: Moments of the twin [s], strictly increasing.
-        twin_captions: One caption per moment of the twin.
         evidence_s: Beginning and end of the span that shows the evidence [s].
     """
 

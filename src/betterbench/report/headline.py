@@ -33,7 +33,7 @@ class Failure:
         count: Trials that ended with it.
         failures: All failures among the trials.
         trials: All trials.
-        look_alikes: Look-alikes that its rule took from a trained place, where there are more of them than of its own.
+        look_alikes: Look-alikes that its rule took from a trained slot, where there are more of them than of its own.
     """
 
     label: Label
@@ -46,11 +46,6 @@ class Failure:
     def name(self) -> str:
         """Full name of the label."""
         return LEGEND[self.label].name
-
-    @property
-    def family(self) -> str:
-        """Color family of the label."""
-        return LEGEND[self.label].family
 
     @property
     def share(self) -> str:
@@ -71,16 +66,9 @@ class Headline:
     """What the top of the page says about one policy.
 
     Attributes:
-        policy: Address of the policy.
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
-        training: Success rate on the training conditions.
-        variations: Success rate on the variations.
-        gap: Illusion gap.
-        intention: Intention accuracy on the variations.
-        grasps: Distractor grasp rate on the variations.
-        failure: The leading failure mode, or None.
         segments: Outcomes of the variation trials.
     """
 

@@ -47,14 +47,7 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """One condition behind a cell.
-
-    Attributes:
-        id: Task and variation or training condition ("fruit_lunch/T1").
-        expected: What a right policy does.
-        success: Success rate of its trials.
-        labels: How its trials ended, the most frequent first.
-    """
+    """One condition behind a cell ("fruit_lunch/T1"); ``labels`` is how its trials ended, the most frequent first."""
 
     id: str
     expected: Expected
@@ -64,11 +57,9 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a matrix.
+    """One cell of a matrix: the state of the first target, and of the distractor or second target.
 
     Attributes:
-        row: State of the first target.
-        column: State of the distractor or of the second target.
         sources: The conditions behind it; none if the run has none.
         success: Success rate over all their trials; no trials if there are none.
         labels: How the trials ended, the most frequent first.
@@ -96,9 +87,7 @@ class Matrix:
 
     Attributes:
         name: File name without its ending.
-        title: Heading.
         caption: What rows and columns are.
-        policy: Address of the policy.
         axes: What the rows and what the columns tell the state of.
         cells: Three rows of three cells, in the order of :class:`State`.
     """

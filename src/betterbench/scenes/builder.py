@@ -29,13 +29,9 @@ ROBOT_PREFIX = "robot/"
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: what it is and where it starts.
+    """One object of a scene: what it is, the asset chosen for it, and its pose ``T_world_object`` at reset.
 
-    Attributes:
-        spec: The object as the condition wants it.
-        asset: The asset chosen for it.
-        pose: Pose ``T_world_object`` at reset.
-        shut: For a drawer, its pose while it is shut.
+    ``shut`` is the pose of a drawer while it is shut.
     """
 
     spec: ObjectSpec
