@@ -46,7 +46,7 @@ def index_page(tasks: Sequence[Task]) -> str:
             "# Tasks and variations",
             "",
             (
-                "Each task has a training regime, in which words, places and orders go together more"
+                "Each task has a training distribution, in which words, places and orders go together more"
                 " tightly than the task"
                 " demands, and variations that take them apart. A variation is a training condition with"
                 " one intervention;"
@@ -88,15 +88,15 @@ def task_page(task: Task) -> str:
         *[line for part in described for line in (part, "")],
         *[f"- **{part.partition(':')[0]}:**{part.partition(':')[2]}" for part in headed],
         "",
-        "## Training regime",
+        "## Training distribution",
         "",
-        f"![the settings of the training regime](../pictures/{task.id}_training.jpg)",
+        f"![the settings of the training distribution](../pictures/{task.id}_training.jpg)",
         "",
         *_layout_table(task),
         "",
         *_condition_table(task),
         "",
-        "What this regime teaches besides the task, computed from the conditions above:",
+        "What this distribution teaches besides the task, computed from the conditions above:",
         "",
         *[f"- {line}" for line in _confounds(task)],
         "",
@@ -115,7 +115,7 @@ def task_page(task: Task) -> str:
 
 
 def settings_of(task: Task) -> dict[str, Condition]:
-    """Return the distinct initial settings of a training regime: letter to the first condition that shows it."""
+    """Return the distinct initial settings of a training distribution: letter to the first condition that shows it."""
     found: dict[tuple[object, ...], Condition] = {}
     for condition in task.training:
         found.setdefault(_setting(condition), condition)
@@ -276,8 +276,8 @@ def _confounds(task: Task) -> list[str]:
             lines.append(f"The {kind} always goes to the same place: {places[0]}.")
     lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in trained.standing_kinds.items() if len(kinds) == 1]
     if lone:
-        lines.append(f"Places where only one kind of thing ever stood: {', '.join(lone)}.")
-    lines.append(f"At most {trained.initial_items} movable things stand on the table at the start.")
+        lines.append(f"Places where only one kind of object ever stood: {', '.join(lone)}.")
+    lines.append(f"At most {trained.initial_items} movable objects stand on the table at the start.")
     return lines
 
 
@@ -313,7 +313,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- axis: {variation.axis.value.replace('_', ' ')}",
         f"- hypothesis: {variation.hypothesis}",
         f"- intervention on `{variation.base}`: {', '.join(f'`{i}`' for i in variation.interventions)}",
-        *([] if changes.objects else ["- the scene is that of training; only the sentence changes"]),
+        *([] if changes.objects else ["- the scene is that of training; only the instruction changes"]),
         f"- instruction: {told}",
         f"- expected: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",

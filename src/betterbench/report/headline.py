@@ -21,7 +21,7 @@ by its success; what it attempts first can still be judged."""
 
 
 PLACE_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules that send the hand to a place, whatever stands there."""
+"""Labels of rules that send the gripper to a slot, whatever stands there."""
 
 
 @dataclass(frozen=True, slots=True)

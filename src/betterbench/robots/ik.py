@@ -33,7 +33,7 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 ORIENTATION_COST = 0.3
-"""Weight of a rotation error [1/rad]: the reach of the hand in meters, so that both errors weigh alike at the wrist."""
+"""Weight of a rotation error [1/rad]: reach of the gripper [m], so that both errors weigh alike at the wrist."""
 
 POSTURE_COST = 1e-3
 """Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""

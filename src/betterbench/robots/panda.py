@@ -273,7 +273,7 @@ _GRIPPER_DAMPING = 60.0
 
 _GRIPPER_FORCE_N = 40.0
 """Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
-things in trials."""
+objects in trials."""
 
 PANDA = RobotSpec(
     name="panda",
@@ -429,7 +429,7 @@ _COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "r
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """Add both fingers with their pads, coupled so that the object stays in the middle of the hand."""
+    """Add both fingers with their pads, coupled so that the object stays in the middle of the gripper."""
     for index, name in enumerate(PANDA.finger_bodies):
         finger = _add_link(hand, _FINGER, name, mirrored=index == 1)
         finger.add_joint(

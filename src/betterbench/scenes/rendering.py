@@ -93,7 +93,7 @@ class Renderer:
         self._culling = Culling(model, self._scene)
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._option = _visible_things()
+        self._option = _visible_groups()
         self._camera_ids = {model.camera(number).name: number for number in range(model.ncam)}
         self.body_names: tuple[str, ...] = tuple(model.body(number).name for number in range(model.nbody))
         """Names of the bodies by the number that masks hold."""
@@ -346,7 +346,7 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
     return context
 
 
-def _visible_things() -> mujoco.MjvOption:
+def _visible_groups() -> mujoco.MjvOption:
     """Return drawing options that show shapes of the visible groups 0 to 2 and no marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0

@@ -1,9 +1,9 @@
-"""The stage: the empty world that every task shares, and the quality presets that images of it are made with.
+"""The base scene: the empty world that every task shares, and the quality presets that images of it are made with.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on a pedestal at the origin, the table begins in front of it, the floor is at ``z = -0.75``.
 
-Cameras of the stage:
+Cameras of the base scene:
 
 ===================  =========================  ==========================================================
 name                 position [m]               purpose
@@ -12,12 +12,11 @@ name                 position [m]               purpose
 ``front_official``   (1.6, 0, 0.9)              the same place with the wider lens of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
-``wrist``            on the hand                added by :func:`add_wrist_camera`
+``wrist``            on the gripper             added by :func:`add_wrist_camera`
 ===================  =========================  ==========================================================
 
-The physical part of a stage (bodies, collision shapes, solver options) depends on nothing. A look changes tints only
-and a quality changes nothing but what the renderer does, so a policy rolled out under any of them meets the same
-physics.
+The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A look changes tints
+only and a quality changes only what the renderer does, so a policy rolled out under any of them meets the same physics.
 """
 
 from __future__ import annotations
@@ -49,10 +48,10 @@ TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
 
 CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
-"""Cameras that every stage has; ``wrist`` joins them with the robot."""
+"""Cameras of the base scene; ``wrist`` comes with the robot."""
 
 WRIST_CAMERA = "wrist"
-"""Name of the camera on the hand."""
+"""Name of the camera on the gripper."""
 
 # Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
 _PEDESTAL_X_M = (-0.23, 0.13)
@@ -147,7 +146,7 @@ def quality_preset(name: str) -> Quality:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The tints of a stage.
+    """The tints of the base scene.
 
     Attributes:
         name: What a person would call it.
@@ -227,7 +226,7 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # Flat surfaces under directional light are evenly lit: cutting them into quads only costs time (a tenth of
     # an image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448

@@ -1,4 +1,4 @@
-"""The part of the truth that does not change during an episode: objects, their shapes and the slots of the table."""
+"""The part of the privileged state that stays the same in an episode: objects, their shapes, slots of the table."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class SlotInfo:
-    """A named place on the table.
+    """A named start position on the table.
 
     Attributes:
         name: Name of the slot.
         position: Center on the table [m], world frame.
         yaw: Nominal heading of what stands there [rad].
-        trained_kinds: Kinds of object that stood here in the training regime.
-        picked_kinds: Kinds of object that were picked here in the training regime.
+        trained_kinds: Kinds of object that stood here in the training distribution.
+        picked_kinds: Kinds of object that were picked here in the training distribution.
     """
 
     name: str
@@ -94,7 +94,7 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """The unchanging truth about one scene.
+    """The part of the privileged state that does not change, for one scene.
 
     Attributes:
         objects: All objects, in the order in which states list them.
