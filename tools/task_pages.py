@@ -46,12 +46,10 @@ def index_page(tasks: Sequence[Task]) -> str:
             "# Tasks and variations",
             "",
             (
-                "Each task has a training distribution, in which words, places and orders go together more"
-                " tightly than the task"
-                " demands, and variations that take them apart. A variation is a training condition with"
-                " one intervention;"
-                " with the same seed everything else is the same to the last bit. The last four columns count the"
-                f" variations by axis: {axes}."
+                "Each task has a training distribution, in which words, places and orders go together more tightly "
+                "than the task demands, and variations that take them apart. A variation is a training condition "
+                "with one intervention; with the same seed everything else is the same to the last bit. The last "
+                f"four columns count the variations by axis: {axes}."
             ),
             "",
             _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
@@ -64,9 +62,8 @@ def index_page(tasks: Sequence[Task]) -> str:
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a"
-                " task of your own"
-                " stands in [Adding a task](adding-a-task.md)."
+                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a task of your "
+                "own stands in [Adding a task](adding-a-task.md)."
             ),
             "",
         ]
@@ -103,9 +100,8 @@ def task_page(task: Task) -> str:
         "## Variations",
         "",
         (
-            "Each picture shows the training scene at the left and the test scene at the right, as"
-            " the front camera of a"
-            " policy sees them, seed 0. What the intervention changed is outlined."
+            "Each picture shows the training scene at the left and the test scene at the right, as the front camera "
+            "of a policy sees them, seed 0. What the intervention changed is outlined."
         ),
         "",
     ]
@@ -128,10 +124,9 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "# Templates",
         "",
         (
-            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and the"
-            " protocol that goes with them. A task fills it in with objects and places; region,"
-            " tolerance, settling, step"
-            " limit and expert come with it."
+            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and "
+            "the protocol that goes with them. A task fills it in with objects and places; region, tolerance, "
+            "settling, step limit and expert come with it."
         ),
         "",
         _row(["template", "what is hard about it", "tasks"]),
@@ -148,9 +143,8 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "## The JSON form",
         "",
         (
-            "Every template has a JSON form, for tools that write scenarios. Types are categories of"
-            " meaning, not names of"
-            f" assets. This is {shown.title}:"
+            "Every template has a JSON form, for tools that write scenarios. Types are categories of meaning, not "
+            f"names of assets. This is {shown.title}:"
         ),
         "",
         "```json",
@@ -189,10 +183,9 @@ def _template_section(template: Template) -> list[str]:
         *(f"- relation `{name}`: {_first_sentences(name)}" for name in names),
         f"- success: every subgoal is done, at rest and released, for {template.dwell_s:g} s.{only}",
         (
-            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal"
-            f" (one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the"
-            f" right answer is to"
-            " stay still"
+            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the right answer is "
+            "to stay still"
         ),
     ]
 

@@ -125,24 +125,24 @@ def _representative(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnos
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the moments of a trial and of its twin."""
+    """Return the moments of a trial about its evidence, and of its twin about the first attempt there."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     what = "attempt" if trial.attempts and trial.kind is not Kind.NONE else "evidence"
     moments = _moments(start, end, trial.duration_s, what)
-    twin = by_key.get(trial.twin_key or "")
-    twin_moments: dict[float, str] = {}
+    twin, shown = by_key.get(trial.twin_key or ""), dict[float, str]()
     if twin is not None:
-        first = twin.attempts[0] if twin.attempts else None
-        begin, stop = (first.start_s, first.end_s) if first else (twin.evidence.start_s, twin.evidence.end_s)
-        twin_moments = _moments(begin, max(begin, stop), twin.duration_s, "attempt" if first else "evidence")
+        span = twin.attempts[0] if twin.attempts else twin.evidence
+        what = "attempt" if twin.attempts else "evidence"
+        shown = _moments(span.start_s, max(span.start_s, span.end_s), twin.duration_s, what)
+    key = None if twin is None else twin.key
     return Showing(
         policy,
         trial.key,
-        None if twin is None else twin.key,
+        key,
         tuple(moments),
         tuple(moments.values()),
-        tuple(twin_moments),
-        tuple(twin_moments.values()),
+        tuple(shown),
+        tuple(shown.values()),
         (start, end),
     )
 

@@ -26,14 +26,9 @@ PLACE_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The leading failure mode of some variation trials.
+    """The leading failure mode of some trials: how many of the failures and of all trials ended with its label.
 
-    Attributes:
-        label: The label.
-        count: Trials that ended with it.
-        failures: All failures among the trials.
-        trials: All trials.
-        look_alikes: Look-alikes that its rule took from a trained slot, where there are more of them than of its own.
+    ``look_alikes`` counts those that its rule took from a trained slot, where there are more of them than of its own.
     """
 
     label: Label

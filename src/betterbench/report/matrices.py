@@ -139,21 +139,9 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
         for cell in (cell for row in matrix.cells for cell in row):
             rate = cell.success
             ends = (None, None) if cell.empty else (rate.low, rate.high)
-            rows.append(
-                (
-                    matrix.policy,
-                    cell.row.value,
-                    cell.column.value,
-                    rate.k,
-                    rate.n,
-                    rate.value,
-                    *ends,
-                    outcomes_text(cell.labels),
-                    " ".join(source.id for source in cell.sources),
-                    cell.note,
-                    cell.paper,
-                )
-            )
+            sources = " ".join(source.id for source in cell.sources)
+            where = (matrix.policy, cell.row.value, cell.column.value, rate.k, rate.n, rate.value, *ends)
+            rows.append((*where, outcomes_text(cell.labels), sources, cell.note, cell.paper))
     first = matrices[0] if matrices else None
     axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
     columns = ("policy", *axes, "k", "n", "success_rate", "low", "high", "outcomes", "conditions", "note", "paper")
@@ -181,16 +169,10 @@ def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
 def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequence[MatrixSource]]) -> Matrix:
     """Return one matrix."""
     title, caption, axes = _HEADINGS[horizon]
+    positions = [[CellPosition(horizon, row, column) for column in State] for row in State]
     cells = tuple(
-        tuple(
-            _cell(
-                CellPosition(horizon, row, column),
-                groups.get(CellPosition(horizon, row, column), ()),
-                PAPER[horizon][i][j],
-            )
-            for j, column in enumerate(State)
-        )
-        for i, row in enumerate(State)
+        tuple(_cell(at, groups.get(at, ()), paper) for at, paper in zip(row, seen, strict=True))
+        for row, seen in zip(positions, PAPER[horizon], strict=True)
     )
     return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
 

@@ -78,14 +78,10 @@ _RESTARTS = (
 
 @dataclass(frozen=True, slots=True)
 class IKResult:
-    """Joint angles found for a pose.
+    """Joint angles found for a pose: read-only, shape (n,) [rad], with the errors that remain.
 
-    Attributes:
-        q: Joint angles, shape (n,) [rad]; read-only.
-        position_error_m: Remaining distance of the tool center point [m].
-        rotation_error_rad: Remaining rotation [rad].
-        converged: Whether both errors are within the tolerances asked for.
-        iterations: Gauss-Newton iterations used, over all restarts.
+    ``converged`` tells whether both errors are within the tolerances asked for; ``iterations`` counts over all
+    restarts.
     """
 
     q: np.ndarray

@@ -136,11 +136,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Make a robot known by its name.
-
-    Raises:
-        InvalidInputError: If the name is taken.
-    """
+    """Make a robot known by its name; a name that is taken raises an InvalidInputError."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -152,11 +148,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name.
-
-    Raises:
-        UnknownNameError: If no robot of this name is registered.
-    """
+    """Return a robot by name; an unknown one raises an UnknownNameError."""
     try:
         return _ROBOTS[name][0]
     except KeyError:

@@ -61,7 +61,7 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return what would be touched.
+        """Return what would be touched: one text "a-b" per pair, none if the configuration is free.
 
         Args:
             joints: (7,) arm joint angles [rad].
@@ -69,9 +69,6 @@ class Clearance:
             held: Name of an object that moves with the gripper, or None.
             held_pose: Pose ``T_world_object`` of the held object.
             ignore: Objects that the robot may touch.
-
-        Returns:
-            One text "a-b" per pair that would touch; empty if the configuration is free.
         """
         data = self._data
         data.qpos[self._arm] = joints

@@ -101,14 +101,7 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Return the quality of a JSON form.
-
-        Args:
-            value: What :meth:`to_json` returned.
-
-        Raises:
-            InvalidInputError: If a field is missing, unknown, of the wrong type or out of range.
-        """
+        """Return the quality of a JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
         try:
             return _QUALITY.validate_json(json.dumps(dict(value)))
         except ValidationError as error:
@@ -133,11 +126,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def quality_preset(name: str) -> Quality:
-    """Return a quality preset by name: "fast", "standard" or "high".
-
-    Raises:
-        UnknownNameError: If there is no such preset.
-    """
+    """Return the preset "fast", "standard" or "high"; another name raises an UnknownNameError."""
     try:
         return QUALITIES[name]
     except KeyError:
@@ -146,14 +135,9 @@ def quality_preset(name: str) -> Quality:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The tints of the base scene.
+    """The tints of the base scene: mean colors (r, g, b) in [0, 1] of table top, background and floor.
 
-    Attributes:
-        name: What a person would call it.
-        surface: Material of the table top: "wood", "laminate" or "cloth".
-        table: Mean color of the table top (r, g, b), each in [0, 1].
-        wall: Color of the calm background.
-        floor: Color of the floor.
+    ``surface`` is the material of the table top: "wood", "laminate" or "cloth".
     """
 
     name: str

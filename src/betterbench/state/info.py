@@ -65,11 +65,7 @@ class ObjectInfo:
     slot: str | None = None
 
     def region(self, name: str) -> Region:
-        """Return a region by name.
-
-        Raises:
-            UnknownNameError: If the asset has no such region.
-        """
+        """Return a region by name; an unknown one raises an UnknownNameError."""
         return find_named(f"region of {self.name}", name, self.regions)
 
 
@@ -114,11 +110,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return an object's position in the lists of a state.
-
-        Raises:
-            UnknownNameError: If the scene has no such object.
-        """
+        """Return an object's position in the lists of a state; an unknown name raises an UnknownNameError."""
         try:
             return self._index[name]
         except KeyError:
@@ -148,11 +140,7 @@ class SceneInfo:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> SceneInfo:
-        """Read the JSON form.
-
-        Raises:
-            RecordError: If a field is missing or of the wrong shape.
-        """
+        """Read the JSON form; a missing or malformed field raises a RecordError."""
         try:
             objects = tuple(
                 ObjectInfo(

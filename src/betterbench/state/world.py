@@ -12,12 +12,10 @@ from betterbench.state.info import SceneInfo
 
 
 class Contact(NamedTuple):
-    """One pair of touching bodies; a named tuple, because several are made at every control step.
+    """One pair of touching bodies and the sum of the normal forces of all its contact points [N].
 
-    Attributes:
-        a: First body: an object name, "left_finger", "right_finger", "hand", "arm", "table" or "floor".
-        b: Second body, likewise.
-        force_n: Sum of the normal forces of all contact points of the pair [N].
+    A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
+    because several are made at every control step.
     """
 
     a: str
