@@ -11,7 +11,8 @@ from betterbench.calibration.probes import probe_cells
 from betterbench.calibration.truth import true_label
 from betterbench.diagnosis import Calibration, Judged, ProbeCell, RunDiagnosis, diagnose_run
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.recording import RunFolder, TrialKey
+from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ def assess(runs: Sequence[RunFolder], planned: Sequence[CalibrationPolicy]) -> C
 def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:
     ground_truth = {e.key: e.ground_truth for e in run.entries() if e.status == "done"}
     for trial in diagnosis.trials:
-        said = ground_truth.get(TrialKey(trial.task, trial.variation or trial.condition, trial.seed))
+        said = ground_truth.get(TrialId(trial.task, trial.variation or trial.condition, trial.seed))
         if said is None:
             continue  # it broke down outside the policy; evaluate has said so, and runs it again
         truth = true_label(said, expected=trial.expected, success=trial.success)

@@ -11,7 +11,7 @@ import numpy as np
 from betterbench.episodes.answers import Question, Reply
 from betterbench.episodes.observer import Observer, Views
 from betterbench.errors import InvalidActionError
-from betterbench.interface import EpisodeStart, Execution, Observation
+from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
@@ -52,11 +52,7 @@ class Chunks:
         """Tell the policy that an episode begins."""
         scene = self._scene
         start = EpisodeStart(
-            scene.condition.instruction.text,
-            scene.seed,
-            scene.action_space.name,
-            task=scene.task.id,
-            condition=scene.condition.name,
+            scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name
         )
         yield from self._pause(Question(start))
 

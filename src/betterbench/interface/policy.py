@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -55,21 +56,25 @@ class Execution:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """What a policy is told when an episode begins.
+    """What a policy is told when an episode begins: nothing that tells a test condition from a training condition.
 
     Attributes:
-        instruction: The sentence that says what to do.
-        seed: Seed for a policy that draws random numbers; the same for a trial and its twin.
+        instruction: What the robot is asked to do.
+        episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
         action_space: Name of the action space in force ("ee_delta").
-        task: Task id, for a policy that mirrors the scene (a served expert). No adapter of a real policy sends it.
-        condition: Name of the condition, likewise.
     """
 
     instruction: str
-    seed: int
+    episode: int
     action_space: str
-    task: str = ""
-    condition: str = ""
+
+
+def episode_number(seed: int) -> int:
+    """Return the number of an episode as policies see it, from 0 to 2**31 - 1.
+
+    A trial and its twin have the same number. It is a hash of the trial's seed, because the seed itself names the trial.
+    """
+    return int.from_bytes(hashlib.sha256(f"betterbench episode {seed}".encode()).digest()[:4], "big") >> 1
 
 
 @dataclass(frozen=True, slots=True)

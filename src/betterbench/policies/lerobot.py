@@ -192,7 +192,7 @@ class LerobotStepPolicy:
         """
         self._inner.reset(start)
         self._policy.reset()
-        self._seed = start.seed
+        self._seed = start.episode
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action, (1, dim) float64.

@@ -24,6 +24,7 @@ from betterbench.policies.presets import NATIVE, adapter_of
 from betterbench.policies.remote import Adapted, check_start, describe_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
 
@@ -56,6 +57,8 @@ class OpenpiClient(Adapted):
         self._key = api_key(address)
         self._where = f"policy server {address.scheme}://{address.target}"
         self._start: EpisodeStart | None = None
+        self._trial: TrialId | None = None
+        self._serves_expert = False
         self._server_s = 0.0
         self._chosen: Adapter | None = None  # at the first handshake
         self.server = Declaration(self._where)
@@ -90,6 +93,10 @@ class OpenpiClient(Adapted):
         self._start, self._server_s = start, 0.0
         self._link.count_anew()
 
+    def name_trial(self, trial: TrialId) -> None:
+        """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
+        self._trial = trial
+
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim) float64.
 
@@ -97,7 +104,8 @@ class OpenpiClient(Adapted):
             PolicyError: If the reply cannot be used, or none came.
             PolicyUnavailableError: If the server cannot be reached.
         """
-        frame = encode_openpi(self.adapter.request(observation, self._start))
+        trial = self._trial if self._serves_expert else None
+        frame = encode_openpi(self.adapter.request(observation, self._start, trial))
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
@@ -137,6 +145,7 @@ class OpenpiClient(Adapted):
         self._execution = read_execution(self._where, declared) or Execution()
         # A process of this run: what it says of the policy goes to the record, whoever asked where.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
+        self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)

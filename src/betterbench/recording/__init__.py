@@ -3,11 +3,12 @@
 from betterbench.recording.builder import RecordBuilder
 from betterbench.recording.columns import Contacts
 from betterbench.recording.durable import write_durably
-from betterbench.recording.journal import Journal, JournalEntry, Status, TrialKey, read_journal
+from betterbench.recording.journal import Journal, JournalEntry, Status, read_journal
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.recording.parquet import read_outcome, read_record, record_bytes, write_record
 from betterbench.recording.record import Record
+from betterbench.recording.retries import RetryLedger
 from betterbench.recording.run import RunFolder, first_difference
 
 __all__ = [
@@ -19,11 +20,11 @@ __all__ = [
     "Record",
     "RecordBuilder",
     "RecordMetadata",
+    "RetryLedger",
     "RunFolder",
     "RunLock",
     "Status",
     "Termination",
-    "TrialKey",
     "first_difference",
     "read_journal",
     "read_outcome",

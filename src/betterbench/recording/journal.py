@@ -10,12 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.recording.durable import sync_folder
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import dump_json
+from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
@@ -24,20 +25,6 @@ Status = Literal["done", "error"]
 
 LOCK_NAME = ".lock"
 """File beside the journal that carries the lock of the run."""
-
-
-class TrialKey(NamedTuple):
-    """What names a trial within a run.
-
-    Attributes:
-        task: Task id.
-        condition: Name of the condition within the task ("train1", "L3").
-        seed: Seed of the trial.
-    """
-
-    task: str
-    condition: str
-    seed: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +76,9 @@ class JournalEntry:
                 raise InvalidInputError(f"ground_truth.{name}", f"{text!r} is no text", "Give a text")
 
     @property
-    def key(self) -> TrialKey:
+    def key(self) -> TrialId:
         """What names the trial within the run."""
-        return TrialKey(self.task, self.condition, self.seed)
+        return TrialId(self.task, self.condition, self.seed)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -159,7 +146,7 @@ class Journal:
         """The last entry of every trial, in order of first appearance."""
         return tuple(self._entries.values())
 
-    def is_done(self, key: TrialKey) -> bool:
+    def is_done(self, key: TrialId) -> bool:
         """Tell whether a trial is finished and must not be run again."""
         entry = self._entries.get(key)
         return entry is not None and entry.status == "done"
@@ -177,7 +164,7 @@ class Journal:
             raise ValueError(msg)
         if self.is_done(entry.key):
             raise RunConflictError(
-                f"{self._path}: {_name(entry.key)} is finished already. Ask is_done() before running a trial."
+                f"{self._path}: {entry.key} is finished already. Ask is_done() before running a trial."
             )
         line = dump_json(entry.to_json()) + b"\n"
         try:
@@ -232,7 +219,7 @@ def _read(path: Path) -> tuple[list[JournalEntry], int]:
         return [], 0
     length = data.rfind(b"\n") + 1
     entries: list[JournalEntry] = []
-    done: dict[TrialKey, int] = {}
+    done: dict[TrialId, int] = {}
     for number, line in enumerate(data[:length].split(b"\n")[:-1], start=1):
         try:
             entry = JournalEntry.from_json(json.loads(line))
@@ -242,15 +229,10 @@ def _read(path: Path) -> tuple[list[JournalEntry], int]:
             ) from error
         if entry.key in done:
             raise RecordError(
-                f"{path}: line {number} finishes {_name(entry.key)} again, after line {done[entry.key]}. "
+                f"{path}: line {number} finishes {entry.key} again, after line {done[entry.key]}. "
                 "Delete one of the two lines."
             )
         if entry.status == "done":
             done[entry.key] = number
         entries.append(entry)
     return entries, length
-
-
-def _name(key: TrialKey) -> str:
-    """Return a trial's name for messages."""
-    return f"{key.task}/{key.condition} seed {key.seed}"

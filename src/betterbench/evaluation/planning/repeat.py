@@ -1,4 +1,4 @@
-"""Repeating a run: its plan is read back from ``run.json``, and what would make other results is named."""
+"""Repeating a run: its plan is read from ``run.json``, and whatever would change the results is named."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan, Trial
@@ -16,16 +18,6 @@ from betterbench.recording.metadata import dump_json
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
-
-_TRIAL_KINDS: Mapping[str, type | tuple[type, ...]] = {
-    "task": str,
-    "condition": str,
-    "variation": (str, type(None)),
-    "axis": (str, type(None)),
-    "base_condition": (str, type(None)),
-    "seed": int,
-    "expected": str,
-}
 
 
 def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions: bool = False) -> Plan:
