@@ -28,6 +28,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
 from betterbench.policies.openpi import OpenpiClient
 from betterbench.policies.remote import plain_text
+from betterbench.tasks import TrialId
 
 # {"server": "minimal"}, and {"actions": float32 array of shape (2, 7), "server_timing": {"infer_ms": 2.5}}: bytes as
 # openpi's server sends them, written down once and not by the code under test.
@@ -40,7 +41,8 @@ CHUNK = bytes.fromhex(
     "07ad7365727665725f74696d696e6781a8696e6665725f6d73cb4004000000000000"
 )
 CHUNK_VALUES = [[0.25, -0.5, 0, 0, 0, 0.25, 1], [0, 0.5, 0, 0, 0, 0, -1]]
-START = EpisodeStart("pack the apple", 7, "ee_delta", task="fruit_lunch", condition="L3")
+START = EpisodeStart("pack the apple", 7, "ee_delta")
+TRIAL = TrialId("fruit_lunch", "L3", 7)
 
 
 def array(values, dtype="<f4"):

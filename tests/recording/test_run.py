@@ -14,8 +14,9 @@ import zipfile
 import pytest
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.recording import Journal, JournalEntry, RunFolder, RunLock, TrialKey, read_journal
+from betterbench.recording import Journal, JournalEntry, RunFolder, RunLock, read_journal
 from betterbench.recording import run as run_module
+from betterbench.tasks import TrialId
 
 PLAN = {"policy": "zoo:lexical", "tasks": ["fast_food", "fruit_lunch"], "trials": 20, "suite": {"version": "1.0"}}
 HASH = "0123abcd" * 4
@@ -36,7 +37,7 @@ def test_what_is_appended_is_read(tmp_path) -> None:
         for e in written:
             journal.append(e)
         assert journal.entries == tuple(written) == read_journal(path)
-        assert journal.is_done(TrialKey("fast_food", "R1", 0))
+        assert journal.is_done(TrialId("fast_food", "R1", 0))
         assert not journal.is_done(written[2].key)
     with Journal(path) as journal:
         assert journal.entries == tuple(written)

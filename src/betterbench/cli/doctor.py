@@ -16,9 +16,10 @@ from betterbench import __version__
 from betterbench.cli.console import OUT, print_json, print_table, say
 from betterbench.cli.evaluate import default_folder
 from betterbench.errors import BetterError
-from betterbench.evaluation import Convention, PreflightCheck, TrialName, probe_encoder, run_preflight
-from betterbench.evaluation.preflight.view import draw_preflight, numbers_text
+from betterbench.evaluation import Convention, PreflightCheck, named_trial, probe_encoder, run_preflight
+from betterbench.evaluation.preflight.view import numbers_text, preflight_view
 from betterbench.interface.actions import EE_DELTA
+from betterbench.report.preflight_sheet import write_preflight_sheet
 from betterbench.robots import robot_names
 from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
 from betterbench.tasks import all_tasks, get_task
@@ -72,7 +73,7 @@ def doctor(
         json: Print one JSON document instead of a table.
     """
     if policy is not None:
-        trial = TrialName.of(task, condition, seed)
+        trial = named_trial(task, condition, seed)
         found = run_preflight(
             policy,
             trial,
@@ -81,9 +82,7 @@ def doctor(
             quality=quality,
             on_conventions=None if json else _show_conventions,
         )
-        out = out or Path(f"doctor-{default_folder(policy)}.png")
-        out.parent.mkdir(parents=True, exist_ok=True)
-        draw_preflight(found).save(out)
+        out = write_preflight_sheet(preflight_view(found), out or Path(f"doctor-{default_folder(policy)}.png"))
         _show_consultation(found, json=json)
         say(f"wrote {out}")
         return

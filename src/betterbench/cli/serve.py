@@ -15,7 +15,8 @@ import tyro
 
 from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import TrialName, open_server
+from betterbench.evaluation import named_trial as find_trial
+from betterbench.evaluation import open_server
 from betterbench.evaluation.serving.server import DEFAULT_CHUNK
 from betterbench.evaluation.trials.policy_factory import (
     close_policy,
@@ -28,6 +29,7 @@ from betterbench.evaluation.trials.policy_factory import (
 from betterbench.interface import BatchPolicy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK
+from betterbench.tasks import TrialId
 
 
 def serve(
@@ -88,7 +90,7 @@ def serve(
     say("stopped")
 
 
-def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialName | None:
+def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
     """Return the trial that the options name, or None if they name none.
 
     Raises:
@@ -101,7 +103,7 @@ def named_trial(task: str | None, condition: str | None, seed: int | None) -> Tr
         if seed is not None:
             raise InvalidInputError("--seed", "it belongs to the trial of a task", "Give --task too")
         return None
-    return TrialName.of(task, condition, 0 if seed is None else seed)
+    return find_trial(task, condition, 0 if seed is None else seed)
 
 
 def _require_chunks_of_ours(policy: str) -> None:

@@ -51,9 +51,7 @@ class Chunks:
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
         scene = self._scene
-        start = EpisodeStart(
-            scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name
-        )
+        start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
     def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:

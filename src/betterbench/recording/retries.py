@@ -1,4 +1,4 @@
-"""The retry ledger: what is left to do, which workers died while they did it, and when to give up."""
+"""The retry ledger: what is left to do, with which items workers died, and when to give up."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""How many workers may die with one item before the item is given up; from the second time on it runs alone."""
+"""How many workers may die with an item before the item is given up; from the second time on it runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
 """How many workers may die, with no item ended in between, before the whole work is given up."""
@@ -20,8 +20,8 @@ Item = TypeVar("Item", bound=Hashable)
 class RetryLedger(Generic[Item]):
     """The items that no worker holds, and the deaths of workers so far.
 
-    Whoever distributes work takes items from the ledger and reports what became of them. The items of a worker that
-    died are suspects: each is done again alone, so that the one that kills its worker takes no other item along.
+    Whoever distributes the work takes items from the ledger and reports what became of them. The items of a worker that
+    died are suspects: each of them runs again alone, so that an item which kills its worker takes no other one along.
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
@@ -29,7 +29,7 @@ class RetryLedger(Generic[Item]):
 
         Args:
             items: What is to be done, in order.
-            workers: What to call the workers in messages ("worker processes").
+            workers: What the workers are called in messages ("worker processes").
             cure: What to do when workers keep dying, a sentence for the error message.
         """
         self._workers, self._cure = workers, cure
@@ -45,7 +45,7 @@ class RetryLedger(Generic[Item]):
 
     @property
     def suspects(self) -> int:
-        """Number of items that have to be done alone."""
+        """Number of items that have to run alone."""
         return len(self._suspects)
 
     @property
@@ -54,15 +54,15 @@ class RetryLedger(Generic[Item]):
         return len(self._waiting) + len(self._suspects)
 
     def take(self, count: int) -> list[Item]:
-        """Return up to so many waiting items; they belong to a worker now."""
+        """Return up to so many waiting items for a worker."""
         return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
 
     def take_suspect(self) -> Item:
-        """Return an item for a worker that holds nothing and gets nothing else until this one has ended."""
+        """Return an item for a worker that holds nothing else, and gets nothing else until this item has ended."""
         return self._suspects.popleft()
 
     def put_back(self, items: Iterable[Item]) -> None:
-        """Queue items again, before all others, that no worker died of."""
+        """Queue items again before all others; their worker did not end because of them."""
         self._waiting.extendleft(reversed(list(items)))
 
     def item_ended(self) -> None:
@@ -70,14 +70,14 @@ class RetryLedger(Generic[Item]):
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Queue the items of a worker that died again, each to be done alone.
+        """Queue the items of a worker that died again, each to run alone.
 
         Args:
             items: What the worker held.
             how: How it died, for messages.
 
         Returns:
-            The items that are given up, because workers died with them too often.
+            The items that are given up, because too many workers died with them.
 
         Raises:
             WorkerError: If too many workers died one after the other.
@@ -93,5 +93,9 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return why an item was given up, in one line."""
-        return f"{MAX_DEATHS} {self._workers} died while they ran it, the last one by {how}; run the same command again to retry it"
+        """Return why an item is given up, in one line.
+
+        Args:
+            how: How the last worker died.
+        """
+        return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"

@@ -6,13 +6,16 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 import betterbench
 from betterbench.errors import InvalidInputError
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interventions import ResolvedCondition, resolve_condition
+from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, Variation, get_task, suite_tasks
@@ -20,6 +23,7 @@ from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, Variation
 PLAN_VERSION = 1
 
 
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Trial:
     """One planned trial.
@@ -39,7 +43,7 @@ class Trial:
     variation: str | None
     axis: str | None
     base_condition: str | None
-    seed: int
+    seed: Annotated[int, Field(ge=0)]
     expected: str
 
     @property

@@ -1,0 +1,48 @@
+"""The policies that can be asked for, by address; importing this starts nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.experts import EXPERTS, REPLAYS
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyEntry:
+    """One policy as ``better list policies`` shows it.
+
+    Attributes:
+        address: How to ask for it.
+        summary: What it is, one sentence.
+        privileged: True if it sees the truth instead of observations.
+    """
+
+    address: str
+    summary: str
+    privileged: bool
+
+
+PLAIN = {
+    "noop": PolicyEntry("noop", "Never moves.", privileged=False),
+    "random": PolicyEntry("random", "A seeded random walk with a gripper that opens and closes.", privileged=False),
+}
+PREFIXES = {
+    "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
+    "python": PolicyEntry("python:MODULE:CLASS", "A class of yours with info, reset and act.", privileged=False),
+}
+CONNECTED = {
+    "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
+    "gr00t": PolicyEntry("gr00t://HOST:PORT", "An inference server of Isaac GR00T.", privileged=False),
+    "vla-eval": PolicyEntry(
+        "vla-eval://HOST:PORT", "A model server of vla-evaluation-harness, some twenty families.", privileged=False
+    ),
+    "being-h": PolicyEntry("being-h://HOST:PORT", "An inference server of Being-H.", privileged=False),
+    "lerobot": PolicyEntry("lerobot:CHECKPOINT", "A policy of LeRobot, in this process.", privileged=False),
+}
+
+
+def known_policies() -> tuple[PolicyEntry, ...]:
+    """Return all policies that can be asked for."""
+    privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
+    privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
+    return (*privileged, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())
