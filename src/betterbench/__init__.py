@@ -1,15 +1,23 @@
 """betterbench: a diagnostic benchmark that tells why a Vision-Language-Action policy fails.
 
-Importing it makes every task known to Gymnasium: ``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``.
+Every task is known to Gymnasium once both are imported, in either order:
+``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``.
 """
 
-import gymnasium
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import sys
+from collections.abc import Sequence
+from types import ModuleType
 
 __version__ = "0.1.0"
 
 
-def _register_environments() -> None:
-    """Register every task with Gymnasium. Gymnasium loads no entry points, so importing this package has to do it."""
+def register_environments() -> None:
+    """Register every task with Gymnasium that is not registered yet: call it after loading a task file."""
+    import gymnasium  # noqa: PLC0415 - takes 0.3 s, which reading a record or printing a list does not need
+
     from betterbench.tasks import environment_id, task_names  # noqa: PLC0415 - the package has to exist first
 
     for task in task_names():
@@ -18,4 +26,33 @@ def _register_environments() -> None:
             gymnasium.register(name, entry_point="betterbench.episodes.gymnasium_env:TaskEnv", kwargs={"task": task})
 
 
-_register_environments()
+class _AfterGymnasium(importlib.abc.MetaPathFinder):
+    """Registers the tasks right after Gymnasium has been imported; Gymnasium itself loads no entry points."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """Leave every import as it is, and let that of Gymnasium end with the registration."""
+        del path, target
+        if fullname != "gymnasium":
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(fullname)
+        if spec is not None and isinstance(spec.loader, importlib.machinery.SourceFileLoader):
+            spec.loader = _Registering(spec.loader.name, spec.loader.path)
+        return spec
+
+
+class _Registering(importlib.machinery.SourceFileLoader):
+    """Loads a module, then registers the tasks."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Execute the module and register."""
+        super().exec_module(module)
+        register_environments()
+
+
+if "gymnasium" in sys.modules:
+    register_environments()
+else:
+    sys.meta_path.insert(0, _AfterGymnasium())

@@ -8,7 +8,6 @@ import pytest
 
 from betterbench.certification import load_coverage, runner
 from betterbench.certification.runner import versions_in_use
-from betterbench.cli import certify as verb
 from betterbench.cli.main import EXIT_INTERRUPTED, main
 from betterbench.evaluation import make_plan
 from betterbench.tasks import SUITE_VERSION
@@ -18,7 +17,7 @@ from betterbench.tasks import SUITE_VERSION
 def better(capsys, monkeypatch, tmp_path, trial):
     """Runs `better certify` with an examination that takes no time; keywords say what fails."""
     fails: dict[tuple[str, int], str] = {}
-    monkeypatch.setattr(verb, "prepare_robot", lambda _name: None)
+    monkeypatch.setattr("betterbench.cli.evaluate.prepare_robot", lambda _name: None)
     monkeypatch.setattr(
         runner, "examine", lambda s: trial(s.task, s.condition, s.seed, fails=fails.get((s.condition, s.seed), ""))
     )

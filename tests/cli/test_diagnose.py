@@ -111,7 +111,7 @@ def test_a_folder_that_cannot_be_written_is_diagnosed_all_the_same(folder, capsy
     def refuse(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("betterbench.cli.diagnose.store_diagnosis", refuse)
+    monkeypatch.setattr("betterbench.diagnosis.stored.store_diagnosis", refuse)
     status, out, err = run_verb(capsys, "diagnose", str(folder), "--json")
     assert status == 0
     assert json.loads(out)["policy"] == "scripted"

@@ -13,6 +13,7 @@ import msgpack
 import pytest
 from websockets.sync.client import connect
 
+from betterbench import evaluation
 from betterbench.cli.main import main
 from betterbench.errors import BetterError
 from betterbench.evaluation.serving.server import DEFAULT_CHUNK
@@ -156,7 +157,7 @@ def test_options_that_have_an_effect_are_taken(tmp_path, monkeypatch):
         opened.append(options)
         raise BetterError("enough")
 
-    monkeypatch.setattr(sys.modules["betterbench.cli.serve"], "open_server", enough)
+    monkeypatch.setattr(evaluation, "open_server", enough)
     for arguments in (
         (many, "--batch", "4"),
         ("expert", "--chunk", "4", "--task", "fast_food", "--seed", "3"),

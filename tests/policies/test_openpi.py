@@ -190,19 +190,22 @@ def test_bytes_of_the_protocol_are_read_and_an_independent_server_reads_ours(obs
 
 def test_a_real_policy_is_told_nothing_of_the_trial(observation):
     with Server() as server, client(server) as policy:
+        policy.name_trial(TRIAL)
         policy.act(observation)
     told = msgpack.packb(server.requests[0])
     assert b"fruit_lunch" not in told
     assert b"L3" not in told
 
 
-def test_native_servers_are_found_by_what_they_declare(observation):
+@pytest.mark.parametrize("expert", [True, False])
+def test_native_servers_are_found_by_what_they_declare_and_only_an_expert_is_told_the_trial(observation, expert):
     greeting = msgpack.packb(
         {
             "betterbench": {
                 "protocol": 1,
                 "preset": "native",
                 "policy": "expert",
+                "expert": expert,
                 "needs_images": False,
                 "action_space": EE_DELTA.to_json(),
                 "cameras": {},
@@ -213,15 +216,12 @@ def test_native_servers_are_found_by_what_they_declare(observation):
     with Server(greeting=greeting) as server, client(server, "timeout=5") as policy:
         assert not policy.info.needs_images
         assert policy.info.action_space == "ee_delta"
+        policy.name_trial(TRIAL)
         policy.act(observation)
     (seen,) = server.requests
-    assert seen["better/episode"] == {
-        "task": "fruit_lunch",
-        "condition": "L3",
-        "seed": 7,
-        "action_space": "ee_delta",
-        "instruction": "pack the apple",
-    }
+    told = {"episode": 7, "action_space": "ee_delta", "instruction": "pack the apple"}
+    trial = {"task": "fruit_lunch", "condition": "L3", "seed": 7}
+    assert seen["better/episode"] == {**told, **(trial if expert else {})}
     assert seen["better/step"] == 3
     assert seen["better/gripper_width"] == 0.06
     for name, value in (("ee_quaternion", observation.ee_quaternion), ("joint_positions", observation.joint_positions)):

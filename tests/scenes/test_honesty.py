@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from betterbench.experts.registry import make_expert
+from betterbench.experts import make_expert
 from betterbench.geometry import Pose, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary

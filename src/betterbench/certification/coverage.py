@@ -14,6 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, first_problem, seed_ranges
 from betterbench.errors import InvalidInputError
+from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
 """Share of a condition's trials that the expert has to solve, so that the few which it does not solve count as its own
@@ -223,7 +224,7 @@ def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"
     named = " ".join(("", *tasks))
-    chosen = f" --tasks{named}" if named else ""
+    chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
     seed = f" --seed {first}" if first else ""
     return (
         f"Run better certify{chosen} --trials {trials}{seed} --out runs/certificate and name it with "

@@ -1,85 +1,26 @@
-"""``better audit-paper``: which printed numbers agree with each other, and what their trials can carry."""
+"""``better audit-paper``: which printed numbers agree with each other, and what their trials can show."""
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 
-from rich.markup import escape
-from rich.table import Table
-
-from betterbench.audit import Audit, AuditFinding, TableAudit, Verdict, audit_source, load_tables, paper_tables
-from betterbench.cli.console import OUT, print_json
-
-_STYLES = {
-    Verdict.BROKEN: "bold red",
-    Verdict.UNSUPPORTED: "yellow",
-    Verdict.UNKNOWN: "dim",
-    Verdict.HOLDS: "green",
-}
-_SUMMARY = {
-    Verdict.BROKEN: "do not hold",
-    Verdict.UNSUPPORTED: "are not supported by their trials",
-    Verdict.UNKNOWN: "cannot be checked",
-    Verdict.HOLDS: "hold",
-}
-_VERDICT_WIDTH = 17
-"""Width of the first column: "cannot be checked" on one line, "not supported by 20 trials" on two."""
+from betterbench.cli.console import print_json
 
 
-def audit_paper(*, json: bool = False, tables: Path | None = None) -> None:
-    """Compute every printed number of the paper's tables again, and say what the trials behind its claims can carry.
+def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
+    """Recompute every printed number of the paper's tables, and say what the trials behind its claims can show.
 
     Example: better audit-paper
 
     Args:
         json: Print one JSON document instead of text.
-        tables: Another file of the same form to audit; the benchmark paper's tables if not given.
+        tables: File of the same form to audit instead of the tables of the benchmark's paper.
     """
+    from betterbench.audit import audit_source, load_tables, paper_tables
+    from betterbench.cli.output.audit import print_audit
+
     audit = audit_source(paper_tables() if tables is None else load_tables(tables))
     if json:
         print_json(audit.to_json())
-        return
-    _print(audit)
-
-
-def _print(audit: Audit) -> None:
-    """Print the tables, those with the most broken numbers first, and the summary."""
-    OUT.print(audit.source, markup=False)
-    for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
-        OUT.print()
-        OUT.print(f"[bold]{escape(table.table.name)}[/]  {escape(table.table.title)}")
-        OUT.print(_listing(table))
-    counts = ", ".join(f"{audit.count(verdict)} {text}" for verdict, text in _SUMMARY.items())
-    OUT.print(f"\n{len(audit.findings)} checks: {counts}.", markup=False)
-
-
-def _listing(audit: TableAudit) -> Table:
-    """Return the findings one by one as far as they do not hold, and how many hold."""
-    listing = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    listing.add_column(width=_VERDICT_WIDTH)
-    listing.add_column(overflow="fold")
-    for finding in audit.findings:
-        if finding.verdict is not Verdict.HOLDS:
-            listing.add_row(f"[{_STYLES[finding.verdict]}]{_verdict(finding)}[/]", _line(finding))
-    checked = Counter(f.rule for f in audit.findings)
-    held = Counter(f.rule for f in audit.findings if f.verdict is Verdict.HOLDS)
-    if held:
-        shares = ", ".join(f"{rule} {held[rule]}/{n}" for rule, n in checked.items() if held[rule])
-        listing.add_row(f"[{_STYLES[Verdict.HOLDS]}]holds[/]", escape(shares))
-    return listing
-
-
-def _verdict(finding: AuditFinding) -> str:
-    """Return the verdict with the trials in place of n."""
-    if finding.support is None:
-        return finding.verdict.value
-    return finding.verdict.value.replace(" n ", f" {min(finding.support.trials)} ")
-
-
-def _line(finding: AuditFinding) -> str:
-    """Return a finding as one line of markup."""
-    place = ", ".join(part for part in (finding.row, finding.cell) if part)
-    told = finding.support is not None or finding.recomputed in ("", finding.printed)
-    recomputed = "" if told else f", recomputed {finding.recomputed}"
-    return f"[bold]{escape(place)}[/]: printed {escape(finding.printed)}{escape(recomputed)}. {escape(finding.why)}"
+    else:
+        print_audit(audit)

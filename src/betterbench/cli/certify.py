@@ -1,26 +1,20 @@
-"""``better certify``: prove, trial by trial, that a failure can only come from the policy."""
+"""``better certify``: show, trial by trial, that a failure can only come from the policy."""
 
 from __future__ import annotations
 
 import os
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from betterbench.certification import CLAUSES, Certificate, summaries
-from betterbench.certification.coverage import PACKAGED
-from betterbench.certification.examine import Subject
-from betterbench.certification.runner import CertificationProgress, write_coverage
-from betterbench.certification.runner import certify as run_certification
-from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
-from betterbench.cli.evaluate import prepare_robot
+from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import Plan, make_plan
-from betterbench.report.certificate_page import write_certificate_page
-from betterbench.tasks import suite_tasks
+
+if TYPE_CHECKING:
+    from betterbench.certification.runner import CertificationProgress
 
 
-def certify(
+def certify_command(
     *,
     out: Path = Path("runs/certificate"),
     suite: str = "better60",
@@ -31,10 +25,11 @@ def certify(
     write_package: bool = False,
     json: bool = False,
 ) -> None:
-    """Certify trials: solvable, inside the training regime, at rest, reachable, and showing what is presupposed.
+    """Certify trials: solvable, inside the training distribution, at rest, within reach, and with a true premise.
 
     The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps what is done; the
-    same command goes on. The exit status is 0 even where clauses fail: they are listed, and better eval refuses them.
+    same command resumes. The exit status is 0 even where a clause fails: such trials are listed, and better eval
+    refuses them.
 
     Example: better certify --tasks fast_food --trials 3 --out runs/certificate
 
@@ -48,24 +43,33 @@ def certify(
         write_package: Also write the compact certificate that ships with the suite; for its maintainers.
         json: Print the certificate as one JSON document at the end.
     """
+    from betterbench.certification.coverage import PACKAGED
+    from betterbench.certification.examine import Subject
+    from betterbench.certification.runner import certify, write_coverage
+    from betterbench.cli.evaluate import prepare_robot
+    from betterbench.cli.output.certificate import print_certificate
+    from betterbench.evaluation import make_plan
+    from betterbench.report.certificate_page import write_certificate_page
+    from betterbench.tasks import suite_tasks
+
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
     if write_package and tasks and set(tasks) != set(of_suite):
         raise InvalidInputError(
             "--write-package", "it replaces the certificate of the whole suite", "Leave out --tasks"
         )
     prepare_robot("panda")
-    subjects = subjects_of(make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed))
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
+    subjects = [Subject(t.task, t.condition, t.seed) for t in plan.trials]
     with progress_bar("certify", len(subjects)) as (bar, task):
 
         def told(progress: CertificationProgress) -> None:
             last = progress.last
-            note = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
-            bar.update(task, completed=progress.done, note=note)
+            name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, completed=progress.done, note=name)
             if last is not None and not last.passed:
-                reasons = "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed)
-                say(f"{last.task}/{last.condition} seed {last.seed}: {reasons}")
+                say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
-        certificate = run_certification(subjects, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        certificate = certify(subjects, out, workers=workers or os.cpu_count() or 1, on_progress=told)
     page = write_certificate_page(certificate, out / "certificate.html")
     if write_package:
         with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
@@ -75,30 +79,3 @@ def certify(
         return
     print_certificate(certificate)
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
-
-
-def subjects_of(plan: Plan) -> list[Subject]:
-    """Return the trials of a plan as trials to examine."""
-    return [Subject(t.task, t.condition, t.seed) for t in plan.trials]
-
-
-def print_certificate(certificate: Certificate) -> None:
-    """Print the conditions on which a clause fails, and the figures of the whole."""
-    groups = summaries(certificate.trials)
-    short = [s for s in groups if s.passed < s.n]
-    if short:
-        rows: list[list[Any]] = [
-            [f"{s.task}/{s.condition}", f"{s.passed}/{s.n}", *(str(s.clauses[letter]) for letter in CLAUSES)]
-            for s in short
-        ]
-        print_table(["condition", "passed", *(f"({letter})" for letter in CLAUSES)], rows, title="not full")
-    else:
-        OUT.print("all clauses hold on every trial", markup=False)
-    variations = sum(not s.training for s in groups)
-    n, solved = len(certificate.trials), sum(t.clauses["a"].passed for t in certificate.trials)
-    passed = sum(t.passed for t in certificate.trials)
-    workers = f"{certificate.workers} worker{'' if certificate.workers == 1 else 's'}"
-    of_what = f"{variations} variations, {len(groups) - variations} training conditions"
-    OUT.print(f"certified   {passed} of {n} trials ({of_what})", markup=False, soft_wrap=True)
-    OUT.print(f"expert      solves {solved} of {n}, {certificate.expert_s:.2f} s per trial", markup=False)
-    OUT.print(f"total time  {certificate.wall_s:.0f} s with {workers}", markup=False)

@@ -7,14 +7,10 @@ from typing import Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, print_table
-from betterbench.comparison import Comparison, Contrast, Group, load_sides
-from betterbench.comparison import compare as compare_sides
-from betterbench.comparison.verdict import p_text, points, scope_text
-from betterbench.statistics import percent
+from betterbench.cli.console import print_json
 
 
-def compare(
+def compare_command(
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
     alpha: float = 0.05,
@@ -22,84 +18,23 @@ def compare(
     allow_mixed: bool = False,
     json: bool = False,
 ) -> None:
-    """Compare policies on the trials that their runs share, pair by pair.
+    """Compare policies, two by two, on the trials that their runs share.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
         runs: Folders of the runs, two or more.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
-        sequential: Also weigh the evidence in a way that stays valid however often you look while the runs go on.
-        allow_mixed: Compare over different versions or engines all the same.
+        sequential: Also print tests that stay valid however often you look at runs that are still going.
+        allow_mixed: Compare runs of different versions or engines all the same.
         json: Print one JSON document instead of sentences and tables.
     """
-    result = compare_sides(
-        load_sides(runs, allow_mixed=allow_mixed), alpha=alpha, sequential=sequential, allow_mixed=allow_mixed
-    )
+    from betterbench.cli.output.comparison import print_comparison
+    from betterbench.comparison import compare, load_sides
+
+    sides = load_sides(runs, allow_mixed=allow_mixed)
+    result = compare(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
     if json:
         print_json(result.to_json())
-        return
-    print_comparison(result)
-
-
-def print_comparison(result: Comparison) -> None:
-    """Print the verdict, the tables of success and of failures, and what limits them."""
-    for sentence in result.verdict:
-        OUT.print(sentence, markup=False)
-    success = [g for g in result.groups if g.measure == "success"]
-    failures = [g for g in result.groups if g.measure != "success"]
-    for title, groups in (("success", success), ("failures on the variations", failures)):
-        if groups:
-            OUT.print()
-            _print_groups(title, groups, result.alpha)
-    OUT.print()
-    for line in (*_legend(result), *result.notes):
-        OUT.print(line, markup=False, style="dim")
-
-
-def _print_groups(title: str, groups: list[Group], alpha: float) -> None:
-    """Print one row per group: rates with letters, and for two policies the difference."""
-    names = groups[0].names
-    columns = ["over" if groups[0].measure == "success" else "what", *names]
-    if len(names) == 2:
-        columns += [f"difference, {100 * (1 - alpha):g} %", "p"]
-    rows = []
-    for group in groups:
-        row = [_what(group)]
-        for rate, letters in zip(group.rates, group.letters, strict=True):
-            row.append(f"{rate.k}/{rate.n} {percent(rate.k, rate.n)} % {letters}")
-        if len(names) == 2:
-            row += _difference(group.contrasts[0])
-        rows.append(row)
-    print_table(columns, rows, title=title)
-
-
-def _what(group: Group) -> str:
-    """Return what a row is about; of an axis the first two words, so that the table fits a terminal."""
-    if group.scope.startswith("axis:"):
-        return " ".join(scope_text(group.scope).split()[:2])
-    return (scope_text(group.scope) if group.measure == "success" else group.measure).replace("_", " ")
-
-
-def _difference(contrast: Contrast) -> list[str]:
-    d = contrast.difference
-    return [
-        f"{points(d.value or 0.0)} ({points(d.low)} to {points(d.high)})",
-        p_text(contrast.p_adjusted).removeprefix("p = ").removeprefix("p "),
-    ]
-
-
-def _legend(result: Comparison) -> list[str]:
-    names = [s.name for s in result.sides]
-    n = len(result.matching.trials[0])
-    tests = sorted({c.test for g in result.groups for c in g.contrasts})
-    family = "overall, training, axes, tasks, kinds of failure, labels"
-    lines = [
-        "Two policies share a letter where they are not told apart.",
-        f"Tests: {' and '.join(tests)}, Holm's correction within each family ({family}), alpha {result.alpha:g}.",
-    ]
-    if len(names) == 2:
-        lines.append(f"Differences are {names[0]} minus {names[1]}, in percentage points.")
-    if result.matching.paired:
-        lines.append(f"Compared: {n} trials that all runs plan, by task, variation or condition, and seed.")
-    return lines
+    else:
+        print_comparison(result)

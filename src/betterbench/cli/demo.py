@@ -1,13 +1,10 @@
-"""``better demo``: the expert and three broken policies on two tasks, and the report that tells them apart."""
+"""``better demo``: the expert and three faulty policies on two tasks, and the report that tells them apart."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from betterbench.cli.console import OUT, say
-from betterbench.cli.evaluate import default_folder, run_with_bar
-from betterbench.cli.report import build_report
-from betterbench.evaluation import make_plan
 
 POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
 
@@ -15,7 +12,9 @@ TASKS = ("morning_coffee", "fast_food")
 """The two tasks of the paper's detailed tables; between them they show every fault of the three policies."""
 
 
-def demo(*, out: Path = Path("runs/demo"), trials: int = 4, workers: int | None = None, films: int = 24) -> None:
+def demo_command(
+    *, out: Path = Path("runs/demo"), trials: int = 4, workers: int | None = None, films: int = 24
+) -> None:
     """Evaluate the expert and three policies with a known fault on two tasks, and report on them side by side.
 
     Example: better demo --out runs/demo
@@ -26,6 +25,10 @@ def demo(*, out: Path = Path("runs/demo"), trials: int = 4, workers: int | None 
         workers: Worker processes; one per processor if not given.
         films: Largest number of film strips in the report.
     """
+    from betterbench.cli.evaluate import default_folder, run_with_bar
+    from betterbench.cli.output.page import build_report
+    from betterbench.evaluation import make_plan
+
     runs = []
     for policy in POLICIES:
         plan = make_plan(policy, tasks=TASKS, trials=trials)

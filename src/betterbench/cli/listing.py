@@ -6,15 +6,12 @@ from typing import Annotated, Literal
 
 import tyro
 
-from betterbench.assets import categories, colors, looks
 from betterbench.cli.console import OUT, print_json, print_table
-from betterbench.evaluation import known_policies
-from betterbench.tasks import TEMPLATES, all_tasks
 
 What = Literal["tasks", "variations", "policies", "assets", "templates"]
 
 
-def list_things(what: Annotated[What, tyro.conf.Positional], *, json: bool = False) -> None:
+def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = False) -> None:
     """List tasks, variations, policies, assets or templates.
 
     Example: better list variations
@@ -41,6 +38,8 @@ def list_things(what: Annotated[What, tyro.conf.Positional], *, json: bool = Fal
 
 
 def _tasks() -> tuple[list[str], list[list[str]]]:
+    from betterbench.tasks import all_tasks
+
     rows = [
         [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
         for t in all_tasks()
@@ -49,6 +48,8 @@ def _tasks() -> tuple[list[str], list[list[str]]]:
 
 
 def _variations() -> tuple[list[str], list[list[str]]]:
+    from betterbench.tasks import all_tasks
+
     rows = [
         [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]
         for t in all_tasks()
@@ -58,16 +59,22 @@ def _variations() -> tuple[list[str], list[list[str]]]:
 
 
 def _policies() -> tuple[list[str], list[list[str]]]:
+    from betterbench.evaluation import known_policies
+
     rows = [[p.address, "state" if p.privileged else "observations", p.summary] for p in known_policies()]
     return ["policy", "sees", "what it does"], rows
 
 
 def _assets() -> tuple[list[str], list[list[str]]]:
+    from betterbench.assets import categories, colors, looks
+
     rows = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
     return ["asset", "looks", "colors"], rows
 
 
 def _templates() -> tuple[list[str], list[list[str]]]:
+    from betterbench.tasks import TEMPLATES, all_tasks
+
     rows = [
         [t.name, t.title, ", ".join(task.id for task in all_tasks() if task.template is t), t.challenge]
         for t in TEMPLATES.values()

@@ -9,11 +9,9 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, say
 from betterbench.errors import BetterError, RecordError
-from betterbench.evaluation import check_record, write_video
-from betterbench.recording import RunFolder, read_record
 
 
-def replay(
+def replay_command(
     record: Annotated[Path, tyro.conf.Positional],
     *,
     check: bool = False,
@@ -22,18 +20,20 @@ def replay(
     size: int = 512,
     json: bool = False,
 ) -> None:
-    """Simulate a record's actions again and compare every state, or write its video.
+    """Simulate the actions of a record again and compare every state, or write a video of it.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 
     Args:
-        record: The record.
-        check: Simulate again and compare bit for bit.
-        out: Video file to write without --check; a place in the run's folder if not given.
+        record: File of the record, in the folder of its run.
+        check: Simulate again and compare bit for bit, instead of writing a video.
+        out: Video file to write; a file in the folder of the run if not given.
         camera: Camera of the video.
         size: Side of the video in pixels.
-        json: Print one JSON document.
+        json: Print the result of --check as one JSON document.
     """
+    from betterbench.evaluation import check_record
+
     if not check:
         path = _video(record, out, camera=camera, size=size)
         say(f"wrote {path}")
@@ -62,9 +62,14 @@ def replay(
 
 
 def _video(record: Path, out: Path | None, *, camera: str, size: int) -> Path:
+    from betterbench.evaluation import write_video
+    from betterbench.recording import RunFolder, read_record
+
     meta = read_record(record).metadata
     folder = record.resolve().parents[3] if len(record.resolve().parents) > 3 else record.parent
     run = RunFolder.open(folder)
     if run.record_path(meta.task, meta.condition, meta.seed).resolve() != record.resolve():
-        raise RecordError(f"{record}: it is not in its run's folder, where its scene is stored. Put it back.")
+        raise RecordError(
+            f"{record}: the record is not in the folder of its run, where its scene is stored. Put it back."
+        )
     return write_video(run, meta.task, meta.condition, meta.seed, camera=camera, size=size, out=out)

@@ -9,34 +9,23 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import named_trial as find_trial
-from betterbench.evaluation import open_server
-from betterbench.evaluation.serving.server import DEFAULT_CHUNK
-from betterbench.evaluation.trials.policy_factory import (
-    close_policy,
-    is_in_process_model,
-    is_privileged,
-    is_remote,
-    make_policy,
-    needs_no_thread,
-)
-from betterbench.interface import BatchPolicy
-from betterbench.policies.batching import MAX_BATCH
-from betterbench.policies.server import DEFAULT_PORT, LOOPBACK
-from betterbench.tasks import TrialId
+
+if TYPE_CHECKING:
+    from betterbench.interface import BatchPolicy
+    from betterbench.tasks import TrialId
 
 
-def serve(
+def serve_command(
     policy: Annotated[str, tyro.conf.Positional],
     *,
-    host: str = LOOPBACK,
-    port: int = DEFAULT_PORT,
+    host: str = "127.0.0.1",
+    port: int = 8000,
     chunk: int | None = None,
     batch: int | None = None,
     task: str | None = None,
@@ -44,29 +33,33 @@ def serve(
     seed: int | None = None,
     api_key_env: str | None = None,
 ) -> None:
-    """Serve a policy behind the openpi protocol, for other people's clients and harnesses, until Ctrl-C or SIGTERM.
+    """Serve a policy behind the openpi protocol, for other clients and harnesses, until Ctrl-C or SIGTERM.
+
+    An expert needs the privileged state, so the server runs a shadow simulation of its client's scene. betterbench's
+    own clients name their trial. Any other client plays the trial of --task, --condition and --seed or, if no task is
+    named, the first training condition whose instruction is its prompt.
 
     Example: better serve expert --port 8000
-
-    An expert needs the truth, so the server mirrors the scene of its client. Our own clients name their trial; any
-    other client plays the one given by --task, --condition and --seed, or else the first training condition whose
-    sentence is its prompt.
 
     Args:
         policy: Address of the policy (see better list policies).
         host: Interface to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert; 8 if not given.
-        batch: Observations that a policy which takes batches is given at once, at most; 16 if not given.
+        batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
         task: Task of clients that name none.
-        condition: Its condition; the first training condition if not given.
-        seed: Its seed; 0 if not given.
-        api_key_env: Environment variable with a key that clients have to show.
+        condition: Condition of that task; its first training condition if not given.
+        seed: Seed of that trial; 0 if not given.
+        api_key_env: Environment variable with a key that clients have to send.
     """
+    from betterbench.evaluation import open_server
+    from betterbench.evaluation.serving.server import DEFAULT_CHUNK
+    from betterbench.policies.batching import MAX_BATCH
+
     trial = named_trial(task, condition, seed)
     key = _key(api_key_env)
     if chunk is not None:
-        _require_chunks_of_ours(policy)
+        _require_expert(policy)
     server = open_server(
         policy,
         host=host,
@@ -77,8 +70,8 @@ def serve(
         api_key=key,
         made=None if batch is None else _batch_policy(policy),
     )
-    if api_key_env is None and host not in (LOOPBACK, "localhost", "::1"):
-        say(f"Whoever reaches {host} can use this policy; --api-key-env NAME asks for a key.")
+    if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
+        say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
     with _connections_logged(), _stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address} (better eval --policy {server.address}; "
@@ -103,29 +96,41 @@ def named_trial(task: str | None, condition: str | None, seed: int | None) -> Tr
         if seed is not None:
             raise InvalidInputError("--seed", "it belongs to the trial of a task", "Give --task too")
         return None
-    return find_trial(task, condition, 0 if seed is None else seed)
+    from betterbench.evaluation import named_trial as existing_trial
+
+    return existing_trial(task, condition, 0 if seed is None else seed)
 
 
-def _require_chunks_of_ours(policy: str) -> None:
-    """Check that the length of a policy's chunks is ours to choose; an address that means nothing is refused later.
+def _require_expert(policy: str) -> None:
+    """Check that the server chooses the length of a policy's chunks; an unknown address is refused later.
 
     Raises:
-        InvalidInputError: If the policy answers in chunks of its own.
+        InvalidInputError: If the policy chooses the length of its chunks itself.
     """
+    from betterbench.evaluation.trials.policy_factory import (
+        is_in_process_model,
+        is_privileged,
+        is_remote,
+        needs_no_thread,
+    )
+
     sees = needs_no_thread(policy) or is_remote(policy) or is_in_process_model(policy) or policy.startswith("python:")
     if sees and not is_privileged(policy):
         raise InvalidInputError(
-            "--chunk", f"{policy} is no expert and answers as many actions as it likes", "Leave out --chunk"
+            "--chunk", f"{policy} is no expert and chooses the length of its chunks itself", "Leave out --chunk"
         )
 
 
 def _batch_policy(policy: str) -> BatchPolicy:
-    """Make a policy for which a number of observations at once was given.
+    """Make a policy that answers several observations at once.
 
     Raises:
         InvalidInputError: If it takes no batches.
         BetterError: If it cannot be made.
     """
+    from betterbench.evaluation.trials.policy_factory import close_policy, make_policy, needs_no_thread
+    from betterbench.interface import BatchPolicy
+
     made = None if needs_no_thread(policy) else make_policy(policy)
     if isinstance(made, BatchPolicy):
         return made
@@ -146,7 +151,7 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Show who connects; everything else stays as quiet as ever."""
+    """Log connections of clients meanwhile."""
     ours = logging.getLogger("betterbench.policies.server")
     before = ours.level
     ours.setLevel(logging.INFO)
@@ -158,9 +163,9 @@ def _connections_logged() -> Iterator[None]:
 
 @contextmanager
 def _stopped_by_signal() -> Iterator[threading.Event]:
-    """Give an event that SIGTERM and Ctrl-C set; what the signals did before comes back afterward.
+    """Give an event that SIGTERM and Ctrl-C set, until the context ends.
 
-    A second signal ends the process at once: a policy that hangs would otherwise keep it.
+    A second signal ends the process at once, in case the policy hangs.
     """
     stopped = threading.Event()
 

@@ -8,13 +8,12 @@ from typing import Annotated
 import tyro
 
 from betterbench.cli.console import say
-from betterbench.evaluation import show_comparison, show_training
 
 
-def show(
+def show_command(
     what: Annotated[str, tyro.conf.Positional], *, out: Path = Path("scene.png"), seed: int = 0, size: int = 512
 ) -> None:
-    """Draw a training scene beside the test scene, same seed, with what changed outlined.
+    """Draw a training scene beside the test scene of the same seed, with what changed outlined.
 
     Example: better show fast_food/T1 --out t1.png
 
@@ -24,6 +23,8 @@ def show(
         seed: Seed of both scenes.
         size: Side of each image in pixels.
     """
+    from betterbench.evaluation import show_comparison, show_training
+
     task, _, name = what.partition("/")
     image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -12,6 +12,19 @@ from betterbench.tasks.relations import relation
 
 
 @dataclass(frozen=True, slots=True)
+class GraspOffset:
+    """A deliberate clumsiness of the hand, for the calibration zoo.
+
+    Attributes:
+        miss_by_m: Gap between pads and object when the hand closes beside it [m], or None to grasp well.
+        drop: True to open the hand in mid-air after the lift.
+    """
+
+    miss_by_m: float | None = None
+    drop: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Bring:
     """Decision to bring an object to a target."""
 

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.experts.decisions import Bring, Decision, Draw, Freeze, GraspAt, Rest, Wander
-from betterbench.experts.faulty.rules import BrokenRule
+from betterbench.errors import UnknownNameError
+from betterbench.experts.decisions import Bring, Decision, Draw, Freeze, GraspAt, GraspOffset, Rest, Situation, Wander
+from betterbench.experts.faulty import BrokenRule, Clumsy, Crash, Slow
 from betterbench.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
 from betterbench.experts.planner import Planner
-from betterbench.experts.skills import GraspOffset, Skills
+from betterbench.experts.probes import make_replay
+from betterbench.experts.registry import EXPERTS, REPLAYS, Address, expert_names, parse_address
+from betterbench.experts.skills import Skills
 from betterbench.scenes import Scene
-from betterbench.state import WorldState
+from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import TargetRegion, stream
 
 MAX_DECISIONS = 12
@@ -140,3 +143,34 @@ class PrivilegedAgent:
         if not worked and self._noise_of.grasp_offset is None and self._mishap is None:
             self._mishap = f"the hand could not carry out {decision}"
         return state
+
+
+def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
+    """Return a privileged policy for one episode.
+
+    Args:
+        address: Its address.
+        scene: The scene the episode runs in.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+        InvalidInputError: If an option is unknown or out of range.
+    """
+    asked = parse_address(address)
+    if asked is None:
+        raise UnknownNameError("privileged policy", address, expert_names())
+    if asked.name in REPLAYS:
+        return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
+    rule = EXPERTS[asked.name].rule(Situation(scene.task, scene.condition, scene.seed), asked.strength)
+    return PrivilegedAgent(address, scene, rule, noise=_noise_of(rule, asked))
+
+
+def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
+    """Return how the body carries out what the rule decides."""
+    slow = isinstance(rule, Slow) and rule.applies
+    return ExecutionNoise(
+        grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,
+        action_noise_m=asked.action_noise_m,
+        speed=Slow.speed if slow else 1.0,
+        crash_step=rule.crash_step if isinstance(rule, Crash) else None,
+    )

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError
 from betterbench.experts.decisions import Situation
 from betterbench.experts.faulty import (
     BrokenRule,
@@ -29,10 +29,6 @@ from betterbench.experts.faulty import (
     Shape,
     Slow,
 )
-from betterbench.experts.privileged import ExecutionNoise, PrivilegedAgent
-from betterbench.experts.probes import make_replay
-from betterbench.scenes import Scene
-from betterbench.state import PrivilegedPolicy
 
 MAX_ACTION_NOISE_M = 0.02
 """Largest action_noise that can be asked for [m]; a hand that shakes more knocks everything over."""
@@ -136,34 +132,3 @@ def parse_address(address: str) -> Address | None:
             raise InvalidInputError(where, f"{key} is {text!r}", f"Give a number from {low:g} to {high:g}")
         found[key] = value
     return Address(name, found["strength"], found["action_noise"])
-
-
-def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a privileged policy for one episode.
-
-    Args:
-        address: Its address.
-        scene: The scene the episode runs in.
-
-    Raises:
-        UnknownNameError: If there is no such policy.
-        InvalidInputError: If an option is unknown or out of range.
-    """
-    asked = parse_address(address)
-    if asked is None:
-        raise UnknownNameError("privileged policy", address, expert_names())
-    if asked.name in REPLAYS:
-        return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
-    rule = EXPERTS[asked.name].rule(Situation(scene.task, scene.condition, scene.seed), asked.strength)
-    return PrivilegedAgent(address, scene, rule, noise=_noise_of(rule, asked))
-
-
-def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
-    """Return how the body carries out what the rule decides."""
-    slow = isinstance(rule, Slow) and rule.applies
-    return ExecutionNoise(
-        grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,
-        action_noise_m=asked.action_noise_m,
-        speed=Slow.speed if slow else 1.0,
-        crash_step=rule.crash_step if isinstance(rule, Crash) else None,
-    )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from betterbench.errors import PlanningError
+from betterbench.experts.decisions import GraspOffset
 from betterbench.experts.motion import (
     APPROACH,
     CARRY,
@@ -34,19 +35,6 @@ Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class GraspOffset:
-    """A deliberate clumsiness of the hand, for the calibration zoo.
-
-    Attributes:
-        miss_by_m: Gap between pads and object when the hand closes beside it [m], or None to grasp well.
-        drop: True to open the hand in mid-air after the lift.
-    """
-
-    miss_by_m: float | None = None
-    drop: bool = False
 
 
 @dataclass

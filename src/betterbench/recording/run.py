@@ -20,6 +20,7 @@ from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.parquet import read_record, write_record
 from betterbench.recording.record import Record
+from betterbench.tasks.user_files import COPIES, loaded_files, require_origins
 
 RUN_SCHEMA_VERSION = 1
 """Version of ``run.json`` and of the layout of the folder."""
@@ -82,6 +83,7 @@ class RunFolder:
             _remove_parts(path)
             if not (path / "run.json").exists():
                 write_durably(path / "run.json", _run_json(wanted))
+                _copy_task_files(path, wanted["plan"])
                 return cls(path, wanted["plan"], wanted["context"])
         existing = cls.open(path)
         difference = first_difference(existing.plan, wanted["plan"], "plan")
@@ -91,6 +93,7 @@ class RunFolder:
                 f"{path}: the run in this folder is another one: {where} is {there} there and {asked} here. "
                 "Give the same arguments to resume it, or choose another folder."
             )
+        _copy_task_files(path, existing.plan)
         return existing
 
     @classmethod
@@ -98,7 +101,8 @@ class RunFolder:
         """Open an existing run for reading.
 
         Raises:
-            RecordError: If the folder holds no run, a corrupt one or one of another version.
+            RecordError: If the folder holds no run, a corrupt one or one of another version, or its tasks are defined
+                by a user's file that is not loaded.
         """
         file = path / "run.json"
         try:
@@ -118,6 +122,7 @@ class RunFolder:
         for name in ("plan", "context"):
             if not isinstance(form.get(name), dict):
                 raise RecordError(f"{file}: {name!r} is missing or malformed. Restore it, or start in a new folder.")
+        require_origins(form["plan"], path)
         return cls(path, form["plan"], form["context"])
 
     @property
@@ -295,6 +300,13 @@ class RunFolder:
 def _run_json(form: Mapping[str, Any]) -> bytes:
     """Return the content of ``run.json``."""
     return json.dumps(form, indent=2, sort_keys=True).encode() + b"\n"
+
+
+def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
+    """Keep a copy of each of the user's files that the tasks of a run come from."""
+    for file in loaded_files() if plan.get("task_files") else ():
+        if not (path / COPIES / file.copy_name).exists():
+            write_durably(path / COPIES / file.copy_name, file.source.encode())
 
 
 def _safe_name(what: str, name: str) -> str:

@@ -8,13 +8,14 @@ from collections.abc import Callable
 
 from betterbench.errors import UnknownNameError
 from betterbench.tasks.task import Task
+from betterbench.tasks.user_files import load_declared, registered
 
 _BUILDERS: dict[str, Callable[[], Task]] = {}
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
     """Register a function that returns a task under the function's name."""
-    _BUILDERS[build.__name__] = functools.cache(build)
+    _BUILDERS[build.__name__] = functools.cache(registered("task", build.__name__, build, _BUILDERS))
     return build
 
 
@@ -24,10 +25,10 @@ def get_task(name: str) -> Task:
     Raises:
         UnknownNameError: If there is no such task.
     """
-    try:
-        return _BUILDERS[name]()
-    except KeyError:
-        raise UnknownNameError("task", name, _BUILDERS) from None
+    load_declared()
+    if name not in _BUILDERS:
+        raise UnknownNameError("task", name, _BUILDERS)
+    return _BUILDERS[name]()
 
 
 def notes_of(name: str) -> str:
@@ -42,6 +43,7 @@ def notes_of(name: str) -> str:
 
 def task_names() -> tuple[str, ...]:
     """Return the ids of all tasks, sorted."""
+    load_declared()
     return tuple(sorted(_BUILDERS))
 
 

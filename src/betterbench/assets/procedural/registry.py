@@ -16,6 +16,7 @@ from betterbench.assets.procedural.paint import Color
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
 from betterbench.state import Region
+from betterbench.tasks.user_files import load_declared, registered
 
 Generator = Callable[[np.random.Generator, str], "Draft"]
 
@@ -77,7 +78,8 @@ def generator(
     """
 
     def register(make: Generator) -> Generator:
-        _REGISTER[category] = _Entry(make, tuple(colors), looks, family or category)
+        named = registered("asset", category, make, _REGISTER)
+        _REGISTER[category] = _Entry(named, tuple(colors), looks, family or category)
         return make
 
     return register
@@ -85,11 +87,13 @@ def generator(
 
 def categories() -> tuple[str, ...]:
     """Return the names of all categories, sorted."""
+    load_declared()
     return tuple(sorted(_REGISTER))
 
 
 def _entry(category: str) -> _Entry:
     """Look a category up."""
+    load_declared()
     try:
         return _REGISTER[category]
     except KeyError:

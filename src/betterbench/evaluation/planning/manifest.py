@@ -29,6 +29,7 @@ from betterbench.recording.metadata import dump_json
 from betterbench.robots import robot as robot_named
 from betterbench.scenes import CONTROL_RATE_HZ, TIMESTEP_S
 from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.user_files import loaded_files
 
 _MAX_DECLARED_BYTES = 1 << 18
 _MAX_DEPTH = 12
@@ -55,6 +56,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "renderer": describe_renderer() if images else {"problem": "no images are rendered in this run"},
         "packages": package_lock(),
         "source_revision": source_revision(Path.cwd()),
+        "task_files": [{"path": file.path, "sha256": file.sha256} for file in loaded_files()],
         "engine": dict(engine),
         "conventions": run_conventions(plan),
         "policy": dict(policy),

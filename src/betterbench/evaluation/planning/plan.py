@@ -19,6 +19,7 @@ from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, Variation, get_task, suite_tasks
+from betterbench.tasks.user_files import origins_of
 
 PLAN_VERSION = 1
 
@@ -91,6 +92,7 @@ class Plan:
             "robot": self.robot,
             "control_rate_hz": CONTROL_RATE_HZ,
             "trials": [asdict(t) for t in self.trials],
+            **origins_of({t.task for t in self.trials}),
         }
 
 

@@ -18,6 +18,7 @@ from betterbench.evaluation.workers.worker import Worker
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.user_files import load_sources
 
 TURN_S = 2.0
 """How long a worker goes on before it reports, even if no trial has ended [s]."""
@@ -91,6 +92,7 @@ class RemoteWorker:
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
+        load_sources(self._settings.task_files)
         versions = versions_here()
         self._folder = tempfile.TemporaryDirectory(prefix="betterbench-")
         path = Path(self._folder.name)

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from betterbench.episodes import (
@@ -28,6 +28,7 @@ from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, Status
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 POLICY_TIMEOUT_S = 300.0
 """Deadline of one answer of a policy in this process [s], unless another one is asked for."""
@@ -52,6 +53,7 @@ class RunSettings:
         envs: Environments that a worker keeps open at once.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the process that holds the policy for all workers, or None.
+        task_files: The user's files that workers load before anything else.
     """
 
     run: str
@@ -63,6 +65,7 @@ class RunSettings:
     envs: int = 1
     policy_timeout_s: float = POLICY_TIMEOUT_S
     served_at: str | None = None
+    task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
 
     @property
     def asked(self) -> str:
@@ -89,6 +92,7 @@ class TrialRunner:
             BetterError: If the policy cannot be made, its server not be reached or the run not be read.
         """
         self.settings = settings
+        load_sources(settings.task_files)
         self.run = RunFolder.open(Path(settings.run))
         self.policies = policies or PolicyFactory(settings.asked)
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Bring, Decision
+from betterbench.experts.decisions import Bring, Decision, GraspOffset
 from betterbench.experts.faulty.rules import BrokenRule, Fault
-from betterbench.experts.skills import GraspOffset
 from betterbench.state import WorldState
 from betterbench.tasks import Expected
 

@@ -1,0 +1,100 @@
+"""What ``better doctor`` tries on this machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench import __version__
+from betterbench.errors import BetterError
+from betterbench.evaluation import probe_encoder
+from betterbench.interface.actions import EE_DELTA
+from betterbench.robots import robot_names
+from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
+from betterbench.tasks import all_tasks, get_task
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that was tried: what was found, and the cure if it does not work."""
+
+    name: str
+    works: bool
+    detail: str
+    cure: str = ""
+
+
+def run_checks() -> list[Check]:
+    """Try everything that a run needs."""
+    return [_try(name, check) for name, check in CHECKS.items()]
+
+
+def _try(name: str, check: Callable[[], str]) -> Check:
+    try:
+        return Check(name, True, check())
+    except BetterError as error:
+        return Check(name, False, "does not work", str(error))
+    except Exception as error:  # noqa: BLE001 - a doctor reports whatever is broken
+        return Check(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
+
+
+def _versions() -> str:
+    names = ("mujoco", "numpy", "mink", "pyarrow", "gymnasium")
+    listed = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
+    return f"betterbench {__version__}, Python {platform.python_version()}, {listed}"
+
+
+def _machine() -> str:
+    return f"{platform.platform()}, {os.cpu_count()} processors"
+
+
+def _tasks() -> str:
+    tasks = all_tasks()
+    return f"{len(tasks)} tasks, {sum(len(t.variations) for t in tasks)} variations, robots: {', '.join(robot_names())}"
+
+
+def _physics() -> str:
+    scene = _scene()
+    began = time.perf_counter()
+    steps = 100
+    for _ in range(steps):
+        scene.step(np.zeros(7))
+        scene.state()
+    return f"{steps / (time.perf_counter() - began):.0f} control steps per second (20 are real time)"
+
+
+def _rendering() -> str:
+    scene = _scene()
+    with Renderer(scene.model, quality=scene.quality) as renderer:
+        view = renderer.render(scene.data, "front")
+        began = time.perf_counter()
+        frames = 10
+        for _ in range(frames):
+            renderer.render(scene.data, "front")
+        rate = frames / (time.perf_counter() - began)
+    if view.rgb is None or view.rgb.std() < 5.0:
+        raise BetterError(
+            "The image is empty. Install another OpenGL: apt-get install -y libosmesa6, MUJOCO_GL=osmesa."
+        )
+    return f"{gl_backend()}, {renderer_fingerprint().get('renderer', '?')}, {rate:.0f} frames per second at 256 x 256"
+
+
+def _scene() -> Scene:
+    task = get_task("morning_coffee")
+    return Scene(task, task.training[0], seed=0, action_space=EE_DELTA)
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "versions": _versions,
+    "machine": _machine,
+    "suite": _tasks,
+    "physics": _physics,
+    "rendering": _rendering,
+    "video": probe_encoder,
+}

@@ -1,0 +1,1 @@
+"""What verbs print; imported by a verb when it has something to print."""

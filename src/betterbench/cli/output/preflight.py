@@ -1,0 +1,40 @@
+"""What a policy declares and answers when ``better doctor --policy`` asks it, as text."""
+
+from __future__ import annotations
+
+from betterbench.cli.console import OUT, print_json, print_table
+from betterbench.evaluation import Convention, PreflightCheck
+from betterbench.evaluation.preflight.view import numbers_text
+
+
+def print_conventions(conventions: tuple[Convention, ...]) -> None:
+    """Print what both sides declare; called before they are compared."""
+    rows = [
+        [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "-", c.theirs or "-"]
+        for c in conventions
+    ]
+    print_table(["convention", "", "this side", "the policy"], rows)
+
+
+def print_preflight(found: PreflightCheck, *, json: bool) -> None:
+    """Print what the policy was shown, what it answered and how long that took."""
+    if json:
+        print_json(found.to_json())
+        return
+    first = numbers_text(found.actions[0])
+    assumed = found.info.metadata.get("assumed")
+    rows = [
+        *([["assumed", assumed]] if assumed else []),
+        ["prompt", found.prompt],
+        *[[f"image {s.key}", s.note] for s in found.shown],
+        *[[f"state {key}", numbers_text(values)] for key, values in found.state],
+        ["answer", f"{len(found.actions)} x {found.actions.shape[1]} in {found.info.action_space}; first: {first}"],
+        *(
+            [["out of range", f"{found.clipped} of {len(found.actions)} actions: clipped in a run"]]
+            * bool(found.clipped)
+        ),
+        ["first request", f"{1000 * found.first_s:.1f} ms"],
+        ["next requests", f"{1000 * found.p50_s:.1f} ms median, {1000 * found.max_s:.1f} ms at most"],
+    ]
+    OUT.print()
+    print_table(["asked", "found"], rows)

@@ -1,0 +1,297 @@
+"""Tasks, assets and whatever else is registered by name, in a user's own files or in an installed package.
+
+Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
+inherit. Packages name a module under the entry point group ``betterbench.plugins``. A file found in the folder of a run
+is never executed by itself: it may come from a stranger.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.abc
+import importlib.metadata
+import importlib.util
+import os
+import re
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from betterbench.errors import BetterError, InvalidInputError, RecordError
+
+VARIABLE = "BETTERBENCH_TASK_FILES"
+"""Environment variable with the paths of task files, separated as in PATH."""
+
+GROUP = "betterbench.plugins"
+"""Group of entry points; each names a module that registers tasks or assets when it is imported."""
+
+COPIES = "task_files"
+"""Folder inside the folder of a run that holds a copy of each task file."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFile:
+    """A user's file as it was loaded; workers get the same text, whatever happens to the file meanwhile.
+
+    Attributes:
+        path: Absolute path on the machine that loaded it first.
+        source: Its text.
+    """
+
+    path: str
+    source: str
+
+    @classmethod
+    def read(cls, path: Path | str) -> TaskFile:
+        """Read a file.
+
+        Raises:
+            InvalidInputError: If there is no such file, or it is no text in UTF-8.
+        """
+        try:
+            return cls(str(Path(path).resolve()), Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            problem = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
+            raise InvalidInputError(f"--task-file {path}", f"{problem}", "Give the path of a Python file") from None
+
+    @property
+    def sha256(self) -> str:
+        """Fingerprint of the text."""
+        return hashlib.sha256(self.source.encode()).hexdigest()
+
+    @property
+    def copy_name(self) -> str:
+        """Name of the copy in the folder of a run."""
+        return _copy_name(Path(self.path).name, self.sha256)
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """Where a registered name comes from: a task file, or the package (name, version) of a plugin."""
+
+    text: str
+    path: str
+    package: tuple[str, str] | None = None
+
+
+class _Loader(importlib.abc.ExecutionLoader):
+    """Executes the text of a task file as a module."""
+
+    def __init__(self, file: TaskFile) -> None:
+        self._file = file
+
+    def get_filename(self, fullname: str) -> str:  # noqa: ARG002
+        return self._file.path
+
+    def get_source(self, fullname: str) -> str:  # noqa: ARG002
+        return self._file.source
+
+
+_files: dict[str, TaskFile] = {}
+_origins: dict[tuple[str, str], _Origin] = {}
+_makers: dict[tuple[str, str], Callable[..., Any]] = {}
+_loading: list[_Origin] = []
+_plugins_loaded: list[str] = []
+_lock = threading.RLock()
+
+
+def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
+    """Note which user's file registers a name; every registry that users may add to calls this.
+
+    Args:
+        kind: What is registered, in the singular ("task", "asset").
+        name: Its name.
+        make: The function that is registered.
+        known: Names that are registered already.
+
+    Returns:
+        The function. One of a user's file names its file and line when it raises.
+
+    Raises:
+        InvalidInputError: If a user's file takes a name that betterbench or another file has.
+    """
+    if not _loading:
+        return make
+    here, before = _loading[-1], _origins.get((kind, name))
+    if name in known and (before is None or before.path != here.path):
+        owner = "betterbench itself" if before is None else before.text
+        raise InvalidInputError(f"{kind} {name!r}", f"{here.text} and {owner} both define it", "Rename one of the two")
+
+    @functools.wraps(make)
+    def explained(*args: P.args, **kwargs: P.kwargs) -> T:
+        with _errors_explained(here.path):
+            return make(*args, **kwargs)
+
+    _origins[kind, name], _makers[kind, name] = here, explained
+    return explained
+
+
+def load_task_files(paths: Iterable[Path | str]) -> None:
+    """Load users' files, each once, and name them to the processes that are started from here.
+
+    Raises:
+        InvalidInputError: If a file is missing, raises an error or takes a name that exists.
+    """
+    with _lock:
+        load_declared()
+        load_sources([TaskFile.read(path) for path in paths])
+        if _files:
+            os.environ[VARIABLE] = os.pathsep.join(_files)
+
+
+def load_sources(files: Iterable[TaskFile]) -> None:
+    """Load files that have been read already, as a worker does; a text that is loaded is not loaded again.
+
+    Raises:
+        InvalidInputError: If a file raises an error or takes a name that exists.
+    """
+    with _lock:
+        for file in files:
+            if file.path in _files or file.sha256 in {f.sha256 for f in _files.values()}:
+                continue
+            stem = re.sub(r"\W", "_", Path(file.path).stem)
+            name = f"betterbench_task_file_{stem}_{file.sha256[:8]}"
+            spec = importlib.util.spec_from_loader(name, _Loader(file), origin=file.path)
+            if spec is None or spec.loader is None:
+                raise AssertionError("a loader gives its specification")
+            module = importlib.util.module_from_spec(spec)
+            sys.modules[name] = module  # dataclasses look the module of their class up there
+            with _registering(_Origin(file.path, file.path)):
+                spec.loader.exec_module(module)
+            _files[file.path] = file
+
+
+def load_declared() -> None:
+    """Load installed plugins and the files that the environment variable names, once; registries call this.
+
+    Raises:
+        InvalidInputError: If one cannot be loaded, raises an error or takes a name that exists.
+    """
+    if _loading:
+        return  # a user's file looks something up while it is loaded
+    with _lock:
+        if not _plugins_loaded:
+            for entry in importlib.metadata.entry_points(group=GROUP):
+                found = importlib.util.find_spec(entry.module)
+                package = (entry.dist.name, entry.dist.version) if entry.dist else (entry.name, "unknown")
+                with _registering(_Origin(f"plugin {package[0]}", (found and found.origin) or entry.module, package)):
+                    entry.load()
+            _plugins_loaded.append(GROUP)
+        declared = [path for path in os.environ.get(VARIABLE, "").split(os.pathsep) if path and path not in _files]
+        if declared:
+            load_sources([TaskFile.read(path) for path in declared])
+
+
+def loaded_files() -> tuple[TaskFile, ...]:
+    """Return the task files that are loaded in this process."""
+    return tuple(_files.values())
+
+
+def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
+    """Return what has to be loaded before tasks can be run or diagnosed, for the plan of a run.
+
+    Args:
+        tasks: Task ids.
+
+    Returns:
+        "task_files" (name, sha256) and "plugins" (name, version) as far as there are any; nothing for built-in tasks.
+    """
+    found = [origin for origin in (_origins.get(("task", task)) for task in tasks) if origin is not None]
+    packages = sorted({origin.package for origin in found if origin.package})
+    files = [{"name": Path(f.path).name, "sha256": f.sha256} for f in _files.values()] if found else []
+    plugins = [{"name": name, "version": version} for name, version in packages]
+    return {name: listed for name, listed in (("task_files", files), ("plugins", plugins)) if listed}
+
+
+def options_for(tasks: Iterable[str]) -> str:
+    """Return the options that load the files of tasks again, with a leading space; empty if all are built in."""
+    needed = origins_of(tasks).get("task_files")
+    return "".join(f" --task-file {path}" for path in _files) if needed else ""
+
+
+def require_origins(plan: Mapping[str, Any], run: Path) -> None:
+    """Check that the files and plugins that define the tasks of a run are loaded.
+
+    Args:
+        plan: The plan of the run.
+        run: Folder of the run. The copies in it are named in the error, and never loaded from here.
+
+    Raises:
+        RecordError: If one is not loaded, or only with another text.
+    """
+    load_declared()
+    hashes = {file.sha256 for file in _files.values()}
+    for name, sha256 in _pairs(plan, "task_files", "sha256"):
+        if sha256 not in hashes:
+            copy = run / COPIES / _copy_name(name, sha256)
+            where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
+            raise RecordError(
+                f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
+                f"loaded. A file in the folder of a run is not executed by itself; {where} with --task-file."
+            )
+    packages = {origin.package[0] for origin in _origins.values() if origin.package}
+    for name, version in _pairs(plan, "plugins", "version"):
+        if name not in packages:
+            raise RecordError(
+                f"{run}: tasks of this run are defined by the package {_safe(name)} {_safe(version)}, which is not "
+                "installed. Install it."
+            )
+
+
+def _pairs(plan: Mapping[str, Any], key: str, second: str) -> Iterator[tuple[str, str]]:
+    listed = plan.get(key, [])
+    for entry in listed if isinstance(listed, list) else []:
+        if isinstance(entry, dict):
+            yield str(entry.get("name")), str(entry.get(second))
+
+
+def _safe(text: str) -> str:
+    """Return a stranger's text without what could lead out of a folder or control a terminal."""
+    return re.sub(r"[^\w.+-]", "_", text)[:100]
+
+
+def _copy_name(name: str, sha256: str) -> str:
+    return f"{_safe(sha256)[:12]}-{_safe(name)}"
+
+
+@contextmanager
+def _registering(origin: _Origin) -> Iterator[None]:
+    """Take what is registered meanwhile for that of a file, and build its tasks to see that they can be built."""
+    _loading.append(origin)
+    try:
+        with _errors_explained(origin.path):
+            yield
+        for (kind, name), make in tuple(_makers.items()):
+            if kind == "task" and _origins[kind, name] is origin:
+                make()
+    finally:
+        _loading.pop()
+
+
+@contextmanager
+def _errors_explained(path: str) -> Iterator[None]:
+    """Turn an error in a user's file into one that names file and line.
+
+    Raises:
+        InvalidInputError: If there is an error.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, InvalidInputError) and path in error.where:
+            raise
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+        line = error.lineno if isinstance(error, SyntaxError) and error.filename == path else (lines or [None])[-1]
+        text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split()).rstrip(".")
+        problem = text if isinstance(error, BetterError) else f"{type(error).__name__}: {text}"
+        where = path if line is None else f"{path}, line {line}"
+        raise InvalidInputError(where, problem, "Correct the file") from error
