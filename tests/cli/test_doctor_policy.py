@@ -215,7 +215,7 @@ def test_later_answers_count_as_well(capsys, tmp_path, monkeypatch, pushes):
 
 
 def test_the_arrow_begins_at_the_gripper_and_points_where_the_action_leads(tmp_path):
-    start, aim = np.array([60.0, 80.0]), np.array([60.0, 110.0])
+    start, aim = np.array([60.0, 40.0]), np.array([60.0, 70.0])
     view = PreflightView(
         title="a policy",
         trial="a trial",
@@ -237,11 +237,11 @@ def test_the_arrow_begins_at_the_gripper_and_points_where_the_action_leads(tmp_p
     assert drawn.shape == (300, 300, 3)
     pink = (drawn == OUTLINE).all(axis=2)
     rows, columns = np.nonzero(pink)
-    assert pink[80, 60]
-    # 30 pixels are drawn five times as long, from 80 to 230.
+    assert pink[40, 60]
+    # 30 pixels are drawn five times as long, from 40 to 190.
     assert abs(columns.mean() - 60.0) < 1.5
-    assert rows.min() == pytest.approx(74, abs=4)
-    assert rows.max() == pytest.approx(230, abs=4)
+    assert rows.min() == pytest.approx(34, abs=4)
+    assert rows.max() == pytest.approx(190, abs=4)
 
 
 @pytest.mark.render

@@ -163,7 +163,7 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
             {"better/episode": {"task": "fast_food", "condition": "T1", "seed": 0, "action_space": "ee_pose"}},
             "the client executes 'ee_pose'",
         ),
-        ({"prompt": "Sing."}, "They run other versions"),
+        ({"prompt": "Sing."}, "They run different versions"),
         ({"prompt": 7}, "prompt"),
     ],
 )
@@ -423,7 +423,7 @@ def test_a_served_policy_says_how_its_chunks_are_played(monkeypatch, execution):
 
 def test_a_policy_without_an_observation_says_what_it_misses():
     with open_server("noop", port=0) as server, Client(server) as client:
-        assert "it holds no observation" in client.ask({"prompt": "Go."})
+        assert "holds no observation" in client.ask({"prompt": "Go."})
 
 
 @pytest.mark.parametrize(

@@ -210,16 +210,16 @@ def _add_images(page: _Page, shown: Sequence[_Shown]) -> None:
 
 def _draw_action(axes: Axes, content: _Content) -> None:
     start, factor = content.path[0], arrow_factor(content.path[0], content.aim)
-    halo = [withStroke(linewidth=5.0, foreground="white")]
+    halo = [withStroke(linewidth=3.0, foreground="white")]
     if factor:
         tip = start + factor * (content.aim - start)
         style = {"arrowstyle": "-|>,head_length=0.7,head_width=0.35", "mutation_scale": 18, "shrinkA": 0, "shrinkB": 0}
         style |= {"color": OUTLINE, "linewidth": 3.2, "path_effects": [withStroke(linewidth=6.5, foreground="white")]}
         axes.annotate("", tip, start, arrowprops=style, annotation_clip=False)
     seen = content.path[np.isfinite(content.path).all(axis=1)]
-    axes.plot(*seen[1:].T, "o", color=OUTLINE, markersize=3.4, path_effects=halo)
+    axes.plot(*seen[1:].T, "o", color=OUTLINE, markersize=3.4, path_effects=halo, zorder=5)
     if np.isfinite(start).all():
-        axes.plot(*start, "o", color=OUTLINE, markersize=9.0, path_effects=halo)
+        axes.plot(*start, "o", color=OUTLINE, markersize=9.0, path_effects=halo, zorder=4)
     note = "arrow: the first action" if factor else "the first action does not move the gripper"
     note += f", drawn {factor} times as long" if factor > 1 else ""
     note += "; dots: the whole answer" if len(content.path) > 2 else ""
