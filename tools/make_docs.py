@@ -15,7 +15,7 @@ import task_pages
 from betterbench.assets import categories, colors, looks
 from betterbench.evaluation import show_comparison
 from betterbench.interventions import vary
-from betterbench.tasks import Task, all_tasks, suite
+from betterbench.tasks import Task, all_tasks, suite_tasks
 
 HERO = (("morning_coffee", "O1"), ("fast_food", "T1"))
 SHEET_BYTES = 900_000
@@ -41,18 +41,12 @@ def main() -> None:
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
     """Return tasks in the order of the suite's table, and after them whatever else is registered."""
-    order = [name for name in vars(suite) if not name.startswith("_")]
+    order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 
 
 def write_task(task: Task, out: Path, *, seed: int) -> None:
-    """Write the page of a task and its pictures.
-
-    Args:
-        task: The task.
-        out: Folder of the documentation.
-        seed: Seed of the pictures.
-    """
+    """Write the page of a task and its pictures."""
     pictures = out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     (out / "tasks").mkdir(exist_ok=True)
@@ -69,13 +63,7 @@ def write_task(task: Task, out: Path, *, seed: int) -> None:
 
 
 def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
-    """Write what is about all tasks and all assets.
-
-    Args:
-        tasks: All tasks.
-        out: Folder of the documentation.
-        seed: Seed of the pictures.
-    """
+    """Write what is about all tasks and all assets."""
     pictures = out / "pictures"
     (out / "tasks.md").write_text(task_pages.index_page(tasks), encoding="utf-8")
     (out / "templates.md").write_text(task_pages.templates_page(tasks), encoding="utf-8")
@@ -89,11 +77,7 @@ def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
 
 
 def library_page(tasks: list[Task]) -> str:
-    """Return the page of the asset library.
-
-    Args:
-        tasks: All tasks; the page says which of them use an asset.
-    """
+    """Return the page of the asset library, which says which tasks use an asset."""
     used: dict[str, list[str]] = {}
     for task in tasks:
         conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]

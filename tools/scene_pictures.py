@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFilter, ImageFont
+from PIL import Image, ImageFilter
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import OUTLINE
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
+from betterbench.report.image_sheet import PAPER, SheetCell, image_sheet
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, Variation, get_task
@@ -21,7 +22,6 @@ from betterbench.tasks import Condition, Task, Variation, get_task
 PICTURE_BYTES = 25_000
 """Largest size of a card's picture; 70 of them shall not weigh more than the code."""
 _BEST, _WORST, _STEP = 90, 50, 4  # qualities of JPEG that are tried, from the best
-_PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 _GAP = 4  # between two pictures that belong together [pixel]
 
 
@@ -49,16 +49,12 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
 
 def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
-    """Return a variation's training scene beside its test scene, same seed.
+    """Return a variation's training scene beside its test scene, same seed, each with sides of ``size`` pixels."""
+    return row(_before_and_after(task, variation, seed=seed, size=size))
 
-    Args:
-        task: The task.
-        variation: The variation.
-        seed: Seed of both.
-        size: Side of each picture [pixel].
-    """
-    before, after = f"{variation.name}/before", variation.name
-    return row([front_view(task.id, before, seed, size), front_view(task.id, after, seed, size)])
+
+def _before_and_after(task: Task, variation: Variation, *, seed: int, size: int) -> list[Image.Image]:
+    return [front_view(task.id, name, seed, size) for name in (f"{variation.name}/before", variation.name)]
 
 
 def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.Image:
@@ -66,7 +62,7 @@ def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.I
     columns = columns or len(images)
     width, height = images[0].size
     rows = -(-len(images) // columns)
-    sheet = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), _PAPER)
+    sheet = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), PAPER)
     for i, image in enumerate(images):
         sheet.paste(image, ((i % columns) * (width + _GAP), (i // columns) * (height + _GAP)))
     return sheet
@@ -75,27 +71,26 @@ def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.I
 def contact_sheet(tasks: Sequence[Task], *, seed: int, size: int = 256, shown: int = 168) -> Image.Image:
     """Return the pairs of all variations, one row per task, each under its id and its title.
 
-    Args:
-        tasks: The tasks.
-        seed: Seed of all scenes.
-        size: Side at which a scene is rendered [pixel].
-        shown: Side at which it is shown [pixel].
+    Scenes are rendered with sides of ``size`` pixels and shown with sides of ``shown`` pixels.
     """
-    pad, head = 10, 38
-    cell_width, cell_height = 2 * shown + _GAP + pad, shown + head + pad
-    columns = max(len(task.variations) for task in tasks)
-    sheet = Image.new("RGB", (pad + columns * cell_width, len(tasks) * cell_height + pad), _PAPER)
-    draw = ImageDraw.Draw(sheet)
-    big, small = ImageFont.load_default(15), ImageFont.load_default(12)
-    for i, task in enumerate(tasks):
-        for j, variation in enumerate(task.variations):
-            x, y = pad + j * cell_width, pad + i * cell_height
-            draw.text((x, y), f"{task.id}/{variation.name}", fill=_INK, font=big)
-            # The built-in font has no arrows.
-            draw.text((x, y + 18), _cut(variation.title.replace("→", ">"), small, 2 * shown), fill=_SOFT, font=small)
-            both = pair(task, variation, seed=seed, size=size)
-            sheet.paste(both.resize((2 * shown + _GAP, shown), Image.Resampling.LANCZOS), (x, y + head))
-    return sheet
+    return Image.fromarray(
+        image_sheet(
+            [
+                [
+                    SheetCell(
+                        f"{task.id}/{variation.name}",
+                        [
+                            np.asarray(view.resize((shown, shown), Image.Resampling.LANCZOS))
+                            for view in _before_and_after(task, variation, seed=seed, size=size)
+                        ],
+                        variation.title,
+                    )
+                    for variation in task.variations
+                ]
+                for task in tasks
+            ]
+        )
+    )
 
 
 def save_small(image: Image.Image, path: Path, *, limit: int = PICTURE_BYTES) -> None:
@@ -121,11 +116,3 @@ def _render(task: Task, condition: Condition, outlined: frozenset[str], seed: in
     picture = view.rgb.copy()
     picture[grown & ~inner] = OUTLINE
     return Image.fromarray(picture)
-
-
-def _cut(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> str:
-    if font.getlength(text) <= width:
-        return text
-    while font.getlength(f"{text} ...") > width:
-        text = text.rpartition(" ")[0]
-    return f"{text} ..."

@@ -88,11 +88,7 @@ class SetupError(Exception):
 
 
 def say(message: str) -> None:
-    """Shows one short line of progress on stderr.
-
-    Args:
-        message: What is going on.
-    """
+    """Shows one short line of progress on stderr."""
     print(f"[setup] {message}", file=sys.stderr, flush=True)
 
 
@@ -123,11 +119,7 @@ def run(
 def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
     """Reads pip's configuration the way pip does: global, user, then site file, PIP_CONFIG_FILE, then PIP_* variables.
 
-    Args:
-        environ: The process environment.
-
-    Returns:
-        Long option name without dashes in front ("extra-index-url") to its text; later sources win.
+    The long option names have no dashes in front ("extra-index-url"); later sources win.
     """
     home = Path(environ.get("HOME", "~")).expanduser()
     chosen = environ.get("PIP_CONFIG_FILE")
@@ -196,11 +188,7 @@ def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False)
 
 
 def administrator() -> list[str] | None:
-    """Finds out how to run apt-get.
-
-    Returns:
-        Words to put in front of the command (none for root), or None where it is not possible or not wanted.
-    """
+    """Returns words to put in front of apt-get (none for root), or None where it is not possible or not wanted."""
     if os.environ.get("BETTER_NO_APT") or not shutil.which("apt-get"):
         return None
     if os.geteuid() == 0:
@@ -211,27 +199,13 @@ def administrator() -> list[str] | None:
 
 
 def apt_line(packages: Sequence[str]) -> str:
-    """Writes the line a person can run to get the packages.
-
-    Args:
-        packages: Names of Debian packages.
-
-    Returns:
-        One shell line.
-    """
+    """Writes the shell line a person can run to get Debian packages."""
     sudo = "" if os.geteuid() == 0 else "sudo "
     return f"{sudo}apt-get update && {sudo}apt-get install -y --no-install-recommends {' '.join(packages)}"
 
 
 def apt_install(packages: Sequence[str]) -> bool:
-    """Installs Debian packages where that is allowed.
-
-    Args:
-        packages: Names of Debian packages.
-
-    Returns:
-        Whether apt-get ran and succeeded.
-    """
+    """Installs Debian packages where that is allowed, and tells whether apt-get ran and succeeded."""
     prefix = administrator()
     if prefix is None:
         return False
@@ -247,11 +221,7 @@ def apt_install(packages: Sequence[str]) -> bool:
 
 
 def working_gl() -> str | None:
-    """Tries the off-screen GL back ends.
-
-    Returns:
-        The value for MUJOCO_GL ("egl" or "osmesa"), or None where neither works.
-    """
+    """Returns the off-screen GL back end that works ("egl" or "osmesa"), or None where neither does."""
     for name, probe in PROBES.items():
         with contextlib.suppress(subprocess.TimeoutExpired):
             tried = subprocess.run([sys.executable, "-c", probe], check=False, capture_output=True, timeout=60)
@@ -285,27 +255,16 @@ def ensure_gl() -> None:
 
 
 def uv_works(uv: Path | str) -> bool:
-    """Tells whether a uv can be used.
-
-    Args:
-        uv: The program.
-
-    Returns:
-        True where it runs and is new enough.
-    """
+    """Tells whether a uv runs and is new enough."""
     shown = run([uv, "--version"], quiet=True)
     version = re.search(r"(\d+)\.(\d+)\.(\d+)", shown.stdout or "")
     return shown.returncode == 0 and version is not None and tuple(map(int, version.groups())) >= OLDEST_UV
 
 
 def venv_with_pip(folder: Path) -> bool:
-    """Makes a virtual environment with the standard library.
+    """Makes a virtual environment with the standard library and tells whether it has a pip.
 
-    Args:
-        folder: Where.
-
-    Returns:
-        Whether it has a pip; Debian's python3 cannot do that without its venv package.
+    Debian's python3 cannot do that without its venv package.
     """
     shutil.rmtree(folder, ignore_errors=True)
     made = run([sys.executable, "-m", "venv", folder], quiet=True)
@@ -316,12 +275,6 @@ def venv_with_pip(folder: Path) -> bool:
 
 def find_uv(env: Mapping[str, str]) -> Path:
     """Finds uv on the path or in the project, or installs it from the package index into the project.
-
-    Args:
-        env: The environment for pip.
-
-    Returns:
-        The program.
 
     Raises:
         SetupError: This Python has neither venv nor pip, and they could not be installed, or the installation failed.
@@ -369,14 +322,7 @@ def find_uv(env: Mapping[str, str]) -> Path:
 
 
 def fingerprint(lock: str) -> str:
-    """Digests everything the content of ``.venv`` depends on.
-
-    Args:
-        lock: "dev" or "runtime".
-
-    Returns:
-        The text of the stamp: the name of the lock and a digest.
-    """
+    """Returns the stamp of ``.venv``: the name of the lock and a digest of everything its content depends on."""
     digest = hashlib.sha256(f"{ROOT}\n{lock}\n".encode())
     for file in (LOCKS / f"{lock}.lock", BOOTSTRAP_LOCK, ROOT / "pyproject.toml", Path(__file__)):
         digest.update(file.read_bytes())
@@ -384,14 +330,7 @@ def fingerprint(lock: str) -> str:
 
 
 def is_filled(lock: str) -> bool:
-    """Tells whether ``.venv`` already holds what a lock asks for.
-
-    Args:
-        lock: "dev" or "runtime"; the developers' environment holds the runtime's too.
-
-    Returns:
-        True where nothing has to be done.
-    """
+    """Tells whether ``.venv`` already holds what a lock asks for; the developers' environment includes the runtime."""
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
     accepted = {fingerprint(lock), fingerprint("dev")}
@@ -476,11 +415,7 @@ def alone() -> Iterator[None]:
 
 
 def main() -> int:
-    """Reads the arguments and does what they ask for.
-
-    Returns:
-        Exit status: 0, or 2 where something has to be done by a person first.
-    """
+    """Returns the exit status: 0, or 2 where something has to be done by a person first."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "--lock", choices=("dev", "runtime"), default="dev", help="which packages (default: %(default)s)"

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.interventions import vary
 from betterbench.tasks import (
     TEMPLATES,
@@ -30,11 +31,7 @@ HEADINGS = ("Randomizations", "Success", "Premise")
 
 
 def index_page(tasks: Sequence[Task]) -> str:
-    """Return the index of all tasks.
-
-    Args:
-        tasks: The tasks, in the order of the table.
-    """
+    """Return the index of all tasks."""
     rows = []
     for task in tasks:
         counts = Counter(v.axis.letter for v in task.variations)
@@ -224,7 +221,7 @@ def _docstring(task: Task) -> list[str]:
 def _setting(condition: Condition) -> tuple[object, ...]:
     return (
         tuple(sorted((condition.object(n).kind, s) for n, s in condition.layout.items())),
-        tuple(sorted((condition.object(n).kind, p.target, p.at) for n, p in condition.preplaced.items())),
+        tuple(sorted((condition.object(n).kind, p.target, p.region) for n, p in condition.preplaced.items())),
         tuple(sorted(condition.opened.items())),
     )
 
@@ -239,7 +236,7 @@ def _layout_table(task: Task) -> list[str]:
         standing = [c.object(name).kind if (name := c.occupant(slot.name)) else "–" for c in settings.values()]
         lines.append(_row([f"`{slot.name}`", f"{slot.x:g}, {slot.y:g}", *standing]))
     places = {p for c in settings.values() for p in c.preplaced.values()}
-    for place in sorted(places, key=lambda p: (p.target, p.at)):
+    for place in sorted(places, key=lambda p: (p.target, p.region)):
         resting = [
             ", ".join(c.object(n).kind for n, p in c.preplaced.items() if p == place) or "–" for c in settings.values()
         ]
@@ -322,7 +319,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- support: {support}",
         *look,
         *broken,
-        f"- can expose: {', '.join(f'`{label}`' for label in variation.exposes)}",
+        f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
         "",
     ]
 
@@ -332,7 +329,7 @@ def _template_link(template: Template, up: str, *, page: str = "templates.md") -
 
 
 def _place(place: TargetRegion) -> str:
-    return f"`{place.target}`" + (f", `{place.at}`" if place.at else "")
+    return f"`{place.target}`" + (f", `{place.region}`" if place.region else "")
 
 
 def _span(count: tuple[int, int]) -> str:

@@ -23,13 +23,7 @@ TOOL_DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 
 
 def normalize(q: Sequence[float]) -> Quaternion:
-    """Return the unit quaternion with ``w >= 0`` that describes the same rotation.
-
-    Args:
-        q: Quaternion (w, x, y, z), not zero.
-
-    Returns:
-        The normalized quaternion.
+    """Return the unit quaternion with ``w >= 0`` that describes the same rotation as (w, x, y, z).
 
     Raises:
         ValueError: If all components are zero.
@@ -62,15 +56,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
-    """Rotate a vector by a unit quaternion.
-
-    Args:
-        q: Unit quaternion of ``R_a_b``.
-        v: Vector in frame ``b``.
-
-    Returns:
-        The vector in frame ``a``.
-    """
+    """Return a vector rotated by the unit quaternion of ``R_a_b``: from frame ``b`` into frame ``a``."""
     w, x, y, z = q
     vx, vy, vz = v
     tx = 2.0 * (y * vz - z * vy)
@@ -104,18 +90,11 @@ def to_axis_angle(q: Quaternion) -> Vector:
 
 
 def to_axis_angle_near(q: Quaternion, near: Quaternion) -> Vector:
-    """Return the rotation vector of a unit quaternion, continuous around a rotation by half a turn.
+    """Return the rotation vector [rad] of a unit quaternion, continuous around a rotation by half a turn.
 
     A tool that points straight down is turned by pi: with ``w >= 0`` its rotation vector jumps to the opposite one
-    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to ``near``, so that
-    the angle may exceed pi instead.
-
-    Args:
-        q: Unit quaternion, of any sign.
-        near: Unit quaternion of the rotation around which the vector has to be continuous.
-
-    Returns:
-        Unit axis times angle [rad], angle in [0, 2 pi).
+    whenever a measurement passes pi by a hair. Here the sign of the quaternion is the one nearer to the unit quaternion
+    ``near``, so that the angle may exceed pi instead and lies in [0, 2 pi).
     """
     w, x, y, z = q if sum(a * b for a, b in zip(q, near, strict=True)) >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
     s = math.sqrt(x * x + y * y + z * z)

@@ -13,6 +13,8 @@ A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter``
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
@@ -38,8 +40,19 @@ def read_form(adapter: TypeAdapter[Value], form: object, *, where: str, cure: st
     Raises:
         InvalidInputError: If a field is missing, unknown or malformed; the text names the first one.
     """
-    try:
+    with form_errors(where, cure):
         return adapter.validate_json(form if isinstance(form, bytes) else json.dumps(form))
+
+
+@contextmanager
+def form_errors(where: str, cure: str) -> Iterator[None]:
+    """Turn what is raised while a form is read into one line that names the file, the field and the cure.
+
+    Raises:
+        InvalidInputError: In place of what pydantic, ``json`` or the dataclass itself raised.
+    """
+    try:
+        yield
     except ValidationError as error:
         field, problem = first_problem(error)
         raise InvalidInputError(f"{where}: {field}" if field else where, problem, cure) from error
@@ -72,6 +85,10 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
             return field, "is missing"
         case "extra_forbidden" | "unexpected_keyword_argument":
             return field, "is unknown"
+        case "dataclass_type" | "dict_type" | "model_type":
+            return field, "is not a JSON object"
+        case "too_short" | "too_long":
+            return field, first["msg"]
         case "json_invalid":
             return field, f"is not JSON ({first['ctx']['error']})"
         case "value_error":

@@ -14,8 +14,8 @@ from betterbench.assets import build, categories, colors, looks
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
 from betterbench.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
+from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.objects import add_asset, rail_of, rest_pose
-from betterbench.scenes.stage import set_physics
 
 FACE_BUDGET, GEOM_BUDGET, JAW_M = 600, 12, 0.078
 GEOM_EXCEPTIONS = {"spice_rack": 19}
@@ -38,7 +38,7 @@ def every(function):
 def world():
     """An empty world with a table."""
     spec = mujoco.MjSpec()
-    set_physics(spec)
+    PHYSICS.set_scene(spec)
     spec.worldbody.add_geom(**TABLE)
     return spec
 

@@ -12,6 +12,7 @@ from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.experts import EXPERTS, REPLAYS, parse_address
 from betterbench.report.calibration_page import calibration_markdown, suspicious, write_calibration_page
+from betterbench.tasks import all_labels
 
 S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION
 
@@ -46,13 +47,14 @@ def test_rates_are_counts_over_counts(calibration):
 
 
 def test_only_reasoning_against_execution_is_crossed():
-    crossed = {(a, b) for a in Label for b in Label if judged(a, b).crossed}
-    assert crossed == {(a, b) for a in Label for b in Label if {a.kind, b.kind} == {Kind.REASONING, Kind.EXECUTION}}
+    crossed = {(a, b) for a in all_labels() for b in all_labels() if judged(a, b).crossed}
+    kinds = {Kind.REASONING, Kind.EXECUTION}
+    assert crossed == {(a, b) for a in all_labels() for b in all_labels() if {a.kind, b.kind} == kinds}
     assert (S, E) not in crossed
 
 
 def test_the_json_form_reads_back(calibration):
-    again = Calibration.from_json(json.loads(json.dumps(calibration.to_json())))
+    again = Calibration.from_json(json.dumps(calibration.to_json()))
     assert again == calibration
 
 
@@ -60,10 +62,13 @@ def test_the_json_form_reads_back(calibration):
 def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
     form = calibration.to_json()
     for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
-        with pytest.raises(RecordError, match="better calibrate"):
-            Calibration.from_json(bad)
+        with pytest.raises(RecordError, match=f"calibration.json: {spoil}.*better calibrate"):
+            Calibration.from_json(json.dumps(bad))
     with pytest.raises(RecordError):
-        Calibration.from_json([])
+        Calibration.from_json("[]")
+    unknown = {**form, "counts": [{"truth": "success", "label": "succes", "n": 1}]}
+    with pytest.raises(RecordError, match=r"counts\[0\]\.label: .*Did you mean 'success'"):
+        Calibration.from_json(json.dumps(unknown))
 
 
 def test_the_truth_is_what_was_decided_unless_the_goal_was_met():

@@ -14,7 +14,7 @@ from betterbench.certification.coverage import parse_ranges
 from betterbench.certification.runner import versions_in_use, write_coverage, write_json
 from betterbench.errors import InvalidInputError
 from betterbench.report.certificate_page import render_certificate, write_certificate_page
-from betterbench.tasks import SUITE_VERSION, all_tasks
+from betterbench.tasks import SUITE_VERSION, TrialId, all_tasks
 
 USED = versions_in_use([t.id for t in all_tasks()])
 HERE = {"suite": SUITE_VERSION, "engine": USED.engine, "tasks": USED.tasks}
@@ -34,7 +34,7 @@ def test_a_certificate_survives_its_json(trial, certificate):
     [
         (lambda f: f.update(form="another"), "no certificate"),
         (lambda f: f.update(schema_version=2), "schema_version"),
-        (lambda f: f["trials"][0].pop("seed"), "trials.0.seed"),
+        (lambda f: f["trials"][0].pop("seed"), "trials[0].seed: is missing"),
         (lambda f: f["trials"][0]["clauses"].pop("c"), "clauses"),
         (lambda f: f["trials"][0]["clauses"]["a"].update(passed="yes"), "passed"),
         (lambda f: f.update(more=1), "more"),
@@ -79,35 +79,36 @@ def test_hostile_ranges_are_refused(text):
 
 def test_what_passes_is_covered_and_nothing_else(trial, certificate):
     coverage = Coverage.of(certificate(trial(seed=0), trial(seed=1, fails="c"), trial(seed=2)))
-    assert coverage.gap([("fast_food", "L1", 0), ("fast_food", "L1", 2)], **HERE) is None
-    gap = coverage.gap([("fast_food", "L1", 0), ("fast_food", "L1", 1)], **HERE)
+    assert coverage.gap([TrialId("fast_food", "L1", 0), TrialId("fast_food", "L1", 2)], **HERE) is None
+    gap = coverage.gap([TrialId("fast_food", "L1", 0), TrialId("fast_food", "L1", 1)], **HERE)
     assert gap is not None
-    assert (gap.condition, gap.seed) == ("L1", 1)
+    assert (gap.trial.condition, gap.trial.seed) == ("L1", 1)
     assert "clause (c) fails" in gap.reason
     assert gap.refused
-    assert "covers seeds 0,2" in coverage.gap([("fast_food", "L1", 9)], **HERE).reason
-    assert "no seed of it" in coverage.gap([("fast_food", "L2", 0)], **HERE).reason
+    assert "covers seeds 0,2" in coverage.gap([TrialId("fast_food", "L1", 9)], **HERE).reason
+    assert "no seed of it" in coverage.gap([TrialId("fast_food", "L2", 0)], **HERE).reason
 
 
 def test_one_slip_of_the_expert_in_twenty_is_forgiven_and_named_two_are_not(trial, certificate):
     one = Coverage.of(certificate(*(trial(seed=s, fails="a" if s == 7 else "") for s in range(20))))
-    planned = [("fast_food", "L1", s) for s in range(20)]
+    planned = [TrialId("fast_food", "L1", s) for s in range(20)]
     assert one.gap(planned, **HERE) is None
-    assert one.unsolved(planned) == (("fast_food", "L1", 7),)
+    assert one.unsolved(planned) == (TrialId("fast_food", "L1", 7),)
     two = Coverage.of(certificate(*(trial(seed=s, fails="a" if s in (7, 8) else "") for s in range(20))))
-    assert two.gap(planned, **HERE).seed == 7
+    assert two.gap(planned, **HERE).trial.seed == 7
     worse = Coverage.of(certificate(*(trial(seed=s, fails="ab" if s == 7 else "") for s in range(20))))
-    assert worse.gap(planned, **HERE).seed == 7
+    assert worse.gap(planned, **HERE).trial.seed == 7
 
 
 def test_other_versions_do_not_count(trial, certificate):
-    planned = [("fast_food", "L1", 0)]
+    planned = [TrialId("fast_food", "L1", 0)]
     old = Coverage.of(certificate(trial(), engine="3.16.2"))
     assert "MuJoCo 3.16.2" in old.gap(planned, **HERE).reason
     patched = Coverage.of(certificate(trial(), engine=f"{USED.engine.rsplit('.', 1)[0]}.99"))
     assert patched.gap(planned, **HERE) is None, "contacts change between minor versions"
     assert (
-        "version 99 of fast_food" in Coverage.of(certificate(trial(), tasks={"fast_food": 99})).gap(planned, **HERE)[3]
+        "version 99 of fast_food"
+        in Coverage.of(certificate(trial(), tasks={"fast_food": 99})).gap(planned, **HERE).reason
     )
     assert "suite version 0.1" in Coverage.of(certificate(trial(), suite="0.1")).gap(planned, **HERE).reason
 
@@ -148,7 +149,7 @@ def test_the_packaged_certificate_names_what_exists():
 def test_the_packaged_certificate_covers_the_default_run():
     from betterbench.evaluation import make_plan
 
-    planned = [(t.task, t.condition, t.seed) for t in make_plan("expert").trials]
+    planned = [TrialId(t.task, t.condition, t.seed) for t in make_plan("expert").trials]
     assert packaged_coverage().gap(planned, **HERE) is None, "run make certify"
 
 

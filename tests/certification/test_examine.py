@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 from betterbench.certification import summaries
-from betterbench.certification.examine import Subject, _premise, examine, examine_condition
-from betterbench.tasks import Slot, Support, get_task
+from betterbench.certification.examine import _premise, examine, examine_condition
+from betterbench.tasks import Slot, Support, TrialId, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -30,7 +30,7 @@ def failed(found) -> tuple[str, ...]:
 
 
 def test_a_sound_trial_passes_with_its_margins():
-    found = examine(Subject("morning_coffee", "L1", 0))
+    found = examine(TrialId("morning_coffee", "L1", 0))
     assert found.passed
     assert not found.training
     assert 0 < found.steps < found.step_limit
@@ -46,12 +46,12 @@ def test_examining_twice_finds_the_same():
     def without_time(found):
         return dataclasses.replace(found, expert_s=0.0, total_s=0.0)
 
-    subject = Subject("morning_coffee", "T1", 1)
+    subject = TrialId("morning_coffee", "T1", 1)
     assert without_time(examine(subject)) == without_time(examine(subject))
 
 
 def test_staying_still_is_right_where_nothing_is_to_be_done():
-    found = examine(Subject("morning_coffee", "T1", 0))
+    found = examine(TrialId("morning_coffee", "T1", 0))
     assert found.passed
     assert found.primitives == ()
     assert found.clauses["d"].text == "nothing has to be grasped"
@@ -61,7 +61,7 @@ def test_staying_still_is_right_where_nothing_is_to_be_done():
 
 @pytest.mark.slow
 def test_refusing_is_right_where_the_premise_is_broken_on_purpose():
-    found = examine(Subject("fruit_lunch", "O1", 0))
+    found = examine(TrialId("fruit_lunch", "O1", 0))
     assert found.passed
     assert "broken on purpose: no apple" in found.clauses["e"].text
 
@@ -115,7 +115,7 @@ def test_a_premise_that_is_declared_broken_has_to_be_broken(start):
 
 @pytest.mark.slow
 def test_a_shut_drawer_is_named_in_the_clause_that_success_proves():
-    found = examine(Subject("office_drawer", "train1", 0))
+    found = examine(TrialId("office_drawer", "train1", 0))
     assert found.passed
     assert "shown by the expert's success" in found.clauses["d"].text
     assert "upper" in found.clauses["d"].text

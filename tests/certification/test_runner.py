@@ -13,11 +13,11 @@ import time
 import pytest
 
 from betterbench.certification import runner
-from betterbench.certification.examine import Subject
 from betterbench.certification.runner import certify
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
+from betterbench.tasks import TrialId
 
-SUBJECTS = [Subject("morning_coffee", "T1", s) for s in range(4)] + [Subject("morning_coffee", "train1", 0)]
+TRIALS = [TrialId("morning_coffee", "T1", s) for s in range(4)] + [TrialId("morning_coffee", "train1", 0)]
 
 
 def timeless(certificate):
@@ -30,9 +30,9 @@ def examined(monkeypatch, trial):
     """Replaces the examination by one that takes no time; lists what was examined."""
     seen = []
 
-    def quick(subject):
-        seen.append(subject)
-        return trial(subject.task, subject.condition, subject.seed)
+    def quick(asked):
+        seen.append(asked)
+        return trial(asked.task, asked.condition, asked.seed)
 
     monkeypatch.setattr(runner, "examine", quick)
     return seen
@@ -40,18 +40,18 @@ def examined(monkeypatch, trial):
 
 def test_trials_are_certified_in_plan_order_once_each(tmp_path, examined):
     told = []
-    certificate = certify([*SUBJECTS, SUBJECTS[0]], tmp_path, on_progress=told.append)
-    assert [t.key for t in certificate.trials] == [(s.task, s.condition, s.seed) for s in SUBJECTS]
-    assert len(examined) == len(SUBJECTS)
-    assert [p.done for p in told] == list(range(len(SUBJECTS) + 1))
-    assert {p.planned for p in told} == {len(SUBJECTS)}
+    certificate = certify([*TRIALS, TRIALS[0]], tmp_path, on_progress=told.append)
+    assert [t.key for t in certificate.trials] == TRIALS
+    assert len(examined) == len(TRIALS)
+    assert [p.done for p in told] == list(range(len(TRIALS) + 1))
+    assert {p.planned for p in told} == {len(TRIALS)}
     form = json.loads((tmp_path / "certificate.json").read_text())
     assert form["versions"]["tasks"] == {"morning_coffee": 1}
 
 
 def test_an_interrupted_certification_goes_on_and_ends_the_same(tmp_path, examined):
-    whole = certify(SUBJECTS, tmp_path / "whole")
-    for stop_at in range(1, len(SUBJECTS)):
+    whole = certify(TRIALS, tmp_path / "whole")
+    for stop_at in range(1, len(TRIALS)):
         out = tmp_path / str(stop_at)
 
         def stop(progress, stop_at=stop_at):
@@ -59,41 +59,41 @@ def test_an_interrupted_certification_goes_on_and_ends_the_same(tmp_path, examin
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            certify(SUBJECTS, out, on_progress=stop)
+            certify(TRIALS, out, on_progress=stop)
         assert not (out / "certificate.json").exists()
         examined.clear()
-        assert timeless(certify(SUBJECTS, out)) == timeless(whole)
-        assert len(examined) == len(SUBJECTS) - stop_at
+        assert timeless(certify(TRIALS, out)) == timeless(whole)
+        assert len(examined) == len(TRIALS) - stop_at
 
 
 def test_a_last_line_cut_off_anywhere_is_examined_again(tmp_path, examined):
-    whole = certify(SUBJECTS, tmp_path)
+    whole = certify(TRIALS, tmp_path)
     journal = tmp_path / "journal.jsonl"
     data = journal.read_bytes()
     for cut in (1, 30, len(data.splitlines()[-1])):
         journal.write_bytes(data[:-cut])
         examined.clear()
-        assert timeless(certify(SUBJECTS, tmp_path)) == timeless(whole)
+        assert timeless(certify(TRIALS, tmp_path)) == timeless(whole)
         assert len(examined) == 1
-        assert len(journal.read_bytes().splitlines()) == len(SUBJECTS) + 1
+        assert len(journal.read_bytes().splitlines()) == len(TRIALS) + 1
 
 
 def test_more_trials_in_the_same_folder_add_to_what_is_there(tmp_path, examined):
-    certify(SUBJECTS[:2], tmp_path)
+    certify(TRIALS[:2], tmp_path)
     examined.clear()
-    assert len(certify(SUBJECTS, tmp_path).trials) == len(SUBJECTS)
+    assert len(certify(TRIALS, tmp_path).trials) == len(TRIALS)
     assert sorted(s.seed for s in examined if s.condition == "T1") == [2, 3]
 
 
 def test_a_folder_begun_under_other_versions_is_refused(tmp_path, examined, monkeypatch):
-    certify(SUBJECTS[:1], tmp_path)
+    certify(TRIALS[:1], tmp_path)
     monkeypatch.setattr(runner, "engine_version", lambda: "3.99.0")
     with pytest.raises(RunConflictError, match=r"mujoco 3\.\d+\.\d+, this is 3.99.0"):
-        certify(SUBJECTS[:1], tmp_path)
+        certify(TRIALS[:1], tmp_path)
 
 
 def test_trials_of_another_task_version_are_examined_again(tmp_path, examined, monkeypatch):
-    certify(SUBJECTS, tmp_path)
+    certify(TRIALS, tmp_path)
     examined.clear()
     used = runner.versions_in_use
 
@@ -101,25 +101,25 @@ def test_trials_of_another_task_version_are_examined_again(tmp_path, examined, m
         return dataclasses.replace(used(tasks), tasks={"morning_coffee": 2})
 
     monkeypatch.setattr(runner, "versions_in_use", moved)
-    certify(SUBJECTS, tmp_path)
-    assert len(examined) == len(SUBJECTS)
+    certify(TRIALS, tmp_path)
+    assert len(examined) == len(TRIALS)
 
 
 @pytest.mark.parametrize("line", [b"{}", b"[]", b"nonsense", b'{"session":"a","elapsed_s":1,"trial":{}}'])
 def test_a_corrupt_line_is_named(tmp_path, examined, line):
-    certify(SUBJECTS[:2], tmp_path)
+    certify(TRIALS[:2], tmp_path)
     journal = tmp_path / "journal.jsonl"
     lines = journal.read_bytes().splitlines()
     journal.write_bytes(b"\n".join([lines[0], line, lines[2]]) + b"\n")
     with pytest.raises((RecordError, InvalidInputError), match="line 2"):
-        certify(SUBJECTS[:2], tmp_path)
+        certify(TRIALS[:2], tmp_path)
 
 
 def test_bad_input_is_named_before_anything_runs(tmp_path, examined):
     with pytest.raises(UnknownNameError, match="T9"):
-        certify([Subject("morning_coffee", "T9", 0)], tmp_path)
+        certify([TrialId("morning_coffee", "T9", 0)], tmp_path)
     with pytest.raises(InvalidInputError, match="--workers"):
-        certify(SUBJECTS, tmp_path, workers=0)
+        certify(TRIALS, tmp_path, workers=0)
     with pytest.raises(InvalidInputError, match="nothing"):
         certify([], tmp_path)
     assert not examined
@@ -129,12 +129,12 @@ def test_bad_input_is_named_before_anything_runs(tmp_path, examined):
 @pytest.mark.slow
 @pytest.mark.physics
 def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_flight(tmp_path):
-    whole = certify(SUBJECTS, tmp_path / "whole")
+    whole = certify(TRIALS, tmp_path / "whole")
     script = (
-        "from pathlib import Path\nfrom betterbench.certification.examine import Subject\n"
+        "from pathlib import Path\nfrom betterbench.tasks import TrialId\n"
         "from betterbench.certification.runner import certify\n"
         "if __name__ == '__main__':\n"
-        "    certify([Subject('morning_coffee', 'T1', s) for s in range(4)] + [Subject('morning_coffee', 'train1', 0)],"
+        "    certify([TrialId('morning_coffee', 'T1', s) for s in range(4)] + [TrialId('morning_coffee', 'train1', 0)],"
         f" Path({str(tmp_path / 'killed')!r}), workers=2)\n"
     )
     file = tmp_path / "job.py"
@@ -147,4 +147,4 @@ def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_fligh
     os.kill(job.pid, signal.SIGKILL)
     job.wait()
     assert journal.read_bytes().count(b"\n") >= 2
-    assert timeless(certify(SUBJECTS, tmp_path / "killed", workers=2)) == timeless(whole)
+    assert timeless(certify(TRIALS, tmp_path / "killed", workers=2)) == timeless(whole)

@@ -10,7 +10,7 @@ from betterbench.certification import load_coverage, runner
 from betterbench.certification.runner import versions_in_use
 from betterbench.cli.main import EXIT_INTERRUPTED, main
 from betterbench.evaluation import make_plan
-from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks import SUITE_VERSION, TrialId
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def test_what_is_certified_is_what_eval_with_the_same_arguments_plans(better):
     assert status == 0
     assert "all clauses hold on every trial" in out
     plan = make_plan("noop", tasks=["fast_food", "office_drawer"], trials=2, seed=5)
-    planned = [(t.task, t.condition, t.seed) for t in plan.trials]
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     used = versions_in_use(["fast_food", "office_drawer"])
     coverage = load_coverage(better.out)
     assert coverage.gap(planned, suite=SUITE_VERSION, engine=used.engine, tasks=used.tasks) is None

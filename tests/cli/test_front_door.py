@@ -90,5 +90,5 @@ def test_the_overview_names_every_verb_on_one_line_of_80_columns():
         command, capture_output=True, text=True, env={**os.environ, "COLUMNS": "80", "PYTHONUTF8": "1"}, check=True
     )
     for name, verb in VERBS.items():
-        (line,) = [line for line in done.stdout.splitlines() if f" {name} " in line]
+        (line,) = [line for line in done.stdout.splitlines() if f"• {name} " in line]
         assert verb.summary in line

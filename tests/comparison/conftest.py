@@ -22,8 +22,10 @@ def trial(task: str, name: str, seed: int, label: Label, policy: str) -> TrialDi
     return TrialDiagnosis(
         task=task, variation=None if known is None else name, condition=name if known is None else known.base,
         axis=None if known is None else known.axis.value, seed=seed, policy=policy, instruction="Put it there.",
-        success=label is Label.SUCCESS, expected="succeed", label=label, first_attempt=None, first_slot=None,
-        intended=None, intention_correct=None, progress=float(label is Label.SUCCESS), attempts=(),
+        success=label is Label.SUCCESS, expected="succeed", label=label, first_attempt=None,
+        first_attempt_kind=None, first_slot=None,
+        intended=None, intended_kind=None, intended_any=(),
+        intention_correct=None, progress=float(label is Label.SUCCESS), attempts=(),
         evidence=Evidence("no_record" if lost else label.value, "So it is.", 1.0, 2.0), collisions=None, steps=100,
         duration_s=5.0, record=None if lost else f"records/{task}/{name}/{seed}.parquet",
     )  # fmt: skip

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import trial
-from betterbench.diagnosis.trial import setup_of
 from betterbench.geometry import Pose, from_yaw
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording import Record, RecordBuilder, RecordMetadata
 from betterbench.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, GoalTracker, training_distribution_of
@@ -123,7 +123,7 @@ class Stage:
     def __init__(
         self, task: str, name: str, *, seed: int = 0, policy: str = "scripted", backwards: bool = False
     ) -> None:
-        self.setting = setup_of(task, name)
+        self.setting = resolve_condition(task, name)
         self.condition = self.setting.condition
         self.task = self.setting.task
         rng = np.random.default_rng(seed)
@@ -141,9 +141,9 @@ class Stage:
         self.rails: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for o in self.condition.objects:
             if o.mount is not None:
-                self._mount(o.name, o.mount.target, o.mount.at)
+                self._mount(o.name, o.mount.target, o.mount.region)
         for preplaced, where in self.condition.preplaced.items():
-            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.at)
+            self.positions[preplaced] = self.place(self.task.template.relation, where.target, where.region)
         self.grip_offset = np.zeros(3)
         self.fall: dict[str, float] = {}
         self.tracker = GoalTracker(self.condition, self.info, template=self.task.template, control_rate_hz=RATE)
@@ -151,7 +151,7 @@ class Stage:
         self.metadata = RecordMetadata(
             task=task, task_version=self.task.version, suite_version="1.0", package_version="0.1.0",
             condition=self.condition.name, variation=variation, axis=self.setting.axis,
-            base_condition=self.setting.base if variation else None, seed=seed, policy=policy,
+            base_condition=self.setting.base if variation else None, interventions=(), seed=seed, policy=policy,
             instruction=self.condition.instruction.text, expected=self.condition.expected.value,
             action_space="ee_delta", action_components=("x", "y", "z", "rx", "ry", "rz", "gripper"),
             control_rate_hz=RATE, camera_preset=None, render_quality=None,
@@ -479,10 +479,10 @@ def changed_stage(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Stage]:
     """Makes stages whose condition is changed, for what no task of the suite asks for."""
 
     def make(task: str, name: str, change: Callable[[Condition], Condition]) -> Stage:
-        known = setup_of(task, name)
+        known = resolve_condition(task, name)
         setting = replace(known, condition=change(known.condition))
         for module in (trial, sys.modules[Stage.__module__]):
-            monkeypatch.setattr(module, "setup_of", lambda *_: setting)
+            monkeypatch.setattr(module, "resolve_condition", lambda *_: setting)
         return Stage(task, name)
 
     return make
@@ -555,7 +555,7 @@ def _take_at(s: Stage, slot: str) -> None:
 def lexical(task: str, name: str, seed: int) -> Record:
     s = Stage(task, name, seed=seed)
     for k, goal in enumerate(s.condition.instruction.subgoals):
-        places = s.setting.trained.word_slots[goal.word]
+        places = training_distribution_of(s.task).word_slots[goal.word]
         earlier = sum(g.word == goal.word for g in s.condition.instruction.subgoals[:k])
         _take_at(s, places[min(earlier, len(places) - 1)])
     return s.wait(1.0).end()

@@ -7,13 +7,22 @@ from dataclasses import replace
 
 import pytest
 
-from betterbench.diagnosis import diagnose_run
+from betterbench.diagnosis import Label, diagnose_run
 from betterbench.diagnosis.changes import find_changes
-from betterbench.diagnosis.stored import StoredDiagnosis, StoredTrial, read_stored, store_diagnosis, stored_path
+from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.stored import (
+    StoredAttempt,
+    StoredDiagnosis,
+    StoredTrial,
+    read_stored,
+    store_diagnosis,
+    stored_path,
+)
 from betterbench.errors import RecordError
 from betterbench.recording import JournalEntry, RunFolder
 
 TRIAL = StoredTrial(
+    key="fast_food/R1/0",
     label="wrong_object",
     success=False,
     rule="object_of_another_instruction",
@@ -21,7 +30,7 @@ TRIAL = StoredTrial(
     start_s=4.0,
     end_s=5.0,
     candidates=(),
-    attempts=((4.0, "fries", "distractor"),),
+    attempts=(StoredAttempt(4.0, "fries", "distractor"),),
     steps=300,
     has_record=True,
 )
@@ -137,7 +146,7 @@ def test_labels_rules_and_evidence_are_told_apart():
             ),
         ),
         (
-            {"attempts": ((4.0, "burger", "target"),)},
+            {"attempts": (StoredAttempt(4.0, "burger", "target"),)},
             (
                 "the grasp attempts are read otherwise",
                 f"rule {TRIAL.rule} decides as before; only the attempts or candidates beside it differ",
@@ -178,7 +187,8 @@ def test_changes_of_labels_are_counted_the_most_frequent_first():
 def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
     """The inertia of this run is taken away from the diagnosis: the reason names the rule that no longer decides."""
     before = StoredDiagnosis.of(diagnose_run(run))
-    monkeypatch.setattr("betterbench.diagnosis.labels.modes.behavioral_inertia.find", lambda _: None)
+    silent = {**MODES, Label.BEHAVIORAL_INERTIA: replace(MODES[Label.BEHAVIORAL_INERTIA], find=lambda _: None)}
+    monkeypatch.setattr("betterbench.diagnosis.labels.MODES", silent)
     found = find_changes(before, StoredDiagnosis.of(diagnose_run(run)))
     assert [t.key for t in found.trials] == ["fast_food/R1/0"]
     assert found.trials[0].labels[0] == "behavioral_inertia"
@@ -189,16 +199,20 @@ def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
-        (lambda _: [], "is no object"),
-        (lambda form: {**form, "schema_version": 99}, "schema version 99 is not 1"),
-        (lambda form: {**form, "schema_version": True}, "'schema_version' is missing or no integer"),
-        (lambda form: {**form, "package_version": 3}, "'package_version' is missing or no text"),
-        (lambda form: {**form, "thresholds": {"halt_time": "long"}}, "thresholds: 'halt_time' is missing or no finite"),
-        (lambda form: {**form, "trials": {}}, "'trials' is missing or no list"),
-        (lambda form: {**form, "trials": [3]}, r"trials\[0\] is no object"),
-        (lambda form: {**form, "trials": [{**form["trials"][0], "evidence": 3}]}, r"trials\[0\]: 'evidence' is no obj"),
-        (lambda form: {**form, "trials": [{**form["trials"][0], "label": None}]}, "'label' is missing or no text"),
-        (lambda form: {**form, "metrics": [{"name": "x", "scope": "y", "k": 1}]}, r"metrics\[0\]: 'n' is missing"),
+        (lambda _: [], "json: the document: "),
+        (lambda form: {**form, "schema_version": 99}, "schema_version: it is 99 and not 1"),
+        (lambda form: {**form, "schema_version": True}, "schema_version: Input should be a valid integer"),
+        (lambda form: {**form, "package_version": 3}, "package_version: Input should be a valid string"),
+        (
+            lambda form: {**form, "thresholds": {"halt_time": "long"}},
+            "thresholds.halt_time: Input should be a val",
+        ),
+        (lambda form: {**form, "thresholds": {"halt_time": float("inf")}}, "thresholds.halt_time: .* finite number"),
+        (lambda form: {**form, "trials": {}}, "trials: Input should be a valid array"),
+        (lambda form: {**form, "trials": [3]}, r"trials\[0\]: "),
+        (lambda form: {**form, "trials": [{**form["trials"][0], "evidence": 3}]}, r"trials\[0\]\.evidence\.rule: "),
+        (lambda form: {**form, "trials": [{**form["trials"][0], "label": None}]}, r"\[0\]\.label: .*valid string"),
+        (lambda form: {**form, "metrics": [{"name": "x", "scope": "y", "k": 1}]}, r"metrics\[0\]\.n: Field required"),
     ],
 )
 def test_a_malformed_file_is_one_clear_error(run, spoil, text):

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis.collisions import count_collisions
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import trace_of
-from betterbench.diagnosis.trial import setup_of
 from betterbench.episodes import TrialContext, run_episode
 from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording.columns import Contacts
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import FAST
-from betterbench.tasks import get_task
+from betterbench.tasks import THRESHOLDS, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -30,7 +29,7 @@ def record():
 
 
 def counted(record):
-    setting = setup_of("seasoning_rack", "train1")
+    setting = resolve_condition("seasoning_rack", "train1")
     limit = setting.task.step_limit(setting.condition)
     return count_collisions(record, trace_of(record, setting.condition, step_limit=limit))
 
@@ -64,16 +63,16 @@ def test_the_expert_does_not_collide(record):
 
 @pytest.mark.parametrize("body", ["hand", "arm", "left_finger"])
 def test_a_touch_of_the_robot_counts_once_while_it_lasts(record, body):
-    hard = LIMITS.collision_force + 1.0
+    hard = THRESHOLDS.collision_force + 1.0
     assert counted(with_touches(record, range(10, 20), body, "rack", hard)) == 1
     assert counted(with_touches(record, [10, 12, 14], "rack", body, hard)) == 1
     assert counted(with_touches(record, [10, 60], body, "rack", hard)) == 2
-    assert counted(with_touches(record, range(10, 20), body, "rack", LIMITS.collision_force - 0.5)) == 0
+    assert counted(with_touches(record, range(10, 20), body, "rack", THRESHOLDS.collision_force - 0.5)) == 0
 
 
 def test_what_is_carried_collides_and_what_stands_does_not(record):
     jar, rows = held_rows(record)
-    hard = LIMITS.collision_force + 1.0
+    hard = THRESHOLDS.collision_force + 1.0
     assert len(rows) > 10
     assert counted(with_touches(record, rows[5:8].tolist(), jar, "rack", hard)) == 1
     before = range(3)

@@ -38,7 +38,8 @@ def core(d: TrialDiagnosis) -> tuple[object, ...]:
     """Returns the parts of a diagnosis that names must not change."""
     return (
         d.label, d.kind, d.evidence.rule, d.evidence.start_s, d.evidence.shared, d.evidence.candidates, d.success,
-        d.first_slot, d.intended, d.intention_correct, d.progress, [(a.slot, a.result, a.secured) for a in d.attempts],
+        d.first_slot, d.first_attempt_kind, d.intended_kind, d.intention_correct, d.progress,
+        [(a.slot, a.result, a.secured) for a in d.attempts],
     )  # fmt: skip
 
 
@@ -50,6 +51,8 @@ def test_names_of_objects_mean_nothing(stage, renamed, act):
     before, after = diagnose_record(record), diagnose_record(renamed(record, shuffled))
     assert core(before) == core(after)
     assert after.first_attempt == shuffled.get(before.first_attempt or "")
+    assert after.intended == shuffled.get(before.intended or "")
+    assert after.intended_any == tuple(shuffled[name] for name in before.intended_any)
 
 
 @pytest.mark.parametrize("act", acts())

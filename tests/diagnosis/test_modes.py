@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
-from betterbench.interventions.layout import swap
-from betterbench.interventions.objects import remove
 from betterbench.recording import Record
 from betterbench.state import Contact
 from betterbench.tasks import Expected
+from betterbench.tasks.operations import remove, swap
 
 
 def label_of(record: Record) -> Label:
@@ -28,7 +27,9 @@ def test_a_right_policy_succeeds(stage):
     assert found.progress == 1.0
     assert [a.result for a in found.attempts] == ["target", "target"]
     assert all(a.secured for a in found.attempts)
-    assert (found.first_slot, found.intended, found.intention_correct) == ("second", "burger", True)
+    assert (found.first_slot, found.intended_kind, found.intention_correct) == ("second", "burger", True)
+    assert found.intended == found.first_attempt == s.at("second")
+    assert set(found.intended_any) == {o.name for o in s.info.of_kind("burger")}
 
 
 def test_inertia_is_the_frequent_first_step_unasked(stage):
@@ -38,6 +39,8 @@ def test_inertia_is_the_frequent_first_step_unasked(stage):
     assert found.label is Label.BEHAVIORAL_INERTIA
     assert not found.intention_correct
     assert found.attempts[0].result == "distractor"
+    assert (found.first_attempt_kind, found.intended_kind) == ("burger", "fries")
+    assert found.intended == found.intended_any[0] != found.first_attempt
 
 
 def test_inertia_is_an_air_grasp_at_a_memorized_slot(stage):
@@ -184,7 +187,7 @@ def test_staying_still_is_right_where_nothing_is_to_do(stage):
     found = diagnose_record(stage("morning_coffee", "T1").end())
     assert found.label is Label.CORRECT_FREEZE
     assert found.intention_correct
-    assert found.intended is None
+    assert (found.intended, found.intended_kind, found.intended_any) == (None, None, ())
     assert found.kind is Kind.NONE
 
 
@@ -202,7 +205,7 @@ def test_one_trial_alone_cannot_prove_a_shortcut(stage):
 
 
 def test_inertia_stands_where_the_word_leads_there_too(changed_stage):
-    s = changed_stage("fast_food", "R1", lambda c: swap(c, a="burger_1", b="fries")[0])
+    s = changed_stage("fast_food", "R1", lambda c: swap(c.object("burger_1"), c.object("fries")).carry_out(c)[0])
     found = diagnose_record(s.bring(s.of("burger", "third")).wait(1).end())
     assert found.label is Label.BEHAVIORAL_INERTIA
     assert "lexical_kinematic_shortcut" in found.evidence.candidates
@@ -229,7 +232,11 @@ def test_the_first_evidence_in_time_decides(stage):
 
 def refusal(condition):
     """Takes the last burger away, so that a burger cannot be packed and the block must be left alone."""
-    return remove(condition, object="burger_2")[0].with_(expected=Expected.REFUSE, premise_broken=True)
+    return (
+        remove(condition.object("burger_2"))
+        .carry_out(condition)[0]
+        .with_(expected=Expected.REFUSE, premise_broken=True)
+    )
 
 
 def test_leaving_a_look_alike_alone_is_a_correct_refusal(changed_stage):
@@ -243,7 +250,8 @@ def test_what_can_be_done_may_be_done_where_the_rest_is_refused(changed_stage):
     found = diagnose_record(s.bring(s.of("fries")).end())
     assert found.label is Label.CORRECT_REFUSAL
     assert found.attempts[0].result == "target"
-    assert found.intended == "fries"
+    assert found.intended_kind == "fries"
+    assert found.intended == found.first_attempt == s.of("fries")
     assert found.progress == 1.0
 
 

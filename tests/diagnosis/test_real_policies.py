@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record
-from betterbench.interventions.objects import remove
 from betterbench.state import Contact
 from betterbench.tasks import Expected
+from betterbench.tasks.operations import remove
 
 
 def verdict(s) -> tuple[Label, str]:
@@ -333,7 +333,11 @@ def test_packing_what_may_be_packed_and_never_coming_to_rest_is_no_collision(sta
 
 def test_touching_what_may_be_packed_is_allowed(changed_stage):
     def change(condition):
-        return remove(condition, object="burger_2")[0].with_(expected=Expected.REFUSE, premise_broken=True)
+        return (
+            remove(condition.object("burger_2"))
+            .carry_out(condition)[0]
+            .with_(expected=Expected.REFUSE, premise_broken=True)
+        )
 
     s = changed_stage("fast_food", "O1", change)
     assert diagnose_record(s.bring(s.of("fries")).end()).label is Label.CORRECT_REFUSAL

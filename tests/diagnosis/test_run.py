@@ -102,8 +102,8 @@ def test_another_task_version_is_refused(policies):
 @pytest.mark.parametrize(
     ("bad", "text"),
     [
-        ({"trials": []}, "plan.policy"),
-        ({"policy": "p"}, "plan.trials"),
+        ({"trials": []}, "plan: policy"),
+        ({"policy": "p"}, "plan: trials"),
         ({"policy": "p", "trials": [3]}, r"trials\[0\]"),
         ({"policy": "p", "trials": [{"task": "fast_food", "condition": "train1", "seed": -1}]}, "seed"),
         (plan(*[("fast_food", "train1", None, 0)] * 2), "planned twice"),

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, diagnose_records
-from betterbench.diagnosis.labels import Ruling
+from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy, judge_rules
-from betterbench.diagnosis.trial import Choice, read_trial, setup_of
-from betterbench.tasks import get_task
+from betterbench.diagnosis.trial import Choice, read_trial
+from betterbench.interventions.resolve import resolve_condition
+from betterbench.tasks import get_task, training_distribution_of
 
 COFFEE = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4", "O1", "T1")
 FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")
@@ -17,13 +18,13 @@ FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")
 
 def coffee_choice(name: str, slot: str) -> Choice:
     """Makes the choice of a first attempt in a coffee trial with two mugs."""
-    setting = setup_of("morning_coffee", name)
+    setting = resolve_condition("morning_coffee", name)
     condition, goal = setting.condition, setting.condition.instruction.subgoals[0]
     asked = condition.layout[condition.resolve(goal.reference)[0]]
     target = frozenset(
         (s, condition.object(o).kind) for o, s in condition.layout.items() if condition.object(o).role == "item"
     )
-    words = frozenset(setting.trained.word_slots[goal.word])
+    words = frozenset(training_distribution_of(setting.task).word_slots[goal.word])
     return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
 
 

@@ -255,7 +255,7 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
                         device.write(data)
                 return write(handle, data, offset)
 
-            monkeypatch.setattr("betterbench.recording.journal.os.pwrite", full)
+            monkeypatch.setattr("betterbench.recording.line_journal.os.pwrite", full)
         with pytest.raises(StorageError, match=r"No space left on device.* run the same command again"):
             evaluate(plan, tmp_path / "run", envs=1)
         monkeypatch.undo()

@@ -21,7 +21,7 @@ from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
-from betterbench.policies.connection import Terms
+from betterbench.policies.connection import ConnectionLimits
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -350,7 +350,7 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
     client = PolicyAddress.parse(run_address("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
     assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
-    terms = Terms.of(client)
+    terms = ConnectionLimits.of(client)
     # The server ends the wait itself, after 450 s; the client only sees to it that a server which does not is left.
     assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (480.0, 489.0, 9.0)
 

@@ -8,15 +8,15 @@ import weakref
 import mujoco
 import numpy as np
 import pytest
+from betterbench.experts.targets import place_goals
 
 from betterbench.certification.support import Handling, Pick, TrainedSupport
-from betterbench.diagnosis.trial import setup_of
 from betterbench.errors import PlanningError, UnknownNameError
 from betterbench.experts import expert_names, make_expert
 from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
-from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import Expected, GoalTracker, Support, TargetRegion, all_tasks, get_task
 from betterbench.tasks.relations import relation
 
@@ -78,7 +78,7 @@ def test_every_pick_and_place_lies_inside_the_support(episode, task_id, name):
 
 def check_support(record, task, name):
     task_id = task.id
-    condition = setup_of(task_id, name).condition
+    condition = resolve_condition(task_id, name).condition
     found = primitives(record, task, condition)
     novel = not name.startswith("train") and task.variation(name).support is Support.NOVEL
     judged = [TrainedSupport.of(task).judge(primitive) for primitive in found]

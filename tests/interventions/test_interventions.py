@@ -6,15 +6,50 @@ import copy
 import dataclasses
 
 import pytest
+from tests.looping import each
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.interventions import Changes, apply, operations, vary
-from betterbench.tasks import Condition, Expected, Instruction, ObjectSpec, TargetRegion, all_tasks, do, get_task
+from betterbench.interventions import apply, resolve_condition, vary
+from betterbench.tasks import (
+    Changes,
+    Condition,
+    Expected,
+    Instruction,
+    ObjectSpec,
+    Slot,
+    TargetRegion,
+    all_tasks,
+    get_task,
+    operation_names,
+)
+from betterbench.tasks.operations import (
+    add,
+    chain,
+    draw_out,
+    instruct,
+    move,
+    preplace,
+    remove,
+    repeat,
+    replace,
+    swap,
+)
 
 VARIATIONS = [(t, v) for t in all_tasks() for v in t.variations]
-each_variation = pytest.mark.parametrize(
-    ("task", "variation"), VARIATIONS, ids=[f"{t.id}/{v.name}" for t, v in VARIATIONS]
-)
+each_variation = each("task, variation", VARIATIONS, lambda t, v: f"{t.id}/{v.name}")
+FOOD, OFFICE = get_task("fast_food"), get_task("office_drawer")
+
+
+def thing(name: str, condition: Condition | None = None) -> ObjectSpec:
+    """Returns an object of a condition (of fast_food if none is given), or one that no condition has."""
+    known = (condition or FOOD.training[0]).objects
+    return next((o for o in known if o.name == name), ObjectSpec(name, name, name))
+
+
+def at(name: str) -> Slot:
+    return FOOD.slot(name)
+
+
 CUBE = ObjectSpec("cube", "cube", "round_block", role="distractor")
 
 
@@ -82,8 +117,8 @@ def test_untouched_objects_keep_their_order(task, variation):
 @each_variation
 def test_interventions_are_shown_as_text(task, variation):
     for intervention in variation.interventions:
-        assert intervention.operation in operations()
-        assert str(intervention).startswith(f"do({intervention.operation}")
+        assert intervention.name in operation_names()
+        assert str(intervention).startswith(f"do({intervention.name} ")
         assert "ObjectSpec(" not in str(intervention)
         assert "Instruction(" not in str(intervention)
 
@@ -95,47 +130,47 @@ def food() -> Condition:
 
 def test_the_operations_are_those_of_the_suite():
     named = "add chain draw_out instruct move preplace remove repeat replace swap"
-    assert operations() == tuple(named.split())
+    assert operation_names() == tuple(named.split())
 
 
 def test_swap_is_its_own_inverse_and_symmetric(food):
-    swapped, changes = apply(food, [do("swap", a="burger_1", b="fries")])
+    swapped, changes = apply(food, [swap(thing("burger_1"), thing("fries"))])
     assert swapped.layout["burger_1"] == "third"
     assert swapped.layout["fries"] == "first"
     assert changes == Changes(frozenset({"burger_1", "fries"}))
-    assert apply(food, [do("swap", a="fries", b="burger_1")])[0] == swapped
-    assert apply(swapped, [do("swap", a="burger_1", b="fries")])[0] == food
+    assert apply(food, [swap(thing("fries"), thing("burger_1"))])[0] == swapped
+    assert apply(swapped, [swap(thing("burger_1"), thing("fries"))])[0] == food
 
 
 def test_remove_then_add_back_is_the_same_scene(food):
-    removed, _ = apply(food, [do("remove", object="drink")])
+    removed, _ = apply(food, [remove(thing("drink"))])
     assert "drink" not in names(removed) | set(removed.layout)
-    back, changes = apply(removed, [do("add", object=food.object("drink"), slot="fourth")])
+    back, changes = apply(removed, [add(thing("drink"), at("fourth"))])
     assert set(back.objects) == set(food.objects)
     assert dict(back.layout) == dict(food.layout)
     assert changes.objects == {"drink"}
 
 
 def test_replace_is_remove_and_add_in_one_slot(food):
-    replaced, changes = apply(food, [do("replace", object="burger_1", by=CUBE)])
-    stepwise, both = apply(food, [do("remove", object="burger_1"), do("add", object=CUBE, slot="first")])
+    replaced, changes = apply(food, [replace(thing("burger_1"), CUBE)])
+    stepwise, both = apply(food, [remove(thing("burger_1")), add(CUBE, at("first"))])
     assert replaced == stepwise
     assert changes == both == Changes(frozenset({"burger_1", "cube"}))
 
 
 def test_move_needs_a_free_slot_and_frees_the_old_one(food):
-    empty, _ = apply(food, [do("remove", object="drink")])
-    moved, changes = apply(empty, [do("move", object="burger_1", slot="fourth")])
+    empty, _ = apply(food, [remove(thing("drink"))])
+    moved, changes = apply(empty, [move(thing("burger_1"), at("fourth"))])
     assert moved.occupant("first") is None
     assert moved.occupant("fourth") == "burger_1"
     assert changes.objects == {"burger_1"}
 
 
 def test_preplace_takes_the_object_off_its_slot(food):
-    placed, _ = apply(food, [do("preplace", object="fries", target="box")])
+    placed, _ = apply(food, [preplace(thing("fries"), thing("box"))])
     assert placed.preplaced == {"fries": TargetRegion("box")}
     assert "fries" not in placed.layout
-    assert apply(placed, [do("remove", object="fries")])[0].preplaced == {}
+    assert apply(placed, [remove(thing("fries"))])[0].preplaced == {}
 
 
 @pytest.fixture
@@ -144,22 +179,22 @@ def drawers() -> Condition:
 
 
 def test_draw_out_opens_one_drawer_and_touches_nothing_else(drawers):
-    drawn, changes = apply(drawers, [do("draw_out", drawer="upper", distance_m=0.1)])
+    drawn, changes = apply(drawers, [draw_out(thing("upper", OFFICE.training[2]), distance_m=0.1)])
     assert drawn == drawers.with_(opened={"upper": 0.1})
     assert changes == Changes(frozenset({"upper"}))
-    both, _ = apply(drawn, [do("draw_out", drawer="lower", distance_m=0.05)])
+    both, _ = apply(drawn, [draw_out(thing("lower", OFFICE.training[2]), distance_m=0.05)])
     assert both.opened == {"upper": 0.1, "lower": 0.05}
-    shut, _ = apply(drawn, [do("draw_out", drawer="upper", distance_m=0.0)])
+    shut, _ = apply(drawn, [draw_out(thing("upper", OFFICE.training[2]), distance_m=0.0)])
     assert shut.opened == {"upper": 0.0}
     assert drawers.opened == {}
 
 
 def test_only_drawers_are_drawn_out(drawers):
     with pytest.raises(InvalidInputError, match="it is no drawer") as caught:
-        apply(drawers, [do("draw_out", drawer="stapler", distance_m=0.1)])
+        apply(drawers, [draw_out(thing("stapler", OFFICE.training[2]), distance_m=0.1)])
     assert "\n" not in str(caught.value)
     with pytest.raises(UnknownNameError, match="Did you mean 'upper'"):
-        apply(drawers, [do("draw_out", drawer="uper", distance_m=0.1)])
+        apply(drawers, [draw_out(thing("uper", OFFICE.training[2]), distance_m=0.1)])
 
 
 def test_changes_add_up():
@@ -173,9 +208,9 @@ LONG = get_task("fast_food").variation("T2").interventions[0].arguments["instruc
 
 def test_language_leaves_the_scene_alone(food):
     for intervention in (
-        do("instruct", instruction=TWO),
-        do("chain", instruction=LONG),
-        do("repeat", instruction=LONG),
+        instruct(TWO),
+        chain(LONG),
+        repeat(LONG),
     ):
         changed, changes = apply(food, [intervention])
         assert changes == Changes(language=True)
@@ -183,20 +218,19 @@ def test_language_leaves_the_scene_alone(food):
 
 
 BAD = {
-    "unknown operation": (do("swop", a="fries", b="drink"), UnknownNameError, "Did you mean 'swap'"),
-    "swap unknown": (do("swap", a="frise", b="drink"), UnknownNameError, "Did you mean 'fries'"),
+    "swap unknown": (swap(thing("frise"), thing("drink")), UnknownNameError, "Did you mean 'fries'"),
     "move to a taken slot": (
-        do("move", object="fries", slot="first"),
+        move(thing("fries"), at("first")),
         InvalidInputError,
         "burger_1 already stands there",
     ),
-    "add to a taken slot": (do("add", object=CUBE, slot="first"), InvalidInputError, "burger_1 already stands there"),
-    "move unknown": (do("move", object="salad", slot="first"), UnknownNameError, "salad"),
-    "remove unknown": (do("remove", object="salad"), UnknownNameError, "salad"),
-    "replace unknown": (do("replace", object="frise", by=CUBE), UnknownNameError, "Did you mean 'fries'"),
-    "preplace at nothing": (do("preplace", object="fries", target="basket"), UnknownNameError, "basket"),
-    "chain that is not longer": (do("chain", instruction=TWO), InvalidInputError, "not longer"),
-    "repeat without repetition": (do("repeat", instruction=TWO), InvalidInputError, "no subgoal is repeated"),
+    "add to a taken slot": (add(CUBE, at("first")), InvalidInputError, "burger_1 already stands there"),
+    "move unknown": (move(thing("salad"), at("first")), UnknownNameError, "salad"),
+    "remove unknown": (remove(thing("salad")), UnknownNameError, "salad"),
+    "replace unknown": (replace(thing("frise"), CUBE), UnknownNameError, "Did you mean 'fries'"),
+    "preplace at nothing": (preplace(thing("fries"), thing("basket")), UnknownNameError, "basket"),
+    "chain that is not longer": (chain(TWO), InvalidInputError, "not longer"),
+    "repeat without repetition": (repeat(TWO), InvalidInputError, "no subgoal is repeated"),
 }
 
 
@@ -208,41 +242,61 @@ def test_bad_arguments_give_one_clear_error(food, intervention, error, text):
 
 
 def test_a_name_in_use_is_refused(food):
-    empty, _ = apply(food, [do("remove", object="drink")])
+    empty, _ = apply(food, [remove(thing("drink"))])
     again = dataclasses.replace(CUBE, name="fries")
     with pytest.raises(InvalidInputError, match="the name is in use"):
-        apply(empty, [do("add", object=again, slot="fourth")])
+        apply(empty, [add(again, at("fourth"))])
 
 
 def test_what_is_preplaced_starts_in_no_slot(food):
-    placed, _ = apply(food, [do("preplace", object="fries", target="box")])
+    placed, _ = apply(food, [preplace(thing("fries"), thing("box"))])
     for intervention in (
-        do("move", object="fries", slot="third"),
-        do("swap", a="fries", b="drink"),
-        do("preplace", object="fries", target="box"),
-        do("replace", object="fries", by=CUBE),
+        move(thing("fries"), at("third")),
+        swap(thing("fries"), thing("drink")),
+        preplace(thing("fries"), thing("box")),
+        replace(thing("fries"), CUBE),
     ):
         with pytest.raises(InvalidInputError, match="starts in no slot"):
             apply(placed, [intervention])
 
 
-@pytest.mark.parametrize("arguments", [{}, {"a": "fries"}, {"a": "fries", "b": "drink", "c": "box"}])
-def test_missing_or_unknown_arguments_are_named(food, arguments):
-    with pytest.raises(InvalidInputError, match="swap"):
-        apply(food, [do("swap", **arguments)])
+def test_missing_or_unknown_arguments_are_found_where_the_task_is_written():
+    with pytest.raises(TypeError, match="'b'"):
+        swap(thing("fries"))
+    with pytest.raises(TypeError, match="too many"):
+        swap(thing("fries"), thing("drink"), thing("box"))
+
+
+def test_equal_operations_are_equal_and_others_are_not():
+    assert swap(thing("fries"), thing("drink")) == swap(a=thing("fries"), b=thing("drink"))
+    assert swap(thing("fries"), thing("drink")) != swap(thing("drink"), thing("fries"))
+    assert str(move(thing("fries"), at("fourth"))) == "do(move object=fries slot=fourth)"
+
+
+def test_a_name_becomes_a_condition_in_one_place():
+    for task in all_tasks():
+        for training in task.training:
+            found = resolve_condition(task.id, training.name)
+            assert (found.condition, found.variation, found.base, found.axis) == (training, None, training.name, None)
+        for variation in task.variations:
+            found = resolve_condition(task.id, variation.name)
+            assert (found.condition, found.changes) == vary(task, variation)
+            assert (found.base, found.axis) == (variation.base, variation.axis.value)
+    with pytest.raises(UnknownNameError, match="Did you mean 'train1'"):
+        resolve_condition("fast_food", "trian1")
 
 
 def test_an_unknown_slot_is_found_when_the_scene_is_built_at_the_latest(food):
     from betterbench.scenes import place_objects
 
-    empty, _ = apply(food, [do("remove", object="drink")])
-    moved, _ = apply(empty, [do("move", object="burger_1", slot="fifth")])
+    empty, _ = apply(food, [remove(thing("drink"))])
+    moved, _ = apply(empty, [move(thing("burger_1"), Slot("fifth", 0.5, 0.0))])
     with pytest.raises(UnknownNameError, match="Unknown slot of fast_food 'fifth'"):
         place_objects(get_task("fast_food"), moved, 0)
 
 
 def test_expected_behavior_is_no_intervention(food):
-    changed, _ = apply(food, [do("swap", a="fries", b="drink")])
+    changed, _ = apply(food, [swap(thing("fries"), thing("drink"))])
     assert changed.expected is Expected.SUCCEED
     assert changed.name == food.name
     assert isinstance(changed.instruction, Instruction)

@@ -18,7 +18,7 @@ from betterbench.interface.actions import ACTION_SPACES, EE_DELTA
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.handshake import Declaration, compare, declare_adapter, declare_space
+from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter, declare_space
 from betterbench.policies.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import ROTATION_SIZES, from_format
@@ -436,16 +436,16 @@ def test_options_of_an_address_are_typed():
 
 
 def test_sides_that_agree_or_keep_silent_pass():
-    compare(declare_adapter("this side", VLA_EVAL), Declaration("the server"))
-    compare(declare_space("a", EE_DELTA), declare_space("b", EE_DELTA))
-    compare(Declaration("a", cameras={"x": (224, 224)}), Declaration("b", cameras={"x": None}))
+    compare_declarations(declare_adapter("this side", VLA_EVAL), Declaration("the server"))
+    compare_declarations(declare_space("a", EE_DELTA), declare_space("b", EE_DELTA))
+    compare_declarations(Declaration("a", cameras={"x": (224, 224)}), Declaration("b", cameras={"x": None}))
 
 
 def test_every_difference_is_named_in_one_line():
     ours = Declaration("this side", rotation="rpy", rate_hz=20.0, cameras={"front": (224, 224)})
     theirs = Declaration("the server", rotation="axis_angle", rate_hz=15.0, cameras={"front": (256, 256), "top": None})
     with pytest.raises(HandshakeError) as caught:
-        compare(ours, theirs)
+        compare_declarations(ours, theirs)
     text = str(caught.value)
     for part in (
         "rotation: this side says 'rpy', the server says 'axis_angle'",

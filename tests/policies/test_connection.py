@@ -7,7 +7,7 @@ import pytest
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
 from betterbench.policies import connection as connection_module
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connection import FIRST_PAUSE_S, LONGEST_PAUSE_S, PolicyConnection, Terms
+from betterbench.policies.connection import FIRST_PAUSE_S, LONGEST_PAUSE_S, ConnectionLimits, PolicyConnection
 
 
 class Wire:
@@ -41,7 +41,7 @@ def broken(_, __):
 
 def test_pauses_double_up_to_a_limit_with_a_jitter_that_a_seed_repeats():
     def pauses(seed):
-        link, wires, slept = made(Terms(patience_s=1e6, seed=seed), fail=12)
+        link, wires, slept = made(ConnectionLimits(patience_s=1e6, seed=seed), fail=12)
         assert link.open() is wires[0]
         return slept
 
@@ -57,7 +57,7 @@ def test_pauses_double_up_to_a_limit_with_a_jitter_that_a_seed_repeats():
 def test_patience_ends(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(connection_module.time, "monotonic", lambda: now[0])
-    link, _, pauses = made(Terms(patience_s=3.0), fail=1000)
+    link, _, pauses = made(ConnectionLimits(patience_s=3.0), fail=1000)
 
     def sleep(seconds):
         pauses.append(seconds)
@@ -70,14 +70,14 @@ def test_patience_ends(monkeypatch):
 
 
 def test_a_handshake_that_fails_is_not_tried_again():
-    link, _, pauses = made(Terms(), fail=1, error=HandshakeError("they differ"))
+    link, _, pauses = made(ConnectionLimits(), fail=1, error=HandshakeError("they differ"))
     with pytest.raises(HandshakeError, match="they differ"):
         link.open()
     assert not pauses
 
 
 def test_every_broken_connection_is_closed_and_counted():
-    link, wires, pauses = made(Terms(retries=3))
+    link, wires, pauses = made(ConnectionLimits(retries=3))
     with pytest.raises(PolicyError, match="failed to answer 4 times, the last time because of: gone"):
         link.request(broken)
     assert [wire.closed for wire in wires] == [1] * 4
@@ -89,7 +89,7 @@ def test_every_broken_connection_is_closed_and_counted():
 
 
 def test_a_connection_that_works_is_kept():
-    link, wires, _ = made(Terms())
+    link, wires, _ = made(ConnectionLimits())
     for _ in range(3):
         link.request(lambda *_: None)
     assert len(wires) == 1
@@ -100,7 +100,7 @@ def test_a_connection_that_works_is_kept():
 
 
 def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
-    link, _, _ = made(Terms(timeout_s=2.0, warmup_s=50.0, retries=1))
+    link, _, _ = made(ConnectionLimits(timeout_s=2.0, warmup_s=50.0, retries=1))
     given = []
 
     def note(_, deadline):
@@ -132,11 +132,11 @@ def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
 )
 def test_terms_that_make_no_sense_are_refused(query, text):
     with pytest.raises(InvalidInputError, match=text):
-        Terms.of(PolicyAddress.parse(f"openpi://host?{query}"))
+        ConnectionLimits.of(PolicyAddress.parse(f"openpi://host?{query}"))
 
 
 def test_terms_come_from_the_address():
-    usual = Terms.of(PolicyAddress.parse("openpi://host"), seed=4)
-    assert usual == Terms(timeout_s=30.0, warmup_s=300.0, retries=3, patience_s=60.0, seed=4)
-    given = Terms.of(PolicyAddress.parse("openpi://host?timeout=2&retries=0&patience=0.5"))
-    assert given == Terms(timeout_s=2.0, warmup_s=2.0, retries=0, patience_s=0.5)
+    usual = ConnectionLimits.of(PolicyAddress.parse("openpi://host"), seed=4)
+    assert usual == ConnectionLimits(timeout_s=30.0, warmup_s=300.0, retries=3, patience_s=60.0, seed=4)
+    given = ConnectionLimits.of(PolicyAddress.parse("openpi://host?timeout=2&retries=0&patience=0.5"))
+    assert given == ConnectionLimits(timeout_s=2.0, warmup_s=2.0, retries=0, patience_s=0.5)

@@ -38,7 +38,7 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.connect import connect
-from betterbench.policies.handshake import compare
+from betterbench.policies.handshake import compare_declarations
 from betterbench.policies.presets import VLA_EVAL
 from betterbench.policies.vla_eval import declare_specs
 from betterbench.policies.wire import decode_vla_eval, encode_vla_eval
@@ -277,7 +277,7 @@ def test_servers_of_the_harness_itself_agree(model):
     }
     theirs, ours = declare_specs("the server", hello, VLA_EVAL)
     assert theirs.gripper == "binary_close_positive"
-    compare(ours, theirs)
+    compare_declarations(ours, theirs)
 
 
 @pytest.mark.parametrize(
@@ -465,7 +465,7 @@ def test_a_server_that_answers_joints_is_not_read_as_something_else(adapter, joi
     hello = {"action_spec": {"joints": {"name": "joints", "dims": 7, "format": joints}}}
     if fits:
         theirs, ours = declare_specs("the server", hello, adapter)
-        compare(ours, theirs)
+        compare_declarations(ours, theirs)
         return
     with pytest.raises(HandshakeError, match=joints):
         declare_specs("the server", hello, adapter)

@@ -14,8 +14,7 @@ import zipfile
 import pytest
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.recording import Journal, JournalEntry, RunFolder, RunLock, read_journal
-from betterbench.recording import run as run_module
+from betterbench.recording import Journal, JournalEntry, RunFolder, RunLock, read_journal, scene_archive
 from betterbench.tasks import TrialId
 
 PLAN = {"policy": "zoo:lexical", "tasks": ["fast_food", "fruit_lunch"], "trials": 20, "suite": {"version": "1.0"}}
@@ -84,11 +83,11 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
     with Journal(path) as journal:
         journal.append(entry(0, status="error", message="engine fell over"))
         journal.append(entry(0))
-        with pytest.raises(RunConflictError, match="fast_food/R1 seed 0 is finished already"):
+        with pytest.raises(RunConflictError, match="fast_food/R1/0 is finished already"):
             journal.append(entry(0))
     assert read_journal(path) == (entry(0),)
     path.write_bytes(path.read_bytes() + path.read_bytes().splitlines()[1] + b"\n")
-    with pytest.raises(RecordError, match="line 3 finishes fast_food/R1 seed 0 again, after line 2"):
+    with pytest.raises(RecordError, match="line 3 finishes fast_food/R1/0 again, after line 2"):
         read_journal(path)
 
 
@@ -123,11 +122,14 @@ def test_a_full_disk_leaves_the_journal_as_it_was(tmp_path, monkeypatch) -> None
         ({"variation": 3}, "variation"),
         ({"status": "fine"}, "status"),
         ({"wall": {"latency_s": float("nan")}}, r"wall\.latency_s"),
+        ({"wall": {"latency_s": "1"}}, r"wall\.latency_s"),
+        ({"ground_truth": {"fault": 3}}, r"ground_truth\.fault"),
     ],
 )
-def test_an_entry_that_could_not_be_read_back_is_refused(changes, message) -> None:
-    with pytest.raises(InvalidInputError, match=message):
-        entry(**{"seed": 0, **changes})
+def test_an_entry_that_could_not_be_read_back_is_refused(tmp_path, changes, message) -> None:
+    with Journal(tmp_path / "journal.jsonl") as journal, pytest.raises(InvalidInputError, match=message):
+        journal.append(entry(**{"seed": 0, **changes}))
+    assert read_journal(tmp_path / "journal.jsonl") == ()
 
 
 APPEND_FOREVER = """
@@ -342,7 +344,7 @@ def test_a_scene_that_is_too_large_or_damaged_is_refused(tmp_path, monkeypatch) 
     folder = RunFolder.start(tmp_path / "run", PLAN)
     path = folder.store_scene(HASH, {"a": bytes(600_000), "b": bytes(600_000)})
     assert path.stat().st_size < 5_000
-    monkeypatch.setattr(run_module, "MAX_SCENE_BYTES", 1_000_000)
+    monkeypatch.setattr(scene_archive, "MAX_SCENE_BYTES", 1_000_000)
     with pytest.raises(RecordError, match="unpacks to more than 1000000 bytes"):
         folder.load_scene(HASH)
     with pytest.raises(InvalidInputError, match="scene: 1 files with 1000001 bytes exceed"):

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image, ImageDraw
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.metrics import compute_metrics
 from betterbench.diagnosis.verdict import Attempt, Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.report import Film, Frame, Showing
@@ -80,8 +79,11 @@ def trial(
         "succeed",
         label,
         "burger_1" if right else "fries",
+        "burger" if right else "fries",
         "first" if right else "third",
+        "burger_1",
         "burger",
+        ("burger_1",),
         right or label.kind.value == "execution",
         1.0 if right else 0.25,
         attempts,
@@ -99,7 +101,7 @@ def diagnosis(
 ) -> RunDiagnosis:
     """Returns the diagnosis of trials with the metrics that the diagnosis package computes."""
     mine = tuple(replace(t, policy=policy) for t in trials)
-    thresholds = THRESHOLDS.to_json() | LIMITS.to_json()
+    thresholds = THRESHOLDS.to_json()
     return RunDiagnosis(policy, mine, compute_metrics(mine), tuple(findings), tuple(notes), thresholds, dict(VERSIONS))
 
 
@@ -175,6 +177,8 @@ def _played(
         duration_s=duration,
         steps=int(duration * 20),
         intended=None if still else asked,
+        intended_kind=None if still else asked,
+        intended_any=() if still else (asked,),
         first_attempt=attempts[0].object if attempts else None,
         evidence=Evidence(
             label.value,

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import diagnosis, trial
 
 from betterbench.diagnosis import Label
-from betterbench.diagnosis.trial import setup_of
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.latex import table_to_latex
 from betterbench.report.matrices import PAPER, matrices_of, plain_matrix
 from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
@@ -25,7 +25,7 @@ TABLE, TARGET, ABSENT = State
 
 
 def place(task, name):
-    setting = setup_of(task, name)
+    setting = resolve_condition(task, name)
     return position_of(setting.condition, training=setting.axis is None)
 
 
@@ -56,7 +56,7 @@ def test_other_interventions_and_other_lengths_belong_to_neither(task, name):
 
 def lunch(apple, orange):
     """Returns the training condition of the fruit lunch with apple and orange in any state."""
-    base = setup_of("fruit_lunch", "train1").condition
+    base = resolve_condition("fruit_lunch", "train1").condition
     objects, layout, preplaced = base.objects, dict(base.layout), {}
     for name, state in (("apple", apple), ("orange", orange)):
         if state is not TABLE:
@@ -93,7 +93,7 @@ def test_every_cell_of_the_short_matrix_can_be_reached(first, second):
 
 
 def test_the_second_of_two_equal_objects_has_a_state_of_its_own():
-    condition = setup_of("fruit_lunch", "T2").condition
+    condition = resolve_condition("fruit_lunch", "T2").condition
     one = condition.with_(objects=tuple(o for o in condition.objects if o.name != "apple_2"))
     assert position_of(one, training=True) == CellPosition(Horizon.LONG, TABLE, ABSENT)
     packed = condition.with_(preplaced={"apple": At("lunchbox")})

@@ -21,6 +21,7 @@ from betterbench.interface.actions import (
 )
 from betterbench.robots import PANDA, ArmController, ArmIK, build_robot_spec
 from betterbench.robots.control import JOINT_LEAD_RAD, POSITION_LEAD_M, ROTATION_LEAD_RAD
+from betterbench.robots.physics import PHYSICS
 
 pytestmark = pytest.mark.physics
 
@@ -248,9 +249,7 @@ def test_a_held_block_does_not_slip(block_model: mujoco.MjModel) -> None:
 def test_a_robot_attached_under_a_prefix_is_driven_the_same(bench: Make) -> None:
     parent = build_robot_spec("panda", visuals=False)
     world = mujoco.MjSpec()
-    world.option.timestep = 0.002
-    for name in ("integrator", "cone", "impratio", "noslip_iterations"):
-        setattr(world.option, name, getattr(parent.option, name))
+    PHYSICS.set_solver(world)
     world.attach(parent, prefix="robot/", frame=world.worldbody.add_frame())
     model = world.compile()
     data = mujoco.MjData(model)

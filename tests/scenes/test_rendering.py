@@ -8,8 +8,9 @@ import pytest
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Renderer, Scene, gl_backend, rendering
-from betterbench.scenes.rendering import camera_matrices, renderer_fingerprint
+from betterbench.scenes import Renderer, Scene, gl_backend, gl_context
+from betterbench.scenes.cameras import camera_matrices
+from betterbench.scenes.gl_context import renderer_fingerprint
 from betterbench.scenes.stage import CAMERAS, FAST, HIGH, QUALITIES, STANDARD, Quality, quality_preset, stage_spec
 from betterbench.tasks import get_task
 
@@ -199,13 +200,13 @@ def test_qualities_are_values(quality):
 def test_images_do_not_depend_on_the_order_in_which_rows_are_read(scene, renderer):
     """Mesa reads from the top, other OpenGL from the bottom: the same image, depth and mask either way."""
     usual = renderer.render(scene.data, "front", depth=True, masks=True)
-    kept = rendering._CONTEXT.from_top
+    kept = gl_context.CONTEXT.from_top
     try:
-        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=False)
-        assert not rendering._CONTEXT.from_top
+        gl_context.CONTEXT.from_top = gl_context.read_from_top(wanted=False)
+        assert not gl_context.CONTEXT.from_top
         turned = renderer.render(scene.data, "front", depth=True, masks=True)
     finally:
-        rendering._CONTEXT.from_top = rendering._read_from_top(wanted=kept)
+        gl_context.CONTEXT.from_top = gl_context.read_from_top(wanted=kept)
     assert np.array_equal(usual.rgb, turned.rgb)
     assert np.array_equal(usual.depth, turned.depth)
     assert np.array_equal(usual.masks, turned.masks)

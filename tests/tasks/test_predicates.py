@@ -9,7 +9,9 @@ import pytest
 from betterbench.errors import UnknownNameError
 from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.relations import arm_still, at_rest, inside, on_ring, relation, released, upright
+from betterbench.tasks.relations import arm_still, at_rest, relation, released, upright
+from betterbench.tasks.relations.inside import inside
+from betterbench.tasks.relations.on_ring import on_ring
 
 TENTH_MM = 1e-4
 

@@ -33,6 +33,7 @@ from betterbench.interventions import vary
 from betterbench.tasks import THRESHOLDS, GoalTracker, get_task
 from betterbench.tasks.relations import RELATIONS, relation, released
 
+LIMITS = THRESHOLDS.to_json()
 ANGLES = (0.0, 0.9, math.pi / 2, 2.4, math.pi, -1.1)
 FLAWS = (
     {"contacts": (("left_finger", "?"),)},
@@ -120,7 +121,7 @@ def test_beside_in_the_middle_of_a_side_and_of_no_other(at_reset, posed, spot):
     assert where("beside", state, thing, anchor) is None, "nothing is beside the anchor at the start"
     there = lay(state, posed, anchor, side, thing)
     assert where("beside", there, thing, anchor) == side
-    for place in RELATIONS["beside"].places(state.info.object(anchor)):
+    for place in RELATIONS["beside"].regions(state.info.object(anchor)):
         assert relation("beside").holds(there, thing, anchor, place) is (place == side)
 
 
@@ -155,7 +156,7 @@ def test_beside_wants_it_upright_on_the_table(at_reset, posed, spot):
 def test_beside_ends_above_the_table_even_if_an_edge_touches_it(at_reset, posed, spot):
     task, anchor, side, thing = spot
     state = at_reset(task, "train1")
-    for z, expected in ((THRESHOLDS.side_height - HALF_MM, side), (THRESHOLDS.side_height + HALF_MM, None)):
+    for z, expected in ((LIMITS["side_height"] - HALF_MM, side), (LIMITS["side_height"] + HALF_MM, None)):
         assert where("beside", lay(state, posed, anchor, side, thing, at=(0.0, 0.0, z)), thing, anchor) == expected
 
 
@@ -166,8 +167,8 @@ def test_beside_wants_cutlery_along_the_anchor_either_way_round(at_reset, posed,
     state = posed(state, poses={"plate": Pose(state.pose("plate").position, from_yaw(anchor_yaw))})
     for turn, expected in (
         (0.0, "left"),
-        (THRESHOLDS.side_turn - 0.005, "left"),
-        (THRESHOLDS.side_turn + 0.005, None),
+        (LIMITS["side_turn"] - 0.005, "left"),
+        (LIMITS["side_turn"] + 0.005, None),
         (math.pi / 2, None),
     ):
         there = lay(state, posed, "plate", "left", "fork", turn=half_turn + sign * turn)
@@ -251,14 +252,14 @@ def test_in_hole_ends_at_the_clearance(rack, posed, hole, border):
 @pytest.mark.parametrize("hole", HOLES)
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_in_hole_ends_above_and_below_its_floor(rack, posed, hole, sign):
-    for z, expected in ((THRESHOLDS.hole_depth - HALF_MM, hole), (THRESHOLDS.hole_depth + HALF_MM, None)):
+    for z, expected in ((LIMITS["hole_depth"] - HALF_MM, hole), (LIMITS["hole_depth"] + HALF_MM, None)):
         assert where("in_hole", stand(rack, posed, hole, at=(0.0, 0.0, sign * z)), "salt", "rack") == expected
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.0, -2.0])
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_in_hole_ends_at_its_tilt(rack, posed, turn, sign):
-    for tilt, expected in ((THRESHOLDS.hole_tilt - 0.003, "hole_2"), (THRESHOLDS.hole_tilt + 0.003, None)):
+    for tilt, expected in ((LIMITS["hole_tilt"] - 0.003, "hole_2"), (LIMITS["hole_tilt"] + 0.003, None)):
         assert where("in_hole", stand(rack, posed, "hole_2", turn=turn, tilt=sign * tilt), "salt", "rack") == expected
     assert where("in_hole", stand(rack, posed, "hole_2", tilt=math.pi), "salt", "rack") is None
 
@@ -353,8 +354,8 @@ def test_layers_are_counted_from_the_base_in_whatever_order_they_lie(burger, pos
 @pytest.mark.parametrize("angle", ANGLES)
 def test_layer_ends_at_its_offset_in_every_direction(burger, posed, angle):
     for meters, first, second in (
-        (THRESHOLDS.layer_offset - HALF_MM, "1", "2"),
-        (THRESHOLDS.layer_offset + HALF_MM, None, None),
+        (LIMITS["layer_offset"] - HALF_MM, "1", "2"),
+        (LIMITS["layer_offset"] + HALF_MM, None, None),
     ):
         x, y, _ = along(angle, meters)
         low = pile(burger, posed, "patty", shift={"patty": (x, y)})
@@ -367,14 +368,14 @@ def test_layer_ends_at_its_offset_in_every_direction(burger, posed, angle):
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_layer_ends_at_its_gap(burger, posed, sign):
-    for meters, expected in ((THRESHOLDS.layer_gap - HALF_MM, "2"), (THRESHOLDS.layer_gap + HALF_MM, None)):
+    for meters, expected in ((LIMITS["layer_gap"] - HALF_MM, "2"), (LIMITS["layer_gap"] + HALF_MM, None)):
         there = pile(burger, posed, "patty", "cheese", lift={"cheese": sign * meters})
         assert numbers(there, "patty", "cheese") == ("1", expected)
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_layer_ends_at_its_tilt(burger, posed, sign):
-    for tilt, expected in ((THRESHOLDS.layer_tilt - 0.003, "2"), (THRESHOLDS.layer_tilt + 0.003, None)):
+    for tilt, expected in ((LIMITS["layer_tilt"] - 0.003, "2"), (LIMITS["layer_tilt"] + 0.003, None)):
         assert numbers(pile(burger, posed, "patty", "top_bun", tilt=sign * tilt), "patty", "top_bun") == ("1", expected)
     assert numbers(pile(burger, posed, "patty", "top_bun", tilt=math.pi), "top_bun") == (None,), "upside down"
 
@@ -498,14 +499,14 @@ def test_on_plate_of_whole_stacks_right_and_wrong_way_up(plates, posed):
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("angle", ANGLES)
 def test_on_plate_ends_at_the_play_within_the_rim(plates, posed, pair, angle):
-    for meters, expected in ((THRESHOLDS.plate_offset - HALF_MM, ""), (THRESHOLDS.plate_offset + HALF_MM, None)):
+    for meters, expected in ((LIMITS["plate_offset"] - HALF_MM, ""), (LIMITS["plate_offset"] + HALF_MM, None)):
         assert where("on_plate", put_on(plates, posed, pair, at=along(angle, meters)), *pair) == expected
 
 
 @pytest.mark.parametrize("pair", PAIRS)
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_on_plate_ends_at_its_height_and_tilt(plates, posed, pair, sign):
-    for meters, expected in ((THRESHOLDS.plate_gap - HALF_MM, ""), (THRESHOLDS.plate_gap + HALF_MM, None)):
+    for meters, expected in ((LIMITS["plate_gap"] - HALF_MM, ""), (LIMITS["plate_gap"] + HALF_MM, None)):
         assert where("on_plate", put_on(plates, posed, pair, at=(0.0, 0.0, sign * meters)), *pair) == expected
     for tilt, expected in ((THRESHOLDS.upright_tilt - 0.002, ""), (THRESHOLDS.upright_tilt + 0.002, None)):
         assert where("on_plate", put_on(plates, posed, pair, tilt=sign * tilt), *pair) == expected

@@ -5,10 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
 
 from betterbench.audit.counts import count_behind
+from betterbench.audit.fields import Columns, Count, Row, Rows, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.table import AuditedTable
 from betterbench.audit.wording import ALPHA, POINTS, ends, p_text
 from betterbench.statistics import Rate, chance_p, holm, round_half_up
@@ -16,34 +19,24 @@ from betterbench.statistics import Rate, chance_p, holm, round_half_up
 _chance = functools.lru_cache(maxsize=256)(chance_p)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
     """Rates of a choice among several differ from guessing.
 
     Attributes:
-        rows: Rows that are tested.
-        columns: Columns that are tested.
         trials: Trials behind each cell.
         choices: Number of things to choose from.
         guess: Row that prints the rate of a guess, or an empty text.
+        rows: Rows that are tested; all but the guess if none is named.
+        columns: Columns that are tested; all if none is named.
     """
 
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    trials: int
-    choices: int
-    guess: str
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Chance:
-        """Return the rule that a form describes."""
-        guess = form.name("guess", table.row_names) if form.has("guess") else ""
-        rows = form.names("rows", table.row_names, [r for r in table.row_names if r != guess])
-        columns = form.names("columns", table.columns, table.columns)
-        choices = form.count("choices")
-        if choices < 2:
-            raise form.wrong("choices", "one thing is no choice", "Write 2 or more")
-        return cls(rows, columns, form.count("trials"), choices, guess)
+    trials: Count
+    choices: Annotated[Count, Field(ge=2)]
+    guess: Row = ""
+    rows: Rows = ()
+    columns: Columns = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield whether the guess is printed right, and one finding per cell."""
@@ -51,8 +44,8 @@ class Chance:
             yield from self._guesses(table)
         rates = {
             (r, c): Rate(*count)
-            for r in self.rows
-            for c in self.columns
+            for r in self.rows or [row for row in table.row_names if row != self.guess]
+            for c in self.columns or table.columns
             if (n := table.cell(r, c)) is not None and (count := count_behind(n, self.trials)) is not None
         }
         p_values = [_chance(rate, chance=1 / self.choices) for rate in rates.values()]
@@ -76,7 +69,7 @@ class Chance:
             )
 
     def _guesses(self, table: AuditedTable) -> Iterator[AuditFinding]:
-        for column in self.columns:
+        for column in self.columns or table.columns:
             printed = table.cell(self.guess, column)
             if printed is None:
                 continue

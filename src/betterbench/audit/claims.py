@@ -5,14 +5,16 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
-from betterbench.audit.counts import Count, count_behind
+from pydantic import Field
+
+from betterbench.audit.counts import CountBehind, count_behind
+from betterbench.audit.fields import Column, Columns, Count, Row, Text, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
 from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
-from betterbench.errors import InvalidInputError
 from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
 
 BARNARD_OUTCOMES = 1_000_000
@@ -38,6 +40,7 @@ class ClaimComparison:
     second: Rate
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
     """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
@@ -48,15 +51,9 @@ class Composition:
         trials: Trials behind each cell.
     """
 
-    novel: str
-    seen: tuple[str, ...]
-    trials: int
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Composition:
-        """Return the rule that a form describes."""
-        seen = form.names("seen", table.columns)
-        return cls(form.name("novel", table.columns), seen, form.count("trials"))
+    novel: Column
+    seen: Columns
+    trials: Count
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
@@ -73,49 +70,47 @@ class Composition:
         yield from compare_claims(table, "composition", compared)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Claim:
     """The text says that one cell differs from another of the same column.
 
     Attributes:
-        text: The claim in a few words.
+        claim: The claim in a few words.
         first: Row that counts positive.
         second: Row that counts negative.
         column: The column.
-        trials: Trials behind both cells, or None to recover them from the parts.
+        trials: Trials behind both cells, or 0 to recover them from the parts.
         parts: Columns of the parts whose sizes add up to the trials.
     """
 
-    text: str
-    first: str
-    second: str
-    column: str
-    trials: int | None
-    parts: tuple[str, ...]
+    claim: Text
+    first: Row
+    second: Row
+    column: Column
+    trials: Count = 0
+    parts: Columns = ()
 
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Claim:
-        """Return the claim that a form describes."""
-        rows = table.row_names
-        if form.has("trials") == form.has("parts"):
-            raise form.wrong("trials", "give either trials or parts", "Keep one of the two")
-        trials = form.count("trials") if form.has("trials") else None
-        parts = form.names("parts", table.columns) if form.has("parts") else ()
-        names = form.name("first", rows), form.name("second", rows), form.name("column", table.columns)
-        claim = cls(form.text("claim"), *names, trials, parts)
-        form.done()
-        return claim
+    def __post_init__(self) -> None:
+        """Refuse a claim that gives both trials and parts, or neither.
 
-    def count(self, table: AuditedTable, row: str) -> Count | None:
+        Raises:
+            ValueError: If it does.
+        """
+        if bool(self.trials) == bool(self.parts):
+            raise ValueError("either trials or parts must be given")
+
+    def count(self, table: AuditedTable, row: str) -> CountBehind | None:
         """Return the count behind one of the two cells, or None if it cannot be known."""
         trials = self.trials
-        if trials is None:
+        if not trials:
             sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))
-            trials = None if sizes is None else sizes.total
+            trials = 0 if sizes is None else sizes.total
         printed = table.cell(row, self.column)
-        return None if trials is None or printed is None else count_behind(printed, trials)
+        return None if not trials or printed is None else count_behind(printed, trials)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
     """Claims that two cells differ; Fisher's exact test and Newcombe's interval.
@@ -124,22 +119,14 @@ class Differences:
         claims: The claims, corrected together.
     """
 
-    claims: tuple[Claim, ...]
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Differences:
-        """Return the rule that a form describes."""
-        claims = tuple(Claim.read(f, table) for f in form.forms("claims"))
-        if not claims:
-            raise InvalidInputError(f"{form.where}.claims", "the list is empty", "Write at least one claim")
-        return cls(claims)
+    claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per claim."""
         compared = []
         for claim in self.claims:
             first, second = (claim.count(table, row) for row in (claim.first, claim.second))
-            name = f"{claim.column}: {claim.text}"
+            name = f"{claim.column}: {claim.claim}"
             if first is None or second is None:
                 numbers = tuple(table.cell(r, claim.column) for r in (claim.first, claim.second))
                 printed = " against ".join(map(str, numbers))

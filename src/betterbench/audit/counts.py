@@ -16,7 +16,7 @@ MOST_MULTIPLES = 20
 """Largest multiple of the stated trials that is tried as an explanation."""
 
 
-class Count(NamedTuple):
+class CountBehind(NamedTuple):
     """``k`` of ``n``."""
 
     k: int
@@ -27,13 +27,8 @@ class Count(NamedTuple):
         return f"{self.k}/{self.n}"
 
 
-def count_behind(printed: Decimal, n: int) -> Count | None:
-    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none.
-
-    Args:
-        printed: The percentage with its printed decimals.
-        n: Number of trials.
-    """
+def count_behind(printed: Decimal, n: int) -> CountBehind | None:
+    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none."""
     digits = decimals(printed)
     units = int(printed.scaleb(digits))
     whole = 100 * 10**digits
@@ -41,27 +36,22 @@ def count_behind(printed: Decimal, n: int) -> Count | None:
     k = (units * n + whole // 2) // whole
     for candidate in (k, k - 1, k + 1):
         if 0 <= candidate <= n and (2 * candidate * whole + n) // (2 * n) == units:
-            return Count(candidate, n)
+            return CountBehind(candidate, n)
     return None
 
 
-def nearest_count(printed: Decimal, n: int) -> Count:
+def nearest_count(printed: Decimal, n: int) -> CountBehind:
     """Return the count out of ``n`` whose percentage comes nearest to a printed one."""
-    return Count(max(0, min(n, round(printed * n / 100))), n)
+    return CountBehind(max(0, min(n, round(printed * n / 100))), n)
 
 
-def shown(count: Count, digits: int) -> str:
+def shown(count: CountBehind, digits: int) -> str:
     """Return a count with its percentage ("155/404 = 38.37")."""
     return f"{count} = {percent(count.k, count.n, digits=digits)}"
 
 
-def with_dropped(printed: Decimal, n: int) -> Count | None:
-    """Return the count with the fewest missing trials that explains a percentage, or None.
-
-    Args:
-        printed: The percentage.
-        n: Number of trials that there should be.
-    """
+def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
+    """Return the count with the fewest missing trials that explains a percentage, or None."""
     for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
         count = count_behind(printed, n - dropped)
         if count is not None:
@@ -69,7 +59,7 @@ def with_dropped(printed: Decimal, n: int) -> Count | None:
     return None
 
 
-def all_with_dropped(printed: Decimal, n: int) -> tuple[Count, ...]:
+def all_with_dropped(printed: Decimal, n: int) -> tuple[CountBehind, ...]:
     """Return all counts with up to :data:`MOST_DROPPED` missing trials that explain a percentage."""
     tried = (count_behind(printed, n - dropped) for dropped in range(1, min(MOST_DROPPED, n - 1) + 1))
     return tuple(count for count in tried if count is not None)

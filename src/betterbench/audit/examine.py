@@ -65,9 +65,6 @@ class Audit:
 def audit_source(source: PaperSource) -> Audit:
     """Check everything that the tables of a source promise.
 
-    Args:
-        source: The tables with their rules.
-
     Returns:
         The audit: per table its findings, worst first.
 
@@ -81,13 +78,7 @@ def audit_source(source: PaperSource) -> Audit:
 def audit_table(
     table: AuditedTable, rules: Sequence[AuditRule], paper: Mapping[str, AuditedTable] | None = None
 ) -> TableAudit:
-    """Check what one table promises.
-
-    Args:
-        table: The table.
-        rules: What it promises.
-        paper: All tables by name, for promises about other tables; this one alone if not given.
-    """
+    """Check what one table promises."""
     found = [f for rule in rules for f in rule.findings(table, paper or {table.name: table})]
     found += _unread(table, found)
     return TableAudit(table, tuple(sorted(found, key=lambda f: f.verdict.rank)))

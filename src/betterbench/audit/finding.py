@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -46,18 +46,6 @@ class ClaimSupport:
     high_pp: float
     p_fisher: float | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "test": self.test,
-            "p_value": self.p_value,
-            "p_holm": self.p_holm,
-            "trials": list(self.trials),
-            "low_pp": self.low_pp,
-            "high_pp": self.high_pp,
-            "p_fisher": self.p_fisher,
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class AuditFinding:
@@ -93,16 +81,7 @@ class AuditFinding:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {
-            "table": self.table,
-            "rule": self.rule,
-            "row": self.row,
-            "cell": self.cell,
-            "printed": self.printed,
-            "recomputed": self.recomputed,
-            "verdict": self.verdict.value,
-            "why": self.why,
-            "unnoticed_misprints": self.unnoticed,
-            "possible_misprints": self.misprints,
-            "support": None if self.support is None else self.support.to_json(),
-        }
+        form = asdict(self)
+        del form["covers"]
+        form["unnoticed_misprints"], form["possible_misprints"] = form.pop("unnoticed"), form.pop("misprints")
+        return form

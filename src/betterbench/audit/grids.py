@@ -7,34 +7,30 @@ from dataclasses import dataclass
 from decimal import Decimal
 
 from betterbench.audit.counts import count_behind, nearest_count, shown, smallest_multiple, with_dropped
+from betterbench.audit.fields import Columns, Count, Rows, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.table import AuditedTable, blindness, decimals
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
     """Each cell is a share of the same number of trials.
 
     Attributes:
-        rows: Rows it is promised for.
-        columns: Columns it is promised for.
         trials: Number of trials behind each cell.
+        rows: Rows it is promised for; all if none is named.
+        columns: Columns it is promised for; all if none is named.
     """
 
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    trials: int
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Grid:
-        """Return the rule that a form describes."""
-        rows = form.names("rows", table.row_names, table.row_names)
-        return cls(rows, form.names("columns", table.columns, table.columns), form.count("trials"))
+    trials: Count
+    rows: Rows = ()
+    columns: Columns = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
-        cells = [(r, c, n) for r in self.rows for c in self.columns if (n := table.cell(r, c)) is not None]
+        rows, columns = self.rows or table.row_names, self.columns or table.columns
+        cells = [(r, c, n) for r in rows for c in columns if (n := table.cell(r, c)) is not None]
         telling = [cell for cell in cells if self.trials < 100 * 10 ** decimals(cell[2])]
         if cells and not telling:
             yield self._mute(table, cells[0][2])
@@ -48,7 +44,7 @@ class Grid:
             table.name,
             "grid",
             "",
-            ", ".join(self.columns),
+            ", ".join(self.columns or table.columns),
             written,
             f"k/{self.trials}",
             Verdict.UNKNOWN,

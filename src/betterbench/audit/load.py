@@ -3,38 +3,42 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
 
 from betterbench.audit.chance import Chance
 from betterbench.audit.claims import Composition, Differences
-from betterbench.audit.form import Form
+from betterbench.audit.fields import Number, Text, exact_fields
 from betterbench.audit.grids import Grid
 from betterbench.audit.pooled import Pooled
 from betterbench.audit.quotes import Quoted
 from betterbench.audit.shape import Falling, Measured, Shares
-from betterbench.audit.sums import RowSum, Total
+from betterbench.audit.sums import Delta, Mean, Sum, Total
 from betterbench.audit.table import AuditedTable, AuditRule
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import form_errors, read_bounded
 
-RULES: Mapping[str, Callable[[Form, AuditedTable], AuditRule]] = {
-    "grid": Grid.read,
-    "mean": RowSum.read_mean,
-    "sum": RowSum.read_sum,
-    "delta": RowSum.read_delta,
-    "total": Total.read,
-    "pooled": Pooled.read,
-    "falling": Falling.read,
-    "measured": Measured.read,
-    "shares": Shares.read,
-    "quoted": Quoted.read,
-    "chance": Chance.read,
-    "composition": Composition.read,
-    "differences": Differences.read,
+RULES: Mapping[str, type[AuditRule]] = {
+    "grid": Grid,
+    "mean": Mean,
+    "sum": Sum,
+    "delta": Delta,
+    "total": Total,
+    "pooled": Pooled,
+    "falling": Falling,
+    "measured": Measured,
+    "shares": Shares,
+    "quoted": Quoted,
+    "chance": Chance,
+    "composition": Composition,
+    "differences": Differences,
 }
 """What a table can promise, by name."""
 
@@ -44,11 +48,40 @@ MOST_BYTES = 1_000_000
 MOST_ROWS = 200
 """Most rows of a table, all pairs of which are compared."""
 
-MOST_DIGITS = 15
-"""Most digits before the point that a number of a table may have."""
+_CURE = "Correct it, or start from the packaged file"
 
-MOST_DECIMALS = 6
-"""Most decimals that a number of a table may have."""
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class _TableForm:
+    name: Text
+    title: Text
+    columns: Annotated[tuple[Text, ...], Field(min_length=1)]
+    rows: Annotated[dict[str, tuple[Number | None, ...]], Field(min_length=1, max_length=MOST_ROWS)]
+    rules: tuple[dict[str, Any], ...]
+
+    def __post_init__(self) -> None:
+        if len(set(self.columns)) < len(self.columns):
+            raise ValueError("a column is there twice")
+        for name, numbers in self.rows.items():
+            if len(numbers) != len(self.columns):
+                raise ValueError(f"row {name!r} has not {len(self.columns)} numbers, one per column")
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class _SourceForm:
+    source: Text
+    tables: Annotated[tuple[_TableForm, ...], Field(min_length=1)]
+
+    def __post_init__(self) -> None:
+        names = [table.name for table in self.tables]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the table {name!r} is there twice")
+
+
+_SOURCE = TypeAdapter(_SourceForm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,107 +110,61 @@ def paper_tables() -> PaperSource:
 
 
 def load_tables(path: Path) -> PaperSource:
-    """Return the tables of a file.
-
-    Args:
-        path: A JSON file of the form of the packaged one.
+    """Return the tables of a JSON file of the form of the packaged one.
 
     Raises:
         InvalidInputError: If it cannot be read or a field is wrong.
         UnknownNameError: If a rule is unknown.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InvalidInputError(str(path), f"it is larger than {MOST_BYTES} bytes", "Split the file")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidInputError(str(path), f"it cannot be read ({error.strerror})", "Give a JSON file") from error
+        text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InvalidInputError(str(path), "it is no text in UTF-8", "Give a JSON file") from error
+        raise InvalidInputError(str(path), "is not a text in UTF-8", "Give a JSON file") from error
     return read_source(text, str(path))
 
 
 def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
-    Args:
-        text: The text.
-        where: What messages call it.
-
     Raises:
         InvalidInputError: If it is no JSON or a field is wrong.
         UnknownNameError: If a rule is unknown.
     """
     try:
+        # Decimals keep the digits as printed, which pydantic's own reader of JSON does not.
         document = json.loads(
             text, parse_float=Decimal, parse_int=Decimal, parse_constant=_refuse, object_pairs_hook=_once
         )
     except (ValueError, RecursionError, ArithmeticError) as error:
-        raise InvalidInputError(
-            where, f"it is no JSON ({error})", "Mend it, or start from the packaged file"
-        ) from error
-    form = Form(where, document)
-    source = form.text("source")
-    forms = form.forms("tables")
-    form.done()
-    if not forms:
-        raise form.wrong("tables", "the list is empty", "Write at least one table")
-    tables = tuple(_table(f) for f in forms)
-    names = [table.name for table, _ in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise form.wrong("tables", f"{name!r} is there twice", "Give each table a name of its own")
-    return PaperSource(source, tables)
+        raise InvalidInputError(where, f"is not JSON ({error})", _CURE) from error
+    with form_errors(where, _CURE):
+        source = _SOURCE.validate_python(document)
+    return PaperSource(
+        source.source, tuple(_table(form, f"{where}: tables[{i}]") for i, form in enumerate(source.tables))
+    )
 
 
 def _refuse(constant: str) -> Decimal:
-    msg = f"{constant} is no number"
-    raise ValueError(msg)
+    raise ValueError(f"{constant} is not a number")
 
 
 def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     fields = dict(pairs)
     if len(fields) < len(pairs):
         names = [name for name, _ in pairs]
-        msg = f"{next(n for n in names if names.count(n) > 1)!r} is there twice in one object"
-        raise ValueError(msg)
+        raise ValueError(f"{next(n for n in names if names.count(n) > 1)!r} is there twice in one object")
     return fields
 
 
-def _table(form: Form) -> tuple[AuditedTable, tuple[AuditRule, ...]]:
-    name, title = form.text("name"), form.text("title")
-    columns = form.new_names("columns")
-    rows = []
-    for row, numbers in form.mapping("rows").items():
-        if not isinstance(numbers, list) or len(numbers) != len(columns):
-            raise form.wrong(f"rows.{row}", f"this is no list of {len(columns)} numbers", "Write one per column")
-        rows.append((row, tuple(_number(form, row, c, n) for c, n in zip(columns, numbers, strict=True))))
-    if not 1 <= len(rows) <= MOST_ROWS:
-        raise form.wrong("rows", f"there are {len(rows)}", f"Write 1 to {MOST_ROWS} rows")
-    table = AuditedTable(name, title, columns, tuple(rows))
-    rules = tuple(_rule(f, table) for f in form.forms("rules"))
-    form.done()
-    return table, rules
+def _table(form: _TableForm, where: str) -> tuple[AuditedTable, tuple[AuditRule, ...]]:
+    table = AuditedTable(form.name, form.title, form.columns, tuple(form.rows.items()))
+    return table, tuple(_rule(f, table, f"{where}.rules[{i}]") for i, f in enumerate(form.rules))
 
 
-def _number(form: Form, row: str, column: str, value: object) -> Decimal | None:
-    where = f"rows.{row}[{column}]"
-    if value is None:
-        return None
-    if not isinstance(value, Decimal) or not value.is_finite() or value.adjusted() >= MOST_DIGITS:
-        raise form.wrong(where, f"{value!r} is no number to print", "Write a number such as 40.80, or null")
-    exponent = value.as_tuple().exponent
-    if not isinstance(exponent, int) or not -MOST_DECIMALS <= exponent <= 0:
-        raise form.wrong(
-            where, f"{value} is not written out", f"Write at most {MOST_DECIMALS} decimals and no exponent"
-        )
-    return value
-
-
-def _rule(form: Form, table: AuditedTable) -> AuditRule:
-    name = form.text("rule")
-    if name not in RULES:
-        raise UnknownNameError(f"rule in {form.where}", name, RULES)
-    rule = RULES[name](form, table)
-    form.done()
-    return rule
+def _rule(form: Mapping[str, Any], table: AuditedTable, where: str) -> AuditRule:
+    name = form.get("rule")
+    if not isinstance(name, str) or name not in RULES:
+        raise UnknownNameError(f"rule in {where}", str(name), RULES)
+    with form_errors(where, _CURE):
+        fields = {key: value for key, value in form.items() if key != "rule"}
+        return TypeAdapter(RULES[name]).validate_python(fields, context=table)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.audit.counts import Count, all_with_dropped, count_behind, shown
+from betterbench.audit.counts import CountBehind, all_with_dropped, count_behind, shown
+from betterbench.audit.fields import Column, Columns, exact_fields
 from betterbench.audit.finding import AuditFinding, Cell, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.sums import missing_parts
 from betterbench.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 from betterbench.statistics import round_half_up
@@ -54,6 +54,7 @@ class Sizes:
         return sum(self.parts)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
     """In each row, one column is the micro average of others.
@@ -63,13 +64,8 @@ class Pooled:
         parts: Columns of the parts.
     """
 
-    target: str
-    parts: tuple[str, ...]
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Pooled:
-        """Return the rule that a form describes."""
-        return cls(form.name("target", table.columns), form.names("parts", table.columns))
+    target: Column
+    parts: Columns
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the sizes, and what is wrong or right with each row."""
@@ -205,12 +201,12 @@ def _unnoticed(row: Row, sizes: tuple[int, ...]) -> tuple[int, int]:
     return blindness(numbers, holds)
 
 
-def _pool(counts: list[Count]) -> Count:
+def _pool(counts: list[CountBehind]) -> CountBehind:
     """Return several counts together."""
-    return Count(sum(c.k for c in counts), sum(c.n for c in counts))
+    return CountBehind(sum(c.k for c in counts), sum(c.n for c in counts))
 
 
-def _prints(count: Count, printed: Decimal) -> bool:
+def _prints(count: CountBehind, printed: Decimal) -> bool:
     """Return whether a count is printed as a percentage."""
     return round_half_up(Fraction(100 * count.k, count.n), decimals(printed)) == printed
 
@@ -237,11 +233,11 @@ def _explain(row: Row, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str]
         i, size = misfits[0], sizes.parts[misfits[0]]
         for k in range(size + 1):
             value = round_half_up(Fraction(100 * k, size), decimals(parts[i]))
-            pool = _pool([*fitting, Count(k, size)])
+            pool = _pool([*fitting, CountBehind(k, size)])
             if one_digit_apart(value, parts[i]) and _prints(pool, whole):
                 repaired[i] = str(value)
                 sentences.append(
-                    f"One digit apart, {value} = {Count(k, size)} gives {shown(pool, decimals(whole))} as printed: "
+                    f"One digit apart, {value} = {k}/{size} gives {shown(pool, decimals(whole))} as printed: "
                     "very likely a misprint."
                 )
     if fewer and not repaired:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from betterbench.audit.fields import Column, Row, Text, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.table import AuditedTable, misprints
 from betterbench.errors import UnknownNameError
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Quoted:
     """A number is quoted from another table.
@@ -23,17 +24,11 @@ class Quoted:
         at_column: Column there.
     """
 
-    row: str
-    column: str
-    table: str
-    at_row: str
-    at_column: str
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Quoted:
-        """Return the rule that a form describes."""
-        row, column = form.name("row", table.row_names), form.name("column", table.columns)
-        return cls(row, column, form.text("table"), form.text("at_row"), form.text("at_column"))
+    row: Row
+    column: Column
+    table: Text
+    at_row: Text
+    at_column: Text
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield the finding about the quotation.

@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
+from betterbench.audit.fields import Column, Columns, exact_fields
 from betterbench.audit.finding import AuditFinding, Cell, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.table import AuditedTable, blindness, replaced
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
     """From column to column the rates of a row never rise (solving five tasks in a row means solving four).
@@ -21,12 +22,7 @@ class Falling:
         columns: The columns in order.
     """
 
-    columns: tuple[str, ...]
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Falling:
-        """Return the rule that a form describes."""
-        return cls(form.names("columns", table.columns))
+    columns: Columns
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
@@ -51,6 +47,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
     return blindness(numbers, holds)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
     """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
@@ -59,12 +56,7 @@ class Measured:
         columns: The group of columns.
     """
 
-    columns: tuple[str, ...]
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Measured:
-        """Return the rule that a form describes."""
-        return cls(form.names("columns", table.columns))
+    columns: Columns
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row that repeats an earlier one, or one finding that there is none."""
@@ -90,6 +82,7 @@ class Measured:
             yield AuditFinding(table.name, "measured", "", cell, f"{len(table.rows)} rows", "", Verdict.HOLDS, why)
 
 
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
     """Weights of a mixture, of which only the weights are printed: the shares that they amount to.
@@ -98,12 +91,7 @@ class Shares:
         column: Column of the weights.
     """
 
-    column: str
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Shares:
-        """Return the rule that a form describes."""
-        return cls(form.name("column", table.columns))
+    column: Column
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per weight: its share, which nothing printed confirms."""
@@ -111,6 +99,6 @@ class Shares:
         total = sum(weights.values())
         for row, weight in weights.items():
             share = f"{weight}/{total} = {(100 * weight / total).normalize():f} %" if total else ""
-            why = "Only the weight is printed; no share to compare_claims with."
+            why = "Only the weight is printed; no share to compare it with."
             cell = (row, self.column)
             yield AuditFinding(table.name, "shares", *cell, str(weight), share, Verdict.UNKNOWN, why, (cell,), 1, 1)

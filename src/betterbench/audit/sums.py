@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
+from betterbench.audit.fields import Column, Columns, Count, Flag, Row, Rows, exact_fields
 from betterbench.audit.finding import AuditFinding, Cell, Verdict
-from betterbench.audit.form import Form
 from betterbench.audit.table import AuditedTable, blindness, decimals, misprints, replaced
 from betterbench.statistics import round_half_up
 
@@ -96,59 +96,82 @@ def _half_a_digit(number: Decimal) -> Fraction:
     return Fraction(1, 2 * 10 ** decimals(number))
 
 
-@dataclass(frozen=True, slots=True)
-class RowSum:
-    """In each row, one column is a combination of others.
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RowCombination:
+    """In each row, one column is a combination of others; the name of the rule is that of the class.
 
     Attributes:
-        rows: Rows it is promised for.
         target: Column of the result.
-        weights: Weight of each part's column.
-        combination: How the result is judged.
+        rows: Rows it is promised for; all if none is named.
+        rounded_parts: True if the parts were rounded before they were printed.
     """
 
-    rows: tuple[str, ...]
-    target: str
-    weights: tuple[tuple[str, Fraction], ...]
-    combination: Combination
+    target: Column
+    rows: Rows = ()
+    rounded_parts: Flag = False
 
-    @classmethod
-    def read_mean(cls, form: Form, table: AuditedTable) -> RowSum:
-        """Return the rule that the target is the mean of the parts."""
-        parts = form.names("parts", table.columns)
-        return cls._read(form, table, "mean", {p: Fraction(1, len(parts)) for p in parts})
-
-    @classmethod
-    def read_sum(cls, form: Form, table: AuditedTable) -> RowSum:
-        """Return the rule that the target is the sum of the parts, divided by ``divisor`` if given."""
-        divisor = form.count("divisor", 1)
-        return cls._read(form, table, "sum", {p: Fraction(1, divisor) for p in form.names("parts", table.columns)})
-
-    @classmethod
-    def read_delta(cls, form: Form, table: AuditedTable) -> RowSum:
-        """Return the rule that the target is the novel condition minus the mean of the seen ones."""
-        novel, seen = form.name("novel", table.columns), form.names("seen", table.columns)
-        return cls._read(form, table, "delta", {novel: Fraction(1)} | {s: Fraction(-1, len(seen)) for s in seen})
-
-    @classmethod
-    def _read(cls, form: Form, table: AuditedTable, kind: str, weights: Mapping[str, Fraction]) -> RowSum:
-        rows = form.names("rows", table.row_names, table.row_names)
-        combination = Combination(kind, rounded=form.flag("rounded_parts"))
-        return cls(rows, form.name("target", table.columns), tuple(weights.items()), combination)
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        raise NotImplementedError
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
-        for row in self.rows:
+        combination = Combination(type(self).__name__.lower(), rounded=self.rounded_parts)
+        for row in self.rows or table.row_names:
             printed = table.cell(row, self.target)
-            parts = {(row, c): (w, n) for c, w in self.weights if (n := table.cell(row, c)) is not None}
+            parts = {(row, c): (w, n) for c, w in self.weights.items() if (n := table.cell(row, c)) is not None}
             if printed is None:
                 continue
             if len(parts) < len(self.weights):
-                yield missing_parts(table, self.combination.kind, row, self.target, printed)
+                yield missing_parts(table, combination.kind, row, self.target, printed)
                 continue
-            yield self.combination.judge(table, row, self.target, ((row, self.target), printed), parts)
+            yield combination.judge(table, row, self.target, ((row, self.target), printed), parts)
 
 
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mean(_RowCombination):
+    """The target is the mean of the parts."""
+
+    parts: Columns
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return dict.fromkeys(self.parts, Fraction(1, len(self.parts)))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sum(_RowCombination):
+    """The target is the sum of the parts, divided by ``divisor``."""
+
+    parts: Columns
+    divisor: Count = 1
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return dict.fromkeys(self.parts, Fraction(1, self.divisor))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delta(_RowCombination):
+    """The target is the novel condition minus the mean of the seen ones."""
+
+    novel: Column
+    seen: Columns
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return {self.novel: Fraction(1)} | dict.fromkeys(self.seen, Fraction(-1, len(self.seen)))
+
+
+@exact_fields
 @dataclass(frozen=True, slots=True)
 class Total:
     """In each column, one row is the sum of all others.
@@ -156,18 +179,14 @@ class Total:
     Attributes:
         row: Row of the total.
         column: The column.
-        combination: How the result is judged.
+        rounded_parts: True if the parts were rounded before they were printed.
+        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
     """
 
-    row: str
-    column: str
-    combination: Combination
-
-    @classmethod
-    def read(cls, form: Form, table: AuditedTable) -> Total:
-        """Return the rule that a form describes."""
-        combination = Combination("total", rounded=form.flag("rounded_parts"), unit=form.count("unit", 1))
-        return cls(form.name("row", table.row_names), form.name("column", table.columns), combination)
+    row: Row
+    column: Column
+    rounded_parts: Flag = False
+    unit: Count = 1
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the total."""
@@ -179,7 +198,8 @@ class Total:
         if len(parts) < len(rest):
             yield missing_parts(table, "total", self.row, self.column, printed)
             return
-        yield self.combination.judge(table, self.row, self.column, ((self.row, self.column), printed), parts)
+        combination = Combination("total", rounded=self.rounded_parts, unit=self.unit)
+        yield combination.judge(table, self.row, self.column, ((self.row, self.column), printed), parts)
 
 
 def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed: Decimal) -> AuditFinding:

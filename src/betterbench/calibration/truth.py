@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from betterbench.diagnosis import Label
+from betterbench.diagnosis.modes.success import SUCCESS_LABELS
 from betterbench.errors import RecordError
-
-_RIGHT = {"succeed": Label.SUCCESS, "stay_still": Label.CORRECT_FREEZE, "refuse": Label.CORRECT_REFUSAL}
+from betterbench.tasks import Expected
 
 
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
@@ -27,5 +27,5 @@ def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool)
     if "truth" not in ground_truth:
         raise RecordError("The journal holds no true label. Only policies of the zoo know theirs; run it again.")
     if success:
-        return _RIGHT[expected]
+        return SUCCESS_LABELS[Expected(expected)]
     return Label(ground_truth["truth"]) if ground_truth["truth"] else Label.EXECUTION_FAILURE

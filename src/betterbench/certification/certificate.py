@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_form, strict_form
+from betterbench.tasks import TrialId
 
 SCHEMA_VERSION = 1
 
@@ -24,7 +25,7 @@ CLAUSES: Mapping[str, str] = {
 """The five clauses of law 2 of the benchmark."""
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
     """The finding on one clause.
@@ -38,7 +39,7 @@ class Clause:
     text: str = ""
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class TrialCertificate:
     """What the examination of one trial found.
@@ -100,12 +101,12 @@ class TrialCertificate:
         return tuple(letter for letter in CLAUSES if not self.clauses[letter].passed)
 
     @property
-    def key(self) -> tuple[str, str, int]:
-        """Task, condition and seed."""
-        return (self.task, self.condition, self.seed)
+    def key(self) -> TrialId:
+        """The name of the trial."""
+        return TrialId(self.task, self.condition, self.seed)
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
     """What a certificate depends on besides the seeds.
@@ -123,7 +124,7 @@ class CertificateVersions:
     tasks: Mapping[str, int]
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Certificate:
     """A finished certificate.
@@ -174,42 +175,17 @@ class Certificate:
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
         """Read the JSON form.
 
-        Args:
-            form: The parsed JSON.
-            where: What to call it in errors.
-
         Raises:
             InvalidInputError: If it is no certificate of this schema version.
         """
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
             raise InvalidInputError(where, "it is no certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
-        try:
-            return _CERTIFICATE.validate_json(json.dumps({k: v for k, v in form.items() if k not in derived}))
-        except ValidationError as error:
-            raise InvalidInputError(where, first_problem(error), "Make it again with better certify") from error
+        form = {name: value for name, value in form.items() if name not in derived}
+        return read_form(_CERTIFICATE, form, where=where, cure="Make it again with better certify")
 
 
 _CERTIFICATE = TypeAdapter(Certificate)
-_TRIAL = TypeAdapter(TrialCertificate)
-
-
-def trial_from_json(form: object, *, where: str) -> TrialCertificate:
-    """Read the JSON form of one trial.
-
-    Raises:
-        InvalidInputError: If a field is missing or wrong.
-    """
-    try:
-        return _TRIAL.validate_json(json.dumps(form))
-    except ValidationError as error:
-        raise InvalidInputError(where, first_problem(error), "Delete the line to examine its trial again") from error
-
-
-def first_problem(error: ValidationError) -> str:
-    """Return the first problem of a form and where it is, in one phrase."""
-    first = error.errors(include_url=False, include_input=False)[0]
-    return f"{'.'.join(str(part) for part in first['loc']) or 'the form'}: {first['msg']}"
 
 
 @dataclass(frozen=True, slots=True)

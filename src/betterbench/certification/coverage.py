@@ -10,10 +10,12 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import TypeAdapter
 
-from betterbench.certification.certificate import Certificate, CertificateVersions, first_problem, seed_ranges
+from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_form, strict_form
+from betterbench.tasks import TrialId
 from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
@@ -29,21 +31,17 @@ class Gap(NamedTuple):
     """The first trial that a certificate does not vouch for, and why.
 
     Attributes:
-        task: Task id.
-        condition: Name of the condition.
-        seed: Seed.
+        trial: The trial.
         reason: Why not.
         refused: True if it was examined under the versions in use and fell short: examining it again changes nothing.
     """
 
-    task: str
-    condition: str
-    seed: int
+    trial: TrialId
     reason: str
     refused: bool = False
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Seeds:
     """The seeds of one condition, as ranges ("0-19,23").
@@ -59,7 +57,7 @@ class Seeds:
     refused: Mapping[str, str] | None = None
 
 
-@with_config(ConfigDict(extra="forbid", strict=True))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
     """Which seeds of which conditions are certified, and under which versions.
@@ -108,39 +106,30 @@ class Coverage:
         }
         return form
 
-    def gap(
-        self, trials: Iterable[tuple[str, str, int]], *, suite: str, engine: str, tasks: Mapping[str, int]
-    ) -> Gap | None:
-        """Return the first trial that is not covered, or None.
-
-        Args:
-            trials: Task, condition and seed of every planned trial.
-            suite: Version of the suite in use.
-            engine: Version of MuJoCo in use.
-            tasks: CertificateVersions of the tasks in use.
-        """
+    def gap(self, trials: Iterable[TrialId], *, suite: str, engine: str, tasks: Mapping[str, int]) -> Gap | None:
+        """Return the first trial that is not covered, or None."""
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
         if self.versions.suite != suite:
             stale = f"the certificate was made for suite version {self.versions.suite}, this is {suite}"
         elif _minor(self.versions.engine) != _minor(engine):
             stale = f"the certificate was made with MuJoCo {self.versions.engine}, this is {engine}"
-        for task, condition, seed in trials:
-            name = f"{task}/{condition}"
-            made_for = self.versions.tasks.get(task)
+        for trial in trials:
+            name, here = f"{trial.task}/{trial.condition}", tasks[trial.task]
+            made_for = self.versions.tasks.get(trial.task)
             if stale is not None:
-                return Gap(task, condition, seed, stale)
-            if made_for is not None and made_for != tasks[task]:
-                reason = f"the certificate was made for version {made_for} of {task}, this is version {tasks[task]}"
-                return Gap(task, condition, seed, reason)
-            if seed not in seeds.get(name, ()):
-                return Gap(task, condition, seed, *self._why(name, seed))
+                return Gap(trial, stale)
+            if made_for is not None and made_for != here:
+                reason = f"the certificate was made for version {made_for} of {trial.task}, this is version {here}"
+                return Gap(trial, reason)
+            if trial.seed not in seeds.get(name, ()):
+                return Gap(trial, *self._why(name, trial.seed))
         return None
 
-    def unsolved(self, trials: Iterable[tuple[str, str, int]]) -> tuple[tuple[str, str, int], ...]:
+    def unsolved(self, trials: Iterable[TrialId]) -> tuple[TrialId, ...]:
         """Return the planned trials that are covered although the expert did not solve them."""
         seeds = {name: parse_ranges(s.unsolved) for name, s in self.conditions.items() if s.unsolved}
-        return tuple(t for t in trials if t[2] in seeds.get(f"{t[0]}/{t[1]}", ()))
+        return tuple(t for t in trials if t.seed in seeds.get(f"{t.task}/{t.condition}", ()))
 
     def _why(self, name: str, seed: int) -> tuple[str, bool]:
         known = self.conditions.get(name)
@@ -201,13 +190,10 @@ def _load(file: Traversable | Path, where: str) -> Coverage:
         raise InvalidInputError(where, f"it cannot be read ({error})", cure) from error
     if not isinstance(form, dict) or form.get("form") != FORM:
         return Coverage.of(Certificate.from_json(form, where=where))
-    try:
-        coverage = _COVERAGE.validate_json(json.dumps(form))
-        for seeds in coverage.conditions.values():
-            for text in (seeds.certified, seeds.unsolved, *(seeds.refused or {}).values()):
-                parse_ranges(text)
-    except ValidationError as error:
-        raise InvalidInputError(where, first_problem(error), cure) from error
+    coverage = read_form(_COVERAGE, form, where=where, cure=cure)
+    for seeds in coverage.conditions.values():
+        for text in (seeds.certified, seeds.unsolved, *(seeds.refused or {}).values()):
+            parse_ranges(text)
     return coverage
 
 

@@ -14,7 +14,7 @@ from betterbench.experts import make_expert
 from betterbench.experts.planner import Planner
 from betterbench.geometry import distance
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
+from betterbench.interventions import resolve_condition
 from betterbench.robots import ArmIK
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
@@ -26,9 +26,9 @@ from betterbench.tasks import (
     GoalTracker,
     Support,
     Task,
+    TrialId,
     Truth,
     broken_premises,
-    get_task,
 )
 from betterbench.tasks.relations import RELATIONS
 
@@ -38,33 +38,6 @@ DRIFT_M = 0.001
 """Distance that an object may move by itself in that time [m]."""
 PENETRATION_M = 0.0015
 """Deepest overlap that still counts as a contact of the soft-constraint solver [m]; resting assets show < 0.5 mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Subject:
-    """One trial to examine.
-
-    Attributes:
-        task: Task id.
-        condition: Name of a variation or of a training condition.
-        seed: Seed.
-    """
-
-    task: str
-    condition: str
-    seed: int
-
-    def resolve(self) -> tuple[Task, Condition, Support, bool]:
-        """Return the task, the condition, its declared support and whether it belongs to training.
-
-        Raises:
-            UnknownNameError: If there is no such task or condition.
-        """
-        task = get_task(self.task)
-        if any(c.name == self.condition for c in task.training):
-            return task, task.train(self.condition), Support.SEEN, True
-        variation = task.variation(self.condition)
-        return task, vary(task, variation)[0], variation.support, False
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,34 +72,22 @@ class _Episode:
     seconds: float
 
 
-def examine(subject: Subject) -> TrialCertificate:
-    """Examine one trial.
-
-    Args:
-        subject: The trial.
-
-    Returns:
-        The findings; whatever fails is in them, nothing is raised for it.
+def examine(trial: TrialId) -> TrialCertificate:
+    """Return what is found on one trial; whatever fails is in it, nothing is raised for it.
 
     Raises:
         UnknownNameError: If there is no such task or condition.
     """
-    task, condition, support, training = subject.resolve()
-    return examine_condition(task, condition, subject.seed, support=support, training=training)
+    found = resolve_condition(trial.task, trial.condition)
+    support = Support.SEEN if found.variation is None else found.variation.support
+    training = found.variation is None
+    return examine_condition(found.task, found.condition, trial.seed, support=support, training=training)
 
 
 def examine_condition(
     task: Task, condition: Condition, seed: int, *, support: Support = Support.SEEN, training: bool = False
 ) -> TrialCertificate:
-    """Examine one seed of a condition that need not be registered.
-
-    Args:
-        task: The task, whose training regime is the support.
-        condition: The condition.
-        seed: Seed.
-        support: What the variation declares about its support.
-        training: True if the condition belongs to the training regime.
-    """
+    """Examine one seed of a condition that need not be registered."""
     began = time.perf_counter()
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"])
     start = _at_rest(scene)

@@ -27,19 +27,18 @@ def require_coverage(coverage: Coverage, trials: Sequence[TrialId], *, seed: int
     Raises:
         InvalidInputError: If a trial is not covered; the text names the first one and the cure.
     """
-    planned = [(t.task, t.condition, t.seed) for t in trials]
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
-    gap = coverage.gap(planned, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
+    gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
         raise InvalidInputError(
-            f"the plan: {gap.task}/{gap.condition} seed {gap.seed}",
+            f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
             f"it is not certified ({gap.reason})",
             cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials_per_variation),
         )
-    unsolved = coverage.unsolved(planned)
+    unsolved = coverage.unsolved(trials)
     if not unsolved:
         return ""
-    named = ", ".join(f"{task}/{condition} seed {number}" for task, condition, number in unsolved[:_NAMED])
+    named = ", ".join(f"{t.task}/{t.condition} seed {t.seed}" for t in unsolved[:_NAMED])
     more = f" and {len(unsolved) - _NAMED} more" if len(unsolved) > _NAMED else ""
     return f"The expert did not solve {len(unsolved)} of the planned trials: {named}{more}."

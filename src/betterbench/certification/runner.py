@@ -20,12 +20,13 @@ from pathlib import Path
 import betterbench
 from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
 from betterbench.certification.coverage import Coverage
-from betterbench.certification.examine import Subject, examine
+from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
 from betterbench.errors import InvalidInputError
+from betterbench.interventions import resolve_condition
 from betterbench.recording import write_durably
 from betterbench.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, get_task
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 
 logger = logging.getLogger(__name__)
 
@@ -55,19 +56,13 @@ def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
 
 
 def certify(
-    subjects: Sequence[Subject],
+    trials: Sequence[TrialId],
     out: Path,
     *,
     workers: int = 1,
     on_progress: Callable[[CertificationProgress], None] | None = None,
 ) -> Certificate:
     """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
-
-    Args:
-        subjects: The trials.
-        out: Folder of the certificate.
-        workers: Worker processes; with 1 the trials are examined in this process.
-        on_progress: Told after every trial.
 
     Returns:
         The certificate of exactly these trials, in their order.
@@ -78,38 +73,33 @@ def certify(
         RecordError: If the journal is corrupt.
         UnknownNameError: If a task or condition is unknown.
     """
-    if not subjects:
+    if not trials:
         raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
     if not 1 <= workers <= 256:
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
-    for subject in {s.condition + s.task: s for s in subjects}.values():
-        subject.resolve()
-    versions = versions_in_use([s.task for s in subjects])
+    for trial in trials:
+        resolve_condition(trial.task, trial.condition)
+    versions = versions_in_use([t.task for t in trials])
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
-        waiting = [s for s in dict.fromkeys(subjects) if _key(s) not in journal.trials]
-        planned = len(set(subjects))
+        waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
+        planned = len(set(trials))
         done = planned - len(waiting)
         if on_progress is not None:
             on_progress(CertificationProgress(done, planned, None))
-        for trial in _examined(sorted(waiting, key=lambda s: (s.task, s.seed)), workers):
-            journal.append(trial, session=session, elapsed_s=time.perf_counter() - began)
+        for found in _examined(sorted(waiting, key=lambda t: (t.task, t.seed)), workers):
+            journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
             done += 1
             if on_progress is not None:
-                on_progress(CertificationProgress(done, planned, trial))
-        found = tuple(journal.trials[_key(s)] for s in dict.fromkeys(subjects))
-        certificate = Certificate(versions, platform.platform(), found, journal.wall_s, workers)
+                on_progress(CertificationProgress(done, planned, found))
+        whole = tuple(journal.trials[t] for t in dict.fromkeys(trials))
+        certificate = Certificate(versions, platform.platform(), whole, journal.wall_s, workers)
         write_json(certificate_path(out), certificate.to_json())
     return certificate
 
 
 def write_coverage(certificate: Certificate, path: Path) -> Path:
-    """Write the compact form of a certificate, one condition per line.
-
-    Args:
-        certificate: The certificate.
-        path: The file.
-    """
+    """Write the compact form of a certificate, one condition per line."""
     form = Coverage.of(certificate).to_json()
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
     head = json.dumps(form, indent=1, sort_keys=True)[:-2]
@@ -122,21 +112,17 @@ def write_json(path: Path, form: object) -> None:
     write_durably(path, (json.dumps(form, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def _key(subject: Subject) -> tuple[str, str, int]:
-    return (subject.task, subject.condition, subject.seed)
-
-
-def _examined(subjects: list[Subject], workers: int) -> Iterator[TrialCertificate]:
+def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]:
     """Yield findings as they come; a pool that breaks is replaced."""
-    if workers == 1 or len(subjects) <= 1:
-        yield from map(examine, subjects)
+    if workers == 1 or len(trials) <= 1:
+        yield from map(examine, trials)
         return
-    left = dict.fromkeys(subjects)
+    left = dict.fromkeys(trials)
     for _ in range(MAX_RESTARTS + 1):
         try:
-            for subject, trial in _pooled(list(left), workers):
-                yield trial
-                del left[subject]
+            for trial, found in _pooled(list(left), workers):
+                yield found
+                del left[trial]
         except BrokenProcessPool:
             logger.warning("a worker process died; %d trials are left and go to new workers", len(left))
         else:
@@ -146,16 +132,16 @@ def _examined(subjects: list[Subject], workers: int) -> Iterator[TrialCertificat
     )
 
 
-def _pooled(subjects: list[Subject], workers: int) -> Iterator[tuple[Subject, TrialCertificate]]:
+def _pooled(trials: list[TrialId], workers: int) -> Iterator[tuple[TrialId, TrialCertificate]]:
     """Yield findings of a pool; two trials per worker are handed out at a time, so that little is lost."""
-    waiting = iter(subjects)
-    pending: dict[Future[TrialCertificate], Subject] = {}
+    waiting = iter(trials)
+    pending: dict[Future[TrialCertificate], TrialId] = {}
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker) as pool:
         try:
             while True:
-                while len(pending) < 2 * workers and (subject := next(waiting, None)) is not None:
-                    pending[pool.submit(examine, subject)] = subject
+                while len(pending) < 2 * workers and (trial := next(waiting, None)) is not None:
+                    pending[pool.submit(examine, trial)] = trial
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)

@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 from betterbench.geometry import Pose, distance, yaw_of
 from betterbench.state import WorldState
 from betterbench.state.world import GRIPPER_BODIES
-from betterbench.tasks import THRESHOLDS, Condition, Slot, Task
+from betterbench.tasks import Condition, Slot, Task
 from betterbench.tasks.relations import RELATIONS, at_rest
+from betterbench.tasks.relations.closed import GAP
 
 POSITION_TOLERANCE_M = 0.001
 """Distance beyond a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
@@ -24,7 +25,7 @@ YAW_TOLERANCE_RAD = 0.02
 """Turning beyond a slot's yaw jitter that still counts as inside [rad]; a resting asset turns by less."""
 PUSHED_TOLERANCE_M = 0.005
 """The same for a movable target at the time something is put on it [m]: setting things down may push it so far."""
-SLIDE_M = THRESHOLDS.closed_gap
+SLIDE_M = GAP
 """Distance from which a drawer counts as moved [m]."""
 LONGEST_CHAIN = 8
 """Most hops from a target down to what stands in a slot: a stack of four on something in a mounted drawer has six."""
@@ -167,7 +168,7 @@ class Handling:
             if state.info.object(name).role not in relation.roles:
                 continue
             for target in state.info.objects:
-                if target.name == name or not relation.places(target):
+                if target.name == name or not relation.regions(target):
                     continue
                 place = relation.where(state, name, target.name)
                 if place is not None:
@@ -246,7 +247,7 @@ class TrainedSupport:
             resting_on = {name: place.target for name, place in condition.preplaced.items()}
             for goal in condition.instruction.subgoals:
                 names = condition.resolve(goal.reference)
-                if RELATIONS[goal.relation].roles == ("drawer",):
+                if not RELATIONS[goal.relation].carried:
                     for name in names:
                         slot = _ground(condition, name, resting_on)[0]
                         if slot is not None:

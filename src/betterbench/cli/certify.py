@@ -44,13 +44,12 @@ def certify_command(
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.coverage import PACKAGED
-    from betterbench.certification.examine import Subject
     from betterbench.certification.runner import certify, write_coverage
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.evaluation import make_plan
     from betterbench.report.certificate_page import write_certificate_page
-    from betterbench.tasks import suite_tasks
+    from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
     if write_package and tasks and set(tasks) != set(of_suite):
@@ -59,8 +58,8 @@ def certify_command(
         )
     prepare_robot("panda")
     plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
-    subjects = [Subject(t.task, t.condition, t.seed) for t in plan.trials]
-    with progress_bar("certify", len(subjects)) as (bar, task):
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
+    with progress_bar("certify", len(planned)) as (bar, task):
 
         def told(progress: CertificationProgress) -> None:
             last = progress.last
@@ -69,7 +68,7 @@ def certify_command(
             if last is not None and not last.passed:
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
-        certificate = certify(subjects, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, on_progress=told)
     page = write_certificate_page(certificate, out / "certificate.html")
     if write_package:
         with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:

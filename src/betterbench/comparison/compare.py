@@ -20,10 +20,10 @@ from betterbench.comparison.contrast import (
 from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
-from betterbench.diagnosis import Kind, Label, TrialDiagnosis
+from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
-from betterbench.tasks import Axis
+from betterbench.tasks import Axis, all_labels
 
 Trials = Sequence[TrialDiagnosis]
 
@@ -145,7 +145,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
     # A label that nobody shows cannot differ; leaving it out of the correction depends on no difference.
     shown = {t.label for t in varied if t.kind is not Kind.NONE}
-    yield [_Question(label.value, "overall") for label in Label if label in shown]
+    yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 
 def _judged(family: Sequence[_Question], names: tuple[str, ...], matching: Matching, alpha: float) -> Iterator[Group]:

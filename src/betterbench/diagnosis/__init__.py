@@ -1,7 +1,6 @@
 """Diagnosis: from records alone, what each policy did right or wrong and for which reason."""
 
 from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, ProbeCell, packaged_calibration
-from betterbench.diagnosis.limits import LIMITS, Limits
 from betterbench.diagnosis.run import diagnose_records, diagnose_run
 from betterbench.diagnosis.trial import diagnose_record, offline_truth
 from betterbench.diagnosis.verdict import (
@@ -14,7 +13,6 @@ from betterbench.diagnosis.verdict import (
 from betterbench.tasks.labels import Kind, Label
 
 __all__ = [
-    "LIMITS",
     "Attempt",
     "Calibration",
     "Evidence",
@@ -22,7 +20,6 @@ __all__ = [
     "Kind",
     "Label",
     "LabelScore",
-    "Limits",
     "Metric",
     "ProbeCell",
     "RunDiagnosis",

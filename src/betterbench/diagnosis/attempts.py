@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Bools, Floats, Trace
 from betterbench.tasks import THRESHOLDS
 
@@ -64,7 +63,7 @@ def _closings(trace: Trace) -> list[tuple[int, int]]:
         if not closing[row]:
             continue
         stop = int(edges[k + 1]) if k + 1 < len(edges) else trace.rows
-        if spans and (row - spans[-1][1]) / trace.rate_hz < LIMITS.chatter_time:
+        if spans and (row - spans[-1][1]) / trace.rate_hz < THRESHOLDS.chatter_time:
             spans[-1] = (spans[-1][0], stop)
         else:
             spans.append((row, stop))
@@ -90,7 +89,7 @@ def _resolve(trace: Trace, start: int, stop: int) -> GraspAttempt | None:
     before = start - 1
     limit = min(stop, start + trace.steps(THRESHOLDS.attempt_window), trace.rows)
     widths = trace.width[before:limit]
-    if float(widths[0] - widths.min()) < LIMITS.finger_travel:
+    if float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
         return None
     settled = before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0])
     touched = _touched(trace, start, limit, settled)
@@ -101,14 +100,14 @@ def _resolve(trace: Trace, start: int, stop: int) -> GraspAttempt | None:
             slot = trace.slot_near(trace.positions[before, i], THRESHOLDS.slot_reach)
             slot = slot or trace.slot_near(trace.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(trace, i, before, stop))
-    if limit == trace.rows and (limit - start < trace.steps(LIMITS.stop_time) or _still_closing(trace, limit)):
+    if limit == trace.rows and (limit - start < trace.steps(THRESHOLDS.stop_time) or _still_closing(trace, limit)):
         return None  # the episode ended before the fingers could reach anything
     return _air_grasp(trace, before, settled, stop)
 
 
 def _still_closing(trace: Trace, limit: int) -> bool:
     """Tell whether the fingers were on their way when the episode ended: nobody knows what they would have met."""
-    return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > LIMITS.finger_travel
+    return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
 def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, int] | None:
@@ -122,7 +121,7 @@ def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, i
     free[list(trace.items)] = True
     free &= ~trace.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
     stopped = (
-        limit - start >= trace.steps(LIMITS.stop_time)
+        limit - start >= trace.steps(THRESHOLDS.stop_time)
         and trace.width[limit - 1] > THRESHOLDS.closed_width
         and not _still_closing(trace, limit)
     )

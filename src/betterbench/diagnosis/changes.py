@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeVar
 
+from betterbench.diagnosis.failure_mode import labels_of_second_pass
 from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
-from betterbench.tasks.labels import Label
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -17,9 +17,6 @@ Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
 other "evidence" of the same rule. Or the "record" is another one, because the run went on. A trial is "new" or "gone"
 where only one of the two diagnoses has it."""
-
-_OF_SECOND_PASS = frozenset((Label.LEXICAL_KINEMATIC_SHORTCUT.value, Label.VISUAL_LAYOUT_BIAS.value))
-"""Labels that no trial gets by itself."""
 
 _SAME_TIME = 1e-6
 """Times closer than this are the same [s]; a control step is 0.05 s."""
@@ -191,7 +188,7 @@ def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...])
     if not same_attempts:
         a, b = len(before.attempts), len(now.attempts)
         yield f"{b} grasp attempts are seen instead of {a}" if a != b else "the grasp attempts are read otherwise"
-    given = {before.label, now.label} & _OF_SECOND_PASS or before.candidates != now.candidates
+    given = {before.label, now.label} & set(labels_of_second_pass()) or before.candidates != now.candidates
     if same_attempts and given and (before.label, before.rule) != (now.label, now.rule):
         yield f"the second pass rules otherwise on the attempt at {min(before.start_s, now.start_s):.2f} s"
     else:

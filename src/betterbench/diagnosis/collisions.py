@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Trace
 from betterbench.recording import Record
 from betterbench.state.world import GRIPPER_BODIES
+from betterbench.tasks import THRESHOLDS
 
 _ROBOT = GRIPPER_BODIES | {"arm"}
 
@@ -27,11 +27,11 @@ def count_collisions(record: Record, trace: Trace) -> int:
     index = {o.name: i for i, o in enumerate(objects)}
     fixtures = {o.name for o in objects if o.role == "fixture" and o.fixed}
     bodies, contacts = record.bodies, record.contacts
-    gap = trace.steps(LIMITS.collision_gap)
+    gap = trace.steps(THRESHOLDS.collision_gap)
     last: dict[tuple[str, str], int] = {}
     count = 0
     stop = int(contacts.offsets[trace.rows])
-    strong = np.flatnonzero(contacts.forces[:stop] > LIMITS.collision_force)
+    strong = np.flatnonzero(contacts.forces[:stop] > THRESHOLDS.collision_force)
     rows = np.searchsorted(contacts.offsets, strong, side="right") - 1
     for row, pair in zip(rows.tolist(), contacts.bodies[strong].tolist(), strict=True):
         one, other = bodies[pair[0]], bodies[pair[1]]

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Any
+from typing import Annotated, Any
 
-from betterbench.errors import RecordError
+from pydantic import Field, TypeAdapter, with_config
+
+from betterbench.diagnosis.forms import STRICT, LabelField, read_form
 from betterbench.statistics import Rate
-from betterbench.tasks.labels import Kind, Label
+from betterbench.tasks.labels import Kind, Label, all_labels
 
 PACKAGED = "calibration.json"
 """File of the packaged calibration, beside this module in ``data``."""
 
 
+@with_config(STRICT)
 @dataclass(frozen=True, slots=True)
 class ProbeCell:
     """One probe on one variation.
@@ -27,7 +29,7 @@ class ProbeCell:
         variation: Name of the variation.
         k: Successes.
         n: Trials.
-        chance: Success rate of a policy that sees everything and guesses the sentence.
+        chance: Success rate of a policy that sees everything and guesses the instruction.
         p_value: Two-sided exact binomial test against the chance rate, Holm-corrected over the probe's variations.
     """
 
@@ -46,28 +48,29 @@ class ProbeCell:
 
     @property
     def speechless(self) -> bool:
-        """Whether only one sentence makes sense in the scene, so that solving it needs no ears."""
+        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
         return self.chance >= 1.0
 
 
+@with_config(STRICT)
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One trial of the zoo with its true label and the one that it was given.
+    """One trial of a faulty policy with its true label and the one that it was given.
 
     Attributes:
-        policy: Address of the policy, with strength and action_noise.
+        policy: Address of the policy, with its options.
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
         label: Label that the diagnosis gave.
         fault: What was decided wrongly, in the policy's own words.
-        rule: PolicyRule of the diagnosis that fired.
+        rule: Rule of the diagnosis that fired.
         text: Its evidence, one sentence.
     """
 
     policy: str
     trial: str
-    truth: Label
-    label: Label
+    truth: LabelField
+    label: LabelField
     fault: str
     rule: str
     text: str
@@ -104,11 +107,11 @@ class Calibration:
 
     Attributes:
         counts: Trials by true label and given label.
-        policies: Per policy of the zoo its right trials and all its trials.
+        policies: Per policy its right trials and all its trials.
         wrong: The trials whose label is wrong.
         crossed: Trials in which reasoning was called execution or the other way round.
         probes: What the blind probes reach on every variation.
-        versions: RecordVersions found in the records.
+        versions: Versions found in the records.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -162,7 +165,7 @@ class Calibration:
     def labels(self) -> tuple[Label, ...]:
         """All labels that occur, in the order of the suite's table."""
         met = {label for pair in self.counts for label in pair}
-        return tuple(label for label in Label if label in met)
+        return tuple(label for label in all_labels() if label in met)
 
     def scores(self) -> tuple[LabelScore, ...]:
         """Return recall and precision of every label that some trial deserves."""
@@ -190,25 +193,55 @@ class Calibration:
         }
 
     @classmethod
-    def from_json(cls, form: object) -> Calibration:
-        """Read the JSON form.
+    def from_json(cls, raw: bytes | str, *, where: str = PACKAGED) -> Calibration:
+        """Read the JSON document; errors call it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        if not isinstance(form, dict):
-            raise RecordError("calibration: the file holds no object. Run better calibrate again.")
-        try:
-            return cls(
-                {(Label(c["truth"]), Label(c["label"])): int(c["n"]) for c in form["counts"]},
-                {name: Rate(int(rate["k"]), int(rate["n"])) for name, rate in form["policies"].items()},
-                tuple(Judged(**{**j, "truth": Label(j["truth"]), "label": Label(j["label"])}) for j in form["wrong"]),
-                int(form["crossed"]),
-                tuple(ProbeCell(**cell) for cell in form["probes"]),
-                dict(form["versions"]),
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise RecordError(f"calibration: {error!r} is missing or malformed. Run better calibrate again.") from error
+        file = read_form(_FILE, raw, where=where, cure="Run better calibrate again")
+        return cls(
+            {(c.truth, c.label): c.n for c in file.counts},
+            {name: Rate(rate.k, rate.n) for name, rate in file.policies.items()},
+            file.wrong,
+            file.crossed,
+            file.probes,
+            file.versions,
+        )
+
+
+@with_config(STRICT)
+@dataclass(frozen=True, slots=True)
+class _CountForm:
+    truth: LabelField
+    label: LabelField
+    n: int
+
+
+@with_config(STRICT)
+@dataclass(frozen=True, slots=True)
+class _RateForm:
+    k: Annotated[int, Field(ge=0)]
+    n: Annotated[int, Field(ge=0)]
+
+    def __post_init__(self) -> None:
+        """Refuse what no experiment can give."""
+        if self.k > self.n:
+            raise ValueError(f"{self.k} of {self.n} is impossible")
+
+
+@with_config(STRICT)
+@dataclass(frozen=True, slots=True)
+class _File:
+    counts: list[_CountForm]
+    policies: dict[str, _RateForm]
+    wrong: tuple[Judged, ...]
+    crossed: int
+    probes: tuple[ProbeCell, ...]
+    versions: dict[str, str]
+
+
+_FILE = TypeAdapter(_File)
 
 
 def packaged_calibration() -> Calibration | None:
@@ -218,6 +251,4 @@ def packaged_calibration() -> Calibration | None:
         RecordError: If it is corrupt.
     """
     file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED)
-    if not file.is_file():
-        return None
-    return Calibration.from_json(json.loads(file.read_text(encoding="utf-8")))
+    return Calibration.from_json(file.read_bytes()) if file.is_file() else None

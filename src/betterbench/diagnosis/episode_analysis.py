@@ -8,10 +8,10 @@ from enum import StrEnum
 import numpy as np
 
 from betterbench.diagnosis.attempts import GraspAttempt, find_grasps
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.relations import relation
 
 
 class AttemptTarget(StrEnum):
@@ -189,12 +189,22 @@ class EpisodeAnalysis:
             return "nothing was left to do"
         return f"{self.goals[step.goal].word!r} was asked for"
 
-    def intended(self) -> str | None:
-        """Return the kind of object that the first attempt should be at, or None where none should be."""
+    def intended(self) -> tuple[int, ...]:
+        """Return the objects at which the first attempt would be right; if it was, the one that it was at comes first.
+
+        The others follow in the order of the subgoals and then of where they stand, so that neither their names nor
+        their order in the scene means anything.
+        """
         if self.condition.expected is Expected.STAY_STILL:
-            return None
-        goals = self.open_goals(0)
-        return self.kind(self.meant[goals[0]][0]) if goals else None
+            return ()
+        trace, goals = self.trace, self.open_goals(0)
+        first = self.first_attempt
+        right = None if first is None or first.target is not AttemptTarget.ASKED else first.at
+        chosen = [] if right is None else [right]
+        for g in goals[:1] if self.instruction.ordered else goals:
+            wanted = _wanted(trace, g, 0) & set(self.meant[g])
+            chosen += sorted(wanted, key=lambda i: (trace.info.objects[i].slot or "", *trace.positions[0, i].tolist()))
+        return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool:
         """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4)."""
@@ -265,7 +275,7 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
     """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
-    if goals[g].relation != "closed":
+    if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 
@@ -276,12 +286,11 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
     for i in drawers & {trace.targets[g]}:
-        if trace.opening(row, i) < LIMITS.drawn_out:
+        if trace.opening(row, i) < THRESHOLDS.drawn_out:
             wanted.add(i)
         height = trace.positions[row, i, 2]
-        wanted |= {
-            j for j in drawers - {i} if trace.positions[row, j, 2] > height and trace.opening(row, j) > LIMITS.pushed_in
-        }
+        above = {j for j in drawers - {i} if trace.positions[row, j, 2] > height}
+        wanted |= {j for j in above if trace.opening(row, j) > THRESHOLDS.pushed_in}
     return wanted
 
 
@@ -290,7 +299,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or all(i != drawer for drawer, _, _ in trace.drawers):
         return set()
-    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - LIMITS.pushed_in else set()
+    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - THRESHOLDS.pushed_in else set()
 
 
 def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:
@@ -323,7 +332,7 @@ def _let_go(trace: Trace, grasp: GraspAttempt) -> tuple[int, int] | None:
     i = grasp.object
     if i is None:
         return None
-    until = min(trace.rows, grasp.release + trace.steps(LIMITS.stop_time))
+    until = min(trace.rows, grasp.release + trace.steps(THRESHOLDS.stop_time))
     rows = slice(grasp.end, until)
     gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
     if not gripped.any():
@@ -331,7 +340,7 @@ def _let_go(trace: Trace, grasp: GraspAttempt) -> tuple[int, int] | None:
     gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
     if gone >= trace.rows:
         return None
-    rest = min(trace.rows - 1, gone + trace.steps(LIMITS.settle_after_release))
+    rest = min(trace.rows - 1, gone + trace.steps(THRESHOLDS.settle_after_release))
     again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
     return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
@@ -351,9 +360,8 @@ def _wrong_place(trace: Trace, grasp: GraspAttempt) -> tuple[int, int, Whereabou
 def _slipped(trace: Trace, grasp: GraspAttempt, i: int, rows: tuple[int, int]) -> bool:
     """Tell whether an object fell out of a hand that was to stay closed: where it lands, nobody brought it."""
     gone, rest = rows
-    return (
-        gone < grasp.release and float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2]) > LIMITS.fall_height
-    )
+    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    return gone < grasp.release and fall > THRESHOLDS.fall_height
 
 
 def _taken_for(trace: Trace, goals: tuple[Subgoal, ...], grasp: GraspAttempt) -> int | None:

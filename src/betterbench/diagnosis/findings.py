@@ -5,24 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
-from betterbench.diagnosis.second_pass import HABIT, WORD, PolicyRule, TaskRules
+from betterbench.diagnosis.failure_mode import FailureMode
+from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.ruling import PLACE
+from betterbench.diagnosis.second_pass import PolicyRule, TaskRules
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
 from betterbench.tasks.labels import Kind, Label
-
-_WHAT = {
-    Label.LEXICAL_KINEMATIC_SHORTCUT: "Goes where the word led in training, to another object",
-    Label.VISUAL_LAYOUT_BIAS: "Goes to the same place whatever the instruction",
-    Label.BEHAVIORAL_INERTIA: "Plays a step of training that was not asked for",
-    Label.CAUSAL_CONFUSION: "Skips a required step or repeats a finished one",
-    Label.SEMANTIC_FEATURE_COLLAPSE: "Goes for an object that no instruction means",
-    Label.ORDER_VIOLATION: "Does the right things in the wrong order",
-    Label.PHASE_CONFLICT: "Freezes or wanders where the scene looks like the middle of a demonstration",
-    Label.EARLY_HALT: "Stops for good with something left to do",
-    Label.WRONG_OBJECT: "Goes for a wrong object, by no proven rule",
-    Label.EXECUTION_FAILURE: "Chooses right and fails with the hand",
-    Label.TIMEOUT: "Is on the right course when the step limit ends the trial",
-}
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
@@ -36,7 +25,7 @@ def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRule
     planned: dict[tuple[str, str], int] = defaultdict(int)
     for t in trials:
         planned[t.task, t.variation or t.condition] += 1
-        if t.label in _WHAT:
+        if MODES[t.label].finding:
             groups[t.task, t.label].append(t)
     ranked = sorted(
         groups.items(),
@@ -46,11 +35,10 @@ def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRule
     for (task, label), members in ranked:
         names = sorted({t.variation or t.condition for t in members})
         n = sum(planned[task, name] for name in names)
-        subject = _WHAT[label]
-        if label is Label.SEMANTIC_FEATURE_COLLAPSE:
-            subject += _shared(members)
+        mode = MODES[label]
+        subject = mode.finding + ("" if mode.detail is None else mode.detail(members))
         sentence = f"{subject}: {len(members)}/{n} trials of {task} {', '.join(names)}"
-        sentences.append(sentence + _proof(label, members, rules.get(task)) + ".")
+        sentences.append(sentence + _proof(mode, members, rules.get(task)) + ".")
     return tuple(sentences)
 
 
@@ -108,28 +96,12 @@ def find_notes(
     return tuple(notes)
 
 
-def _shared(members: Sequence[TrialDiagnosis]) -> str:
-    """Return what the wrongly chosen objects share with the targets, most frequent combination first."""
-    counts: dict[tuple[str, ...], int] = defaultdict(int)
-    for t in members:
-        counts[t.evidence.shared] += 1
-    shared = min(counts, key=lambda s: (-counts[s], s))
-    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
-
-
-def _proof(label: Label, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
+def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
     """Return the statistical support of a rule as a clause, or an empty text for labels that need none."""
-    if found is None:
+    if found is None or mode.rule is None:
         return ""
-    if label is Label.LEXICAL_KINEMATIC_SHORTCUT:
-        rule = _rule(found, WORD)
-    elif label is Label.VISUAL_LAYOUT_BIAS:
-        slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-        rule = _rule(found, f"place:{slot}")
-    elif label is Label.BEHAVIORAL_INERTIA:
-        rule = _rule(found, HABIT)
-    else:
-        return ""
+    slot = next((t.first_slot for t in members if t.first_slot is not None), None)
+    rule = _rule(found, f"{PLACE}:{slot}" if mode.rule == PLACE else mode.rule)
     if rule is None or rule.explained > rule.opportunities:
         return ""
     here, there = Rate(rule.explained, rule.opportunities), Rate(rule.errors_elsewhere, rule.elsewhere)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.diagnosis.trace import Bools, Trace
 from betterbench.tasks import THRESHOLDS
 
@@ -27,7 +26,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that lets go of something has not halted yet
-        still[release : release + trace.steps(LIMITS.stop_time)] = False
+        still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
     last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
     for start, stop in _runs(still):
@@ -58,7 +57,7 @@ def travel(trace: Trace) -> np.ndarray:
 
 def _still(trace: Trace) -> Bools:
     """Return the rows at which the tool center point moves slower than ``halt_speed``, averaged over a short time."""
-    window = min(trace.steps(LIMITS.stillness_window), max(1, trace.rows - 1))
+    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
     gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
     slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
     still = np.zeros(trace.rows, dtype=np.bool_)

@@ -2,47 +2,45 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter, with_config
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.forms import STRICT, read_form
+from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
-from betterbench.diagnosis.trial import Choice, Reading, read_trial, settled, setup_of
+from betterbench.diagnosis.trial import Choice, Reading, read_trial
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
-from betterbench.errors import RecordError, RunConflictError
-from betterbench.recording import Record, RecordMetadata, RunFolder
-from betterbench.tasks import THRESHOLDS
+from betterbench.diagnosis.versions import RecordVersions
+from betterbench.errors import RecordError
+from betterbench.interventions.resolve import resolve_condition
+from betterbench.recording import Record, RunFolder
+from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
 
-_SCENE_KEYS = ("model", "scene", "hash")
-"""Words in the names of those parts of an engine fingerprint that differ from scene to scene by design."""
 
-
-@dataclass(frozen=True, slots=True)
-class PlannedTrial:
-    """One trial of a run's plan.
+@dataclass(slots=True)
+class _Trials:
+    """The planned trials of a run as far as they were read.
 
     Attributes:
-        task: Task id.
-        name: Name of the variation, or of the training condition.
-        variation: Name of the variation, or None.
-        seed: Seed.
+        plan: Every trial that counts, in plan order.
+        readings: What its record says, by trial.
+        missing: Why a trial has no record, by trial, or None where that is not known.
+        pending: Trials that a run in progress has not reached; they count nowhere.
     """
 
-    task: str
-    name: str
-    variation: str | None
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Identifier within a run."""
-        return f"{self.task}/{self.name}/{self.seed}"
+    plan: list[TrialId] = field(default_factory=list)
+    readings: dict[TrialId, Reading] = field(default_factory=dict)
+    missing: dict[TrialId, str | None] = field(default_factory=dict)
+    pending: list[TrialId] = field(default_factory=list)
 
 
 def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: bool = False) -> RunDiagnosis:
@@ -64,26 +62,22 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan = read_plan(run)
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
-    entries = {(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
-    readings: dict[str, Reading] = {}
-    missing: dict[str, str | None] = {}
-    pending: list[str] = []
-    versions = RecordVersions(allow_mixed=allow_mixed)
-    for planned in plan:
-        entry = entries.get((planned.task, planned.name, planned.seed))
-        path = run.record_path(planned.task, planned.name, planned.seed)
+    entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
+    trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
+    for trial in plan:
+        entry = entries.get(trial)
         if entry is None and running:
-            pending.append(planned.key)
+            trials.pending.append(trial)
             continue
+        trials.plan.append(trial)
+        path = run.record_path(trial.task, trial.condition, trial.seed)
         if entry is None or entry.status != "done" or not path.exists():
-            missing[planned.key] = None if entry is None else entry.message or "its record is not there"
+            trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
             continue
-        record = run.read_record(planned.task, planned.name, planned.seed)
+        record = run.read_record(trial.task, trial.condition, trial.seed)
         versions.add(record.metadata)
-        readings[planned.key] = read_trial(record, path=path.relative_to(run.path).as_posix())
-    waiting = set(pending)
-    reached = [planned for planned in plan if planned.key not in waiting]
-    found = _diagnose(policy, reached, readings, missing, versions.found, pending=pending)
+        trials.readings[trial] = read_trial(record, path=path.relative_to(run.path).as_posix())
+    found = _diagnose(policy, trials, versions.found)
     return replace(found, notes=(*_policy_notes(run.context), *found.notes))
 
 
@@ -100,15 +94,13 @@ def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) ->
     """
     if not records:
         raise RecordError("There are no records to diagnose. Give at least one.")
-    versions = RecordVersions(allow_mixed=allow_mixed)
-    plan, readings = [], {}
+    trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for record in records:
-        m = record.metadata
-        versions.add(m)
-        planned = PlannedTrial(m.task, m.variation or m.condition, m.variation, m.seed)
-        plan.append(planned)
-        readings[planned.key] = read_trial(record)
-    return _diagnose(records[0].metadata.policy, plan, readings, {}, versions.found)
+        versions.add(record.metadata)
+        reading = read_trial(record)
+        trials.plan.append(reading.diagnosis.trial_id)
+        trials.readings[reading.diagnosis.trial_id] = reading
+    return _diagnose(records[0].metadata.policy, trials, versions.found)
 
 
 def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
@@ -122,155 +114,100 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-def read_plan(run: RunFolder) -> tuple[str, tuple[PlannedTrial, ...]]:
+@with_config(STRICT)
+@dataclass(frozen=True, slots=True)
+class _PlannedForm:
+    """One trial of a plan, as the file names it."""
+
+    task: str
+    seed: Annotated[int, Field(ge=0)]
+    condition: str
+    variation: str | None = None
+
+
+@with_config(STRICT)
+@dataclass(frozen=True, slots=True)
+class _PlanForm:
+    """What the diagnosis reads of a plan."""
+
+    policy: str
+    trials: list[_PlannedForm]
+
+
+_PLAN = TypeAdapter(_PlanForm)
+
+
+def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
     """Return the policy and the planned trials of a run.
 
     Raises:
         RecordError: If the plan lacks them or they are malformed.
     """
-    policy = run.plan.get("policy")
-    listed = run.plan.get("trials", run.plan.get("plan"))
-    where = run.path / "run.json"
-    if not isinstance(policy, str):
-        raise RecordError(f"{where}: plan.policy is missing or no text. Restore the file, or start the run again.")
-    if not isinstance(listed, list):
-        raise RecordError(f"{where}: plan.trials is missing or no list. Restore the file, or start the run again.")
-    trials = tuple(_planned(form, f"{where}: plan.trials[{i}]") for i, form in enumerate(listed))
-    keys = [t.key for t in trials]
-    if len(set(keys)) < len(keys):
-        twice = next(k for i, k in enumerate(keys) if k in keys[:i])
+    where = f"{run.path / 'run.json'}: plan"
+    plan = read_form(_PLAN, json.dumps(run.plan), where=where, cure="Restore the file, or start the run again")
+    trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
+    if len(set(trials)) < len(trials):
+        twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])
         raise RecordError(f"{where}: {twice} is planned twice. Remove one of the two.")
-    return policy, trials
+    return plan.policy, trials
 
 
-def _planned(form: Any, where: str) -> PlannedTrial:  # noqa: ANN401 -- JSON of a file, checked here
-    if not isinstance(form, dict):
-        raise RecordError(f"{where} is no object. Restore the file.")
-    task, variation, seed = form.get("task"), form.get("variation"), form.get("seed")
-    name = form.get("condition") if variation is None else variation
-    if not isinstance(task, str) or not isinstance(name, str):
-        raise RecordError(f"{where} lacks its task, or both variation and condition. Restore the file.")
-    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-        raise RecordError(f"{where}.seed is {seed!r}, no integer of at least 0. Restore the file.")
-    return PlannedTrial(task, name, variation, seed)
-
-
-class RecordVersions:
-    """The versions found in the records of a run, which must not be mixed silently."""
-
-    def __init__(self, *, allow_mixed: bool) -> None:
-        """Begin without any."""
-        self._allow_mixed = allow_mixed
-        self._seen: dict[str, dict[str, str]] = {}
-
-    @property
-    def found(self) -> dict[str, str]:
-        """All versions by name; several values of one name are joined by " | ". The policy is checked, but is none."""
-        return {
-            name: " | ".join(values)
-            for name, values in sorted(self._seen.items())
-            if name != "policy" or len(values) > 1
-        }
-
-    def add(self, metadata: RecordMetadata) -> None:
-        """Take in the versions of one record.
-
-        Raises:
-            RunConflictError: If one differs from those before and mixing is not allowed.
-        """
-        trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
-        for name, value in _versions(metadata):
-            known = self._seen.setdefault(name, {})
-            if known and value not in known and not self._allow_mixed:
-                other, at = next(iter(known.items()))
-                raise RunConflictError(
-                    f"{name} is {value!r} in the record of {trial} and {other!r} in that of {at}. "
-                    "Run one of them again, or allow mixed versions and read the numbers with care."
-                )
-            known.setdefault(value, trial)
-        wanted = setup_of(metadata.task, metadata.variation or metadata.condition).task.version
-        if metadata.task_version != wanted and not self._allow_mixed:
-            raise RunConflictError(
-                f"{trial} was recorded with version {metadata.task_version} of its task and is judged with version "
-                f"{wanted}. Judge it with the betterbench that recorded it, or record it again."
-            )
-
-
-def _versions(metadata: RecordMetadata) -> Iterator[tuple[str, str]]:
-    yield "policy", metadata.policy
-    yield "package_version", metadata.package_version
-    yield "suite_version", metadata.suite_version
-    yield "schema_version", str(metadata.schema_version)
-    yield f"task_version:{metadata.task}", str(metadata.task_version)
-    yield "action_space", metadata.action_space
-    yield "control_rate_hz", f"{metadata.control_rate_hz:g}"
-    yield "camera_preset", str(metadata.camera_preset)
-    yield "render_quality", str(metadata.render_quality)
-    for name, value in sorted(metadata.engine.items()):
-        if not any(word in name for word in _SCENE_KEYS):
-            yield f"engine:{name}", value
-
-
-def _diagnose(
-    policy: str,
-    plan: Sequence[PlannedTrial],
-    readings: Mapping[str, Reading],
-    missing: Mapping[str, str | None],
-    versions: dict[str, str],
-    *,
-    pending: Sequence[str] = (),
-) -> RunDiagnosis:
+def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiagnosis:
     """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes."""
     choices: dict[str, dict[str, Choice]] = {}
-    for planned in plan:
-        reading = readings.get(planned.key)
+    for trial in trials.plan:
+        reading = trials.readings.get(trial)
         if reading is not None and reading.choice is not None:
-            choices.setdefault(planned.task, {})[planned.key] = reading.choice
+            choices.setdefault(trial.task, {})[str(trial)] = reading.choice
     rules = judge_policy(choices)
-    trials = tuple(
-        _settled(planned, readings[planned.key], rules)
-        if planned.key in readings
-        else _without_record(planned, policy, missing.get(planned.key))
-        for planned in plan
+    found = tuple(
+        _settled(trial, trials.readings[trial], rules)
+        if trial in trials.readings
+        else _without_record(trial, policy, trials.missing.get(trial))
+        for trial in trials.plan
     )
-    pairs = len(twins(trials))
+    missing, pairs = sorted(map(str, trials.missing)), len(twins(found))
     return RunDiagnosis(
         policy=policy,
-        trials=trials,
-        metrics=compute_metrics(trials),
-        findings=find_findings(trials, rules),
-        notes=find_notes(trials, rules, sorted(missing), pairs, pending=len(pending)),
-        thresholds={**THRESHOLDS.to_json(), **LIMITS.to_json()},
+        trials=found,
+        metrics=compute_metrics(found),
+        findings=find_findings(found, rules),
+        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)),
+        thresholds=THRESHOLDS.to_json(),
         versions=versions,
-        pending=tuple(pending),
+        pending=tuple(map(str, trials.pending)),
     )
 
 
-def _settled(planned: PlannedTrial, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
-    found = rules.get(planned.task)
-    ruling = None if found is None else found.rulings.get(planned.key)
+def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
+    """Return the diagnosis of a trial under the ruling of the second pass."""
+    found = rules.get(trial.task)
+    ruling = None if found is None else found.rulings.get(str(trial))
     if ruling is None:
         return reading.diagnosis
-    label, evidence = settled(reading, ruling)
+    label, evidence = decide(reading.findings, ruling)
     return replace(reading.diagnosis, label=label, evidence=evidence)
 
 
-def _without_record(planned: PlannedTrial, policy: str, reason: str | None) -> TrialDiagnosis:
-    setting = setup_of(planned.task, planned.name)
+def _without_record(trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+    resolved = resolve_condition(trial.task, trial.condition)
     return TrialDiagnosis(
-        task=planned.task,
-        variation=planned.variation,
-        condition=setting.base,
-        axis=setting.axis,
-        seed=planned.seed,
+        task=trial.task,
+        variation=None if resolved.variation is None else trial.condition,
+        condition=resolved.base,
+        axis=resolved.axis,
+        seed=trial.seed,
         policy=policy,
-        instruction=setting.condition.instruction.text,
+        instruction=resolved.condition.instruction.text,
         success=False,
-        expected=setting.condition.expected.value,
+        expected=resolved.condition.expected.value,
         label=Label.POLICY_ERROR,
         first_attempt=None,
+        first_attempt_kind=None,
         first_slot=None,
         intended=None,
+        intended_kind=None,
+        intended_any=(),
         intention_correct=None,
         progress=0.0,
         attempts=(),

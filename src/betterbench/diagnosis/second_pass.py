@@ -23,11 +23,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.diagnosis.labels import ALONE, Ruling
-from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.ruling import ALONE, CONFUSION, HABIT, PLACE, WORD, Ruling
 from betterbench.diagnosis.trial import Choice
+from betterbench.tasks import THRESHOLDS
 
-WORD, HABIT, PLACE, CONFUSION = "word", "habit", "place", "confusion"
 FAMILIES = (WORD, HABIT, PLACE, CONFUSION)
 
 _GRID = np.linspace(0.0, 0.99, 100)
@@ -215,10 +214,10 @@ def _judge(name: str, choices: Sequence[Choice], price: float) -> PolicyRule:
     for choice in choices:
         predicted = _predicted(name, choice)
         if not predicted:
-            log += math.log(_chance(choice, LIMITS.slip))
+            log += math.log(_chance(choice, THRESHOLDS.slip))
             continue
         fits = _fits(name, choice)
-        otherwise = _chance(choice, LIMITS.slip)
+        otherwise = _chance(choice, THRESHOLDS.slip)
         log += np.log(_GRID * fits + (1.0 - _GRID) * otherwise)
         if predicted & choice.right:
             elsewhere += 1

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from betterbench.diagnosis.limits import LIMITS
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
 from betterbench.state import SceneInfo
-from betterbench.tasks import Condition
+from betterbench.tasks import THRESHOLDS, Condition
 from betterbench.tasks.relations import RELATIONS, relation
 
 Floats = npt.NDArray[np.float64]
@@ -97,7 +96,7 @@ class Trace:
 
     def on_table(self, row: int, i: int) -> bool:
         """Tell whether an object has not fallen off the table."""
-        return bool(self.positions[row, i, 2] > -LIMITS.fallen_below)
+        return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
 
     def placed(self, row: int, i: int) -> Whereabout | None:
         """Return where an object is with respect to a target at a row, or None if at no place of any."""
@@ -241,9 +240,9 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
     found = []
-    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys() - {"closed"})):
+    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried):
         for t, target in enumerate(objects):
-            for place in kind.places(target):
+            for place in kind.regions(target):
                 for i in items:
                     c = column.get(kind.label(objects[i].name, target.name, place))
                     if c is not None:
@@ -260,7 +259,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     for o in condition.objects:
         if o.mount is not None:
             cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
-            place = info.objects[cabinet].region(o.mount.at).position
+            place = info.objects[cabinet].region(o.mount.region).position
             found.append((_index_of_kind(info, o.kind), cabinet, place))
     return tuple(found)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
+from betterbench.tasks.trial_id import TrialId
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +69,15 @@ class TrialDiagnosis:
         success: Whether the trial succeeded.
         expected: "succeed", "refuse" or "stay_still".
         label: The outcome.
-        first_attempt: Object of the first grasp attempt, or None; a drawer that had to be moved for it is not counted.
+        first_attempt: Object of the first grasp attempt, or None if there is none or it was an air grasp; a drawer that
+            had to be moved for it is not counted.
+        first_attempt_kind: Its kind.
         first_slot: Slot of the first grasp attempt, or None.
-        intended: Object (kind) that the first attempt should have been at, or None where none should be.
+        intended: Object that the first attempt should have been at, or None where none should be. Where it was right,
+            the object that it was at; else the first of ``intended_any``.
+        intended_kind: Its kind.
+        intended_any: All objects at which the first attempt would have been right, in the order of the subgoals and
+            then of the slots in which they stand.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
         progress: Subgoals completed in a valid order divided by subgoals asked.
         attempts: All grasp attempts, in time.
@@ -92,8 +99,11 @@ class TrialDiagnosis:
     expected: str
     label: Label
     first_attempt: str | None
+    first_attempt_kind: str | None
     first_slot: str | None
     intended: str | None
+    intended_kind: str | None
+    intended_any: tuple[str, ...]
     intention_correct: bool | None
     progress: float
     attempts: tuple[Attempt, ...]
@@ -109,14 +119,19 @@ class TrialDiagnosis:
         return self.label.kind
 
     @property
+    def trial_id(self) -> TrialId:
+        """The trial: its task, the variation or training condition, and its seed."""
+        return TrialId(self.task, self.variation or self.condition, self.seed)
+
+    @property
     def key(self) -> str:
-        """Identifier within a run ("fast_food/T1/3", "fast_food/train1/3")."""
-        return f"{self.task}/{self.variation or self.condition}/{self.seed}"
+        """Text form of the trial ("fast_food/T1/3", "fast_food/train1/3")."""
+        return str(self.trial_id)
 
     @property
     def twin_key(self) -> str | None:
-        """Identifier of the counterfactual twin, or None on a training condition."""
-        return None if self.variation is None else f"{self.task}/{self.condition}/{self.seed}"
+        """Text form of the counterfactual twin, or None on a training condition."""
+        return None if self.variation is None else str(TrialId(self.task, self.condition, self.seed))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from betterbench.geometry import distance
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, ObjectSpec, Task, stream
+from betterbench.tasks import Condition, Subgoal, Task, stream
 from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.closed import drawer_to_move
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +96,16 @@ class DecisionRule(Protocol):
         """
 
 
+def carried(goal: Subgoal) -> bool:
+    """Tell whether a subgoal is brought about by carrying its object, and not by moving it along its rail."""
+    return relation(goal.relation).carried
+
+
+def bring_to(goal: Subgoal, name: str) -> Bring:
+    """Return the decision to bring an object where a subgoal wants it."""
+    return Bring(name, goal.target, goal.relation, goal.region)
+
+
 def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
     """Tell whether an object is where a subgoal wants it."""
     return relation(relation_name).holds(state, name, target, region)
@@ -127,8 +137,7 @@ def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
     return tuple(
         i
         for i in left
-        if goals[i].relation != "closed"
-        or not any(goals[j].target in condition.resolve(goals[i].reference) for j in left if j < i)
+        if carried(goals[i]) or not any(goals[j].target in condition.resolve(goals[i].reference) for j in left if j < i)
     )
 
 
@@ -167,32 +176,11 @@ class ExpertRule:
         name = choose(self.situation, state, index)
         if name is None:
             return Rest()
-        if goal.relation == "closed":
+        if not carried(goal):
             return Draw(name, out=False)
-        return self.make_way(state, goal.target) or Bring(name, goal.target, goal.relation, goal.region)
+        return self.make_way(state, goal.target) or bring_to(goal, name)
 
     def make_way(self, state: WorldState, target: str) -> Draw | None:
         """Return what has to be done with drawers before something can be put into the target, or None."""
-        condition = self.situation.condition
-        if condition.object(target).mount is None:
-            return None
-        height = state.pose(target).position[2]
-        above = [o for o in condition.objects if o.mount is not None and state.pose(o.name).position[2] > height]
-        for o in above:
-            if opening_m(state, o) > SHUT_ENOUGH_M:
-                return Draw(o.name, out=False)
-        return None if opening_m(state, condition.object(target)) > OPEN_ENOUGH_M else Draw(target, out=True)
-
-
-SHUT_ENOUGH_M = 0.02
-"""Opening of a drawer below which it is in nobody's way [m]."""
-OPEN_ENOUGH_M = 0.12
-"""Opening of a drawer from which something can be put into it [m]: a hand is 65 mm thick, a stapler 36 mm."""
-
-
-def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
-    """Return how far a drawer is drawn out [m]."""
-    if drawer.mount is None:
-        raise ValueError(f"{drawer.name} is no drawer")
-    mount = state.info.object(drawer.mount.target).region(drawer.mount.at)
-    return distance(state.pose(drawer.name).position, state.pose(drawer.mount.target).apply(mount.position))
+        due = drawer_to_move(self.situation.condition, state, target)
+        return None if due is None else Draw(due[0], out=due[1])

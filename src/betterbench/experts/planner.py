@@ -11,7 +11,6 @@ import numpy as np
 
 from betterbench.assets import Asset, Grasp
 from betterbench.errors import PlanningError
-from betterbench.experts.targets import PlaceGoal
 from betterbench.geometry import (
     Pose,
     Quaternion,
@@ -27,7 +26,8 @@ from betterbench.geometry import (
 from betterbench.robots import ArmIK
 from betterbench.scenes import Clearance, Scene
 from betterbench.state import WorldState
-from betterbench.tasks.relations import inside
+from betterbench.tasks.relations import PlaceGoal
+from betterbench.tasks.relations.inside import inside
 
 DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 """Tool rotation that points straight down with the fingers opening along -y."""

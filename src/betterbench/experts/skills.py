@@ -25,10 +25,10 @@ from betterbench.experts.motion import (
     release_to,
 )
 from betterbench.experts.planner import DOWN, LIFT_M, Planner
-from betterbench.experts.targets import place_goals
 from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
 from betterbench.tasks import TargetRegion
+from betterbench.tasks.relations import relation as relation_named
 
 Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
@@ -136,7 +136,9 @@ class Skills:
             The last state and whether the object was still in the hand on arrival.
         """
         try:
-            plan = self.planner.plan_place(state, name, place_goals(state, name, target, relation))
+            plan = self.planner.plan_place(
+                state, name, relation_named(relation).place_goals(state, name, target.target, target.region)
+            )
         except PlanningError:
             return state, False
         state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)

@@ -1,19 +1,6 @@
-"""Causal interventions: pure functions ``Condition -> Condition`` that declare what they change."""
+"""Interventions: from a variation, or a name, to the condition that it describes and what it declares to change."""
 
-from betterbench.interventions import language, layout, objects
-from betterbench.interventions.apply import apply, operations, vary
-from betterbench.interventions.operation import Changes
+from betterbench.interventions.apply import apply, vary
 from betterbench.interventions.resolve import ResolvedCondition, condition_names, resolve_condition
 
-__all__ = [
-    "Changes",
-    "ResolvedCondition",
-    "apply",
-    "condition_names",
-    "language",
-    "layout",
-    "objects",
-    "operations",
-    "resolve_condition",
-    "vary",
-]
+__all__ = ["ResolvedCondition", "apply", "condition_names", "resolve_condition", "vary"]

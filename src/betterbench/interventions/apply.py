@@ -1,31 +1,25 @@
-"""Turning a variation into the condition it describes."""
+"""Carrying out interventions: the condition that a variation describes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from betterbench.interventions.operation import Changes, operation_names, run_operation
-from betterbench.tasks import Condition, Intervention, Task, Variation
+from betterbench.tasks import Changes, Condition, Operation, Task, Variation
 
 
-def operations() -> tuple[str, ...]:
-    """Return the names of all operations."""
-    return operation_names()
-
-
-def apply(condition: Condition, interventions: Sequence[Intervention]) -> tuple[Condition, Changes]:
-    """Carry out interventions one after the other.
-
-    Args:
-        condition: The condition to start from; it is not changed.
-        interventions: Operations as data.
+def apply(condition: Condition, operations: Sequence[Operation]) -> tuple[Condition, Changes]:
+    """Carry out operations one after the other.
 
     Returns:
         The changed condition and everything that was declared to change.
+
+    Raises:
+        InvalidInputError: If an operation makes no sense on the condition, for example a slot that is taken.
+        UnknownNameError: If it names an object that the condition does not have.
     """
     changes = Changes()
-    for intervention in interventions:
-        condition, declared = run_operation(condition, intervention.operation, intervention.arguments)
+    for operation in operations:
+        condition, declared = operation.carry_out(condition)
         changes = changes | declared
     return condition, changes
 

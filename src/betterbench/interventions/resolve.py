@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import UnknownNameError
 from betterbench.interventions.apply import vary
-from betterbench.interventions.operation import Changes
-from betterbench.tasks import Condition, Task, Variation, get_task
+from betterbench.tasks import Changes, Condition, Task, Variation, get_task
 
 NO_CHANGES = Changes()
 

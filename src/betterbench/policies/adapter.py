@@ -98,9 +98,6 @@ class Adapter:
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
         """Return exactly the images that the policy is shown.
 
-        Args:
-            observation: What is seen now.
-
         Returns:
             Per key of the request an (height, width, 3) uint8 image.
 
@@ -153,10 +150,6 @@ class Adapter:
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Return the actions that a reply means.
-
-        Args:
-            reply: What the policy answered.
-            observation: What it was asked about.
 
         Returns:
             (horizon, dim) float64 in the action space ``answer.space``.
@@ -216,10 +209,6 @@ class Adapter:
     @classmethod
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
         """Read the JSON form.
-
-        Args:
-            form: The JSON form.
-            where: What to call it in an error.
 
         Raises:
             InvalidInputError: If a field is missing, unknown or malformed.

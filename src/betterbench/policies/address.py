@@ -19,7 +19,7 @@ DEFAULT_PORTS = {"openpi": 8000, "gr00t": 5555, "vla-eval": 8000, "being-h": 555
 EXECUTION_OPTIONS = ("horizon", "ahead", "ensemble")
 """How chunks are played; see :class:`betterbench.interface.Execution`."""
 
-LINK_OPTIONS = ("timeout", "warmup", "retries", "patience", "api_key_env", "tls")
+CONNECTION_OPTIONS = ("timeout", "warmup", "retries", "patience", "api_key_env", "tls")
 """How a server is reached: deadline of one request and of the first one [s], how often a failed one is asked again, how
 long an unreachable server is waited for [s], the environment variable that holds the key, and whether the connection is
 encrypted."""
@@ -95,7 +95,7 @@ class PolicyAddress:
                 where, f"its options cannot be read ({error})", "Write ?key=value&key=value"
             ) from None
         options = dict(pairs)
-        known = (*EXECUTION_OPTIONS, *LINK_OPTIONS, *ADAPTER_OPTIONS, *OWN_OPTIONS[scheme])
+        known = (*EXECUTION_OPTIONS, *CONNECTION_OPTIONS, *ADAPTER_OPTIONS, *OWN_OPTIONS[scheme])
         for name, value in pairs:
             if name not in known and not (name.startswith(CAMERA_OPTION) and name != CAMERA_OPTION):
                 raise UnknownNameError(f"option of {scheme}", name, (*known, f"{CAMERA_OPTION}KEY"))
@@ -115,6 +115,11 @@ class PolicyAddress:
     def names_adapter(self) -> bool:
         """Whether it says how the policy is spoken to, by a preset or a file."""
         return "preset" in self.options or "adapter" in self.options
+
+    @property
+    def server_name(self) -> str:
+        """What messages call the server."""
+        return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
         """Return host and port of the server.
@@ -152,10 +157,6 @@ class PolicyAddress:
     def number(self, name: str, default: float = 0.0) -> float:
         """Return a finite number of at least 0.
 
-        Args:
-            name: Name of the option.
-            default: What it is when it is not given.
-
         Raises:
             InvalidInputError: If it is something else.
         """
@@ -175,10 +176,6 @@ class PolicyAddress:
     def whole(self, name: str, default: int = 0) -> int:
         """Return a whole number of at least 0.
 
-        Args:
-            name: Name of the option.
-            default: What it is when it is not given.
-
         Raises:
             InvalidInputError: If it is something else.
         """
@@ -191,11 +188,6 @@ class PolicyAddress:
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
         """Return one of several words.
-
-        Args:
-            name: Name of the option.
-            choices: The words.
-            default: What it is when it is not given.
 
         Raises:
             UnknownNameError: If it is another word.

@@ -327,10 +327,6 @@ class AnswerRule:
 def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     """Return what stands under a key of a reply.
 
-    Args:
-        reply: The reply.
-        key: A name, or the names on the way through nested maps.
-
     Raises:
         PolicyError: If there is nothing; the text names what there is.
     """

@@ -36,12 +36,7 @@ class BatchCollector(Generic[Question, Answer]):
     """
 
     def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Answer]], *, limit: int = MAX_BATCH) -> None:
-        """Start the thread.
-
-        Args:
-            answer: Answers one or more questions, in their order.
-            limit: Questions in one call at most.
-        """
+        """Start the thread."""
         self._answer, self._limit = answer, max(1, limit)
         self._waiting: queue.SimpleQueue[_Ticket[Question, Answer] | None] = queue.SimpleQueue()
         self._closed = False

@@ -51,10 +51,6 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the configuration of a policy.
 
-        Args:
-            config: The configuration.
-            where: What to call the policy in an error.
-
         Raises:
             InvalidInputError: If it wants what no observation holds, or answers something else than an action.
         """
@@ -254,11 +250,7 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
 
 
 def _fingerprint(path: str) -> str:
-    """Return the SHA-256 of the files that a checkpoint was loaded from.
-
-    Args:
-        path: Local folder, or id on the hub, whose files have been fetched.
-    """
+    """Return the SHA-256 of the files that a checkpoint was loaded from."""
     folder = Path(path)
     if not folder.is_dir():
         folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))

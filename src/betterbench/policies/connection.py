@@ -18,7 +18,7 @@ from betterbench.policies.address import PolicyAddress
 logger = logging.getLogger(__name__)
 
 FIRST_PAUSE_S = 0.1
-"""Pause before a request is asked again, or a server is dialled again [s]; doubled each time."""
+"""Pause before a request is asked again, or a server is dialed again [s]; doubled each time."""
 
 LONGEST_WAIT_S = 604_800
 """Longest deadline and longest patience [s], a week."""
@@ -30,20 +30,20 @@ LONGEST_PAUSE_S = 5.0
 """Longest such pause [s]."""
 
 
-class Channel(Protocol):
+class Closable(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
         """End it; nothing is raised."""
 
 
-Connection = TypeVar("Connection", bound=Channel)
+Connection = TypeVar("Connection", bound=Closable)
 Reply = TypeVar("Reply")
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
-    """How much is asked of a server.
+class ConnectionLimits:
+    """How long a server is waited for, and how often it is asked again.
 
     Attributes:
         timeout_s: Deadline of one request [s].
@@ -61,14 +61,14 @@ class Terms:
     seed: int = 0
 
     @classmethod
-    def of(cls, address: PolicyAddress, *, seed: int = 0) -> Terms:
-        """Return the terms that an address asks for.
+    def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
+        """Return the limits that an address asks for.
 
         Raises:
             InvalidInputError: If an option is no number, or the deadline is zero.
         """
         usual = cls()
-        terms = cls(
+        limits = cls(
             timeout_s=address.number("timeout", usual.timeout_s),
             # Who sets a deadline means it from the first request on, unless told otherwise.
             warmup_s=address.number("warmup", address.number("timeout", usual.warmup_s)),
@@ -76,17 +76,17 @@ class Terms:
             patience_s=address.number("patience", usual.patience_s),
             seed=seed,
         )
-        if min(terms.timeout_s, terms.warmup_s) <= 0.0:
+        if min(limits.timeout_s, limits.warmup_s) <= 0.0:
             raise InvalidInputError(f"policy {address}", "a deadline of 0 leaves no time to answer", "Give seconds")
         for name, value, most in (
-            ("timeout", terms.timeout_s, LONGEST_WAIT_S),
-            ("warmup", terms.warmup_s, LONGEST_WAIT_S),
-            ("patience", terms.patience_s, LONGEST_WAIT_S),
-            ("retries", terms.retries, MOST_RETRIES),
+            ("timeout", limits.timeout_s, LONGEST_WAIT_S),
+            ("warmup", limits.warmup_s, LONGEST_WAIT_S),
+            ("patience", limits.patience_s, LONGEST_WAIT_S),
+            ("retries", limits.retries, MOST_RETRIES),
         ):
             if value > most:
                 raise InvalidInputError(f"policy {address}", f"{name}={value:g} is too much", f"Give at most {most}")
-        return terms
+        return limits
 
 
 class PolicyConnection(Generic[Connection]):
@@ -95,20 +95,20 @@ class PolicyConnection(Generic[Connection]):
     One thread at a time asks; another one may call :meth:`close`, which ends every wait.
     """
 
-    def __init__(self, where: str, dial: Callable[[float], Connection], terms: Terms) -> None:
-        """Prepare; nothing is dialled yet.
+    def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
+        """Prepare; nothing is dialed yet.
 
         Args:
             where: What to call the server in messages.
             dial: Makes a connection, handshake included, within the given time [s]. It raises OSError when that is
                 worth trying again, and a BetterError when it is not.
-            terms: How much is asked of the server.
+            limits: How long it is waited for, and how often it is asked again.
         """
-        self._where, self._dial, self._terms = where, dial, terms
-        self._draw = np.random.default_rng(terms.seed)
+        self._where, self._dial, self._limits = where, dial, limits
+        self._draw = np.random.default_rng(limits.seed)
         self._connection: Connection | None = None
         self._closed = threading.Event()
-        self._dialled = 0
+        self._dialed = 0
         self._warm = False
         self._counts = {"requests": 0, "retries": 0, "reconnects": 0}
 
@@ -122,7 +122,7 @@ class PolicyConnection(Generic[Connection]):
         self._counts = dict.fromkeys(self._counts, 0)
 
     def open(self) -> Connection:
-        """Return the connection, dialling until it stands.
+        """Return the connection, dialing until it stands.
 
         Raises:
             PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
@@ -134,15 +134,15 @@ class PolicyConnection(Generic[Connection]):
         attempt = 0
         while True:
             self._check_open()
-            left = self._terms.patience_s - (time.monotonic() - began)
+            left = self._limits.patience_s - (time.monotonic() - began)
             try:
                 # The last attempt, or the only one of an impatient client, still gets a second.
-                self._connection = self._dial(max(1.0, min(self._terms.timeout_s, left)))
+                self._connection = self._dial(max(1.0, min(self._limits.timeout_s, left)))
             except OSError as problem:
-                left = self._terms.patience_s - (time.monotonic() - began)
+                left = self._limits.patience_s - (time.monotonic() - began)
                 if left <= 0.0:
                     raise PolicyUnavailableError(
-                        f"{self._where} could not be reached for {self._terms.patience_s:g} s ({_brief(problem)}). "
+                        f"{self._where} could not be reached for {self._limits.patience_s:g} s ({_brief(problem)}). "
                         "Start the server, or correct the address; patience=SECONDS waits longer."
                     ) from problem
                 if attempt == 0:
@@ -150,8 +150,8 @@ class PolicyConnection(Generic[Connection]):
                 self._pause(attempt, left)
                 attempt += 1
             else:
-                self._dialled += 1
-                if self._dialled > 1:
+                self._dialed += 1
+                if self._dialed > 1:
                     self._counts["reconnects"] += 1
                     logger.info("%s is connected again", self._where)
                 return self._connection
@@ -172,9 +172,9 @@ class PolicyConnection(Generic[Connection]):
             PolicyUnavailableError: If the server could not be reached for as long as patience lasts.
         """
         self._counts["requests"] += 1
-        for attempt in range(self._terms.retries + 1):
+        for attempt in range(self._limits.retries + 1):
             connection = self.open()
-            deadline = self._terms.timeout_s if self._warm else self._terms.warmup_s
+            deadline = self._limits.timeout_s if self._warm else self._limits.warmup_s
             try:
                 reply = exchange(connection, deadline)
             except PolicyError:
@@ -188,7 +188,7 @@ class PolicyConnection(Generic[Connection]):
                 if isinstance(problem, TimeoutError):
                     reason, self._warm = f"no answer within {deadline:g} s", True
                 logger.warning("%s: request failed (%s)", self._where, reason)
-                if attempt == self._terms.retries:
+                if attempt == self._limits.retries:
                     times = f"{attempt + 1} times" if attempt else "once"
                     raise PolicyError(
                         f"{self._where} failed to answer {times}, the last time because of: {reason}."
@@ -226,10 +226,6 @@ class PolicyConnection(Generic[Connection]):
 
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
     """Return the key that an address asks to show, from the environment; keys do not belong into addresses.
-
-    Args:
-        address: Address of the policy.
-        option: Option that names the variable.
 
     Raises:
         InvalidInputError: If the variable is not set, or holds what cannot stand in a header.

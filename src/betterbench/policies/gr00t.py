@@ -15,7 +15,6 @@ runs the stranger's code.
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
@@ -25,12 +24,10 @@ from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, put
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connection import PolicyConnection, Terms, api_key
-from betterbench.policies.handshake import Declaration
+from betterbench.policies.endpoint_server import ERROR_REPLY, EndpointServer
 from betterbench.policies.modality import SEEN, Modalities, name_of
 from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
-from betterbench.policies.remote import Adapted, check_start, describe_policy
-from betterbench.policies.request_client import RequestClient
+from betterbench.policies.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
 Layout = Literal["nested", "flat", "n1.5"]
@@ -40,101 +37,50 @@ simulation wrapper), or that map as the data itself, without options (N1.5)."""
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """By modality and name, (1, 1, ...) arrays of one environment at one time step."""
 
-_ERROR = b"ERROR"
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
     "It is an old N1.5 server, which pickles with torch. That is not supported, on purpose, because unpickling a "
     "stranger's answer runs the stranger's code. Update Isaac-GR00T, whose servers speak msgpack."
 )
-_LONGEST_ERROR = 500
 
 
-class Gr00tServer:
-    """One connection: a socket over which the server has answered, and whose modalities fit the adapter."""
+class Gr00tServer(EndpointServer):
+    """A server that speaks msgpack, and whose modalities fit the adapter.
+
+    Attributes:
+        modalities: What it declares.
+    """
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
-        """Connect, ask whether the server is alive, and compare modalities.
+        """Connect, ask whether the server is alive, and compare modalities; see :class:`EndpointServer`."""
+        self._adapter = adapter
+        super().__init__(address, token, timeout_s=timeout_s)
 
-        Args:
-            address: Address of the server.
-            adapter: What this side gives and reads.
-            token: Token to show, or None.
-            timeout_s: Longest time that all this may take [s].
+    def _greet(self, end: float) -> None:
+        super()._greet(end)
+        self.modalities = Modalities.read(self._first("get_modality_config", end), self._where)
+        self.modalities.check(self._adapter, self._where)
 
-        Raises:
-            OSError: If the server is not there, or not ready.
-            HandshakeError: If it refuses the token, speaks another protocol or declares other modalities.
-        """
-        end = time.monotonic() + timeout_s
-        self._where, self._token = where_of(address), token
-        self._requester = RequestClient(*address.server(), timeout_s=timeout_s)
-        try:
-            self._greet("ping", end)
-            self.modalities = Modalities.read(self._greet("get_modality_config", end), self._where)
-            self.modalities.check(adapter, self._where)
-        except BaseException:
-            self.close()
-            raise
+    def _encode(self, question: Mapping[str, Any]) -> bytes:
+        return encode_gr00t(question)
 
-    def _greet(self, endpoint: str, end: float) -> object:
-        try:
-            return self.call(endpoint, None, end - time.monotonic())
-        except PolicyError as error:
-            hint = "" if "nauthorized" not in str(error) else " Give api_key_env=NAME with the variable of its token."
-            raise HandshakeError(f"{error}{hint}") from error
-
-    def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float) -> Any:  # noqa: ANN401 - as decoded
-        """Ask something.
-
-        Args:
-            endpoint: What is asked for.
-            data: What goes with it, or None.
-            timeout_s: Longest time until the answer is there [s].
-
-        Returns:
-            The decoded answer.
-
-        Raises:
-            OSError: If no answer came.
-            PolicyError: If it is an error of the server's, or cannot be read.
-        """
-        question: dict[str, Any] = {"endpoint": endpoint}
-        if data is not None:
-            question["data"] = data
-        if self._token is not None:
-            question["api_token"] = self._token
-        answer = self._requester.ask(encode_gr00t(question), max(0.0, timeout_s))
-        if answer.startswith(_PICKLES) or (answer == _ERROR and endpoint == "ping"):
+    def _check_frame(self, answer: bytes, endpoint: str) -> None:
+        if answer.startswith(_PICKLES) or (answer == ERROR_REPLY and endpoint == "ping"):
             raise PolicyError(f"{self._where} answers {answer[:5]!r} to {endpoint}. {_NO_PICKLES}")
-        if answer == _ERROR:
-            raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
-        reply = decode_gr00t(answer)
-        if isinstance(reply, Mapping) and "error" in reply:
-            lines = [line.strip() for line in str(reply["error"]).splitlines() if line.strip()]
-            raise PolicyError(f"{self._where} reports an error: {lines[-1][:_LONGEST_ERROR] if lines else 'no text'}")
-        return reply
 
-    def close(self) -> None:
-        """End the connection."""
-        self._requester.close()
+    def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401, ARG002 - as decoded
+        return decode_gr00t(answer)
 
 
-class Gr00tClient(Adapted):
+class Gr00tClient(ServerClient[Gr00tServer]):
     """A GR00T policy; each environment has a client of its own.
 
     Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the server declares in the terms of the other clients: nothing beyond its modalities.
-        modalities: What it declares.
-        info: What the policy says about itself.
+        modalities: What the server declares.
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         """Connect and compare modalities.
-
-        Args:
-            address: Address of the server.
-            seed: Seed of the jitter between attempts.
 
         Raises:
             PolicyUnavailableError: If the server cannot be reached.
@@ -143,41 +89,23 @@ class Gr00tClient(Adapted):
                 time steps.
             UnknownNameError: If a name in the address does not exist.
         """
-        self.adapter = adapter_of(address, GR00T_NEW_EMBODIMENT)
-        self.server = Declaration(where_of(address))
-        self._address, self._where = address, where_of(address)
+        super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         self._layout = address.choice("layout", get_args(Layout), "nested")
-        self._token = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
         self._known: Modalities | None = None
-        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
-        self.modalities = self._link.open().modalities
+        self._lock = threading.Lock()
+        self.modalities = self._connection.open().modalities
         declared = {"layout": self._layout, "modalities": self.modalities.to_json()}
-        self.info: PolicyInfo = describe_policy(
+        self.info = describe_remote_policy(
             address, self.adapter, declared, says_actions=self.modalities.action is not None
         )
-        self._lock = threading.Lock()
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Wall-clock figures of the episode so far, by name."""
-        return self._link.figures
 
     def _dial(self, timeout_s: float) -> Gr00tServer:
-        server = Gr00tServer(self._address, self.adapter, self._token, timeout_s=timeout_s)
+        server = Gr00tServer(self._address, self.adapter, self._key, timeout_s=timeout_s)
         if self._known is not None and server.modalities != self._known:
             server.close()
             raise HandshakeError(f"{self._where} came back with other modalities. Start the run again.")
         self._known = server.modalities
         return server
-
-    def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
-        check_start(self.adapter, start, self._where)
-        self._link.count_anew()
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim) float64.
@@ -187,10 +115,6 @@ class Gr00tClient(Adapted):
             PolicyUnavailableError: If the server cannot be reached.
         """
         return self._ask([self._seen(observation)], [observation])[0]
-
-    def close(self) -> None:
-        """End the connection."""
-        self._link.close()
 
     def _seen(self, observation: Observation) -> Seen:
         """Return what the policy is shown of one observation."""
@@ -221,7 +145,7 @@ class Gr00tClient(Adapted):
         }
         data = self._data(message, [observation.instruction for observation in observations])
         with self._lock:
-            reply = self._link.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
+            reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
         arrays = self._arrays(reply, len(observations))
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
@@ -289,9 +213,6 @@ class Gr00tBatchClient(Gr00tClient):
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
         """Return the next actions of several environments, asked for in one question.
 
-        Args:
-            observations: What each of them sees now; one or more.
-
         Returns:
             Per observation (horizon, dim) float64.
 
@@ -336,7 +257,7 @@ class Gr00tHistoryClient(Gr00tClient):
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
-            self._link.request(_forget)
+            self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action, (1, dim) float64; the server is asked when a chunk has been played.
@@ -371,10 +292,6 @@ class Gr00tHistoryClient(Gr00tClient):
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
     """Return a client of a GR00T server, which takes batches if the server looks at the present only.
 
-    Args:
-        address: Address of the server.
-        seed: Seed of the jitter between attempts.
-
     Raises:
         PolicyUnavailableError: If the server cannot be reached.
         HandshakeError: If its modalities are not those of the adapter.
@@ -386,11 +303,6 @@ def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
         return client
     client.close()
     return Gr00tHistoryClient(address, seed=seed)
-
-
-def where_of(address: PolicyAddress) -> str:
-    """Return what to call a server in messages."""
-    return f"policy server {address.scheme}://{address.target}"
 
 
 def _forget(server: Gr00tServer, timeout_s: float) -> None:

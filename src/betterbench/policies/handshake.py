@@ -67,12 +67,7 @@ class Declaration:
 
 
 def declare_space(who: str, space: ActionSpace) -> Declaration:
-    """Return the declaration of an action space alone.
-
-    Args:
-        who: What to call the side that declares it.
-        space: The action space.
-    """
+    """Return the declaration of an action space alone."""
     return Declaration(
         who,
         action_space=space.name,
@@ -120,10 +115,6 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 def read_server(who: str, form: object) -> Declaration:
     """Read what one of our own servers declares.
 
-    Args:
-        who: What to call the server in messages.
-        form: What stands under ``betterbench`` in its metadata.
-
     Raises:
         HandshakeError: If it is malformed or of another version.
     """
@@ -164,10 +155,6 @@ def read_server(who: str, form: object) -> Declaration:
 def read_execution(who: str, form: object) -> Execution | None:
     """Read how one of our own servers says that its chunks are played, or None if it does not say.
 
-    Args:
-        who: What to call the server in messages.
-        form: What stands under ``betterbench`` in its metadata.
-
     Raises:
         HandshakeError: If it is malformed.
     """
@@ -186,12 +173,8 @@ def read_execution(who: str, form: object) -> Execution | None:
         raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
 
 
-def compare(ours: Declaration, theirs: Declaration) -> None:
+def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
     """Stop when two sides differ in anything that both declare.
-
-    Args:
-        ours: What this side gives and takes.
-        theirs: What the policy's side wants and answers.
 
     Raises:
         HandshakeError: If they differ; the text names both sides' values of everything in which they do.

@@ -79,9 +79,6 @@ class ImageRule:
         Shrinking averages over all pixels that fall into one (Pillow's bilinear filter, which is antialiased and is
         the one that openpi's client resizes with); a image that has the right size already keeps its bits.
 
-        Args:
-            image: (height, width, 3) uint8, upright.
-
         Returns:
             (self.height, self.width, 3) uint8, contiguous.
         """

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import HandshakeError, InvalidInputError
-from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, Policy, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule
@@ -28,7 +28,7 @@ from betterbench.policies.handshake import Declaration
 from betterbench.policies.image_rule import ImageRule
 from betterbench.policies.presets import adapter_of
 from betterbench.policies.proprioception import StatePart, StateRule
-from betterbench.policies.remote import Adapted, check_start, describe_policy
+from betterbench.policies.remote import AdaptedPolicy, check_start, describe_remote_policy
 
 _TASK = ("task",)
 _ACTION = ("action",)
@@ -45,7 +45,7 @@ _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front",
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
-class LerobotPolicy(Adapted):
+class LerobotPolicy(AdaptedPolicy):
     """A policy that answers whole chunks; one instance serves many environments.
 
     Attributes:
@@ -56,10 +56,6 @@ class LerobotPolicy(Adapted):
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
         """Prepare.
-
-        Args:
-            address: Address of the policy.
-            checkpoint: Its weights.
 
         Raises:
             InvalidInputError: If the checkpoint leaves something open, which the text names.
@@ -75,7 +71,7 @@ class LerobotPolicy(Adapted):
         self.server = Declaration(
             self._where, cameras={key: (size[1], size[0]) for key, size in features.images.items()}
         )
-        info = describe_policy(address, self.adapter, {})
+        info = describe_remote_policy(address, self.adapter, {})
         self.info: PolicyInfo = replace(
             info,
             metadata={
@@ -118,9 +114,6 @@ class LerobotPolicy(Adapted):
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
         """Return the next actions of several environments.
 
-        Args:
-            observations: What each of them sees now; one or more.
-
         Returns:
             Per observation (horizon, dim) float64.
 
@@ -156,7 +149,7 @@ class LerobotPolicy(Adapted):
         return batch
 
 
-class LerobotStepPolicy:
+class LerobotStepPolicy(AdaptedPolicy):
     """A policy with a memory; each environment has one of its own, and all share the weights.
 
     Attributes:
@@ -179,10 +172,6 @@ class LerobotStepPolicy:
         self.adapter, self.server = self._inner.adapter, self._inner.server
         self.info: PolicyInfo = replace(self._inner.info, execution=Execution())
         self._seed = 0
-
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's; see :meth:`LerobotPolicy.check`."""
-        self._inner.check(space=space, observation=observation, rate_hz=rate_hz)
 
     def reset(self, start: EpisodeStart) -> None:
         """Forget the last episode.
@@ -297,12 +286,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
 
 
 def seed_of(observation: Observation, salt: int = 0) -> int:
-    """Return a number that depends on what is seen, and on nothing that is asked beside it.
-
-    Args:
-        observation: What is seen.
-        salt: Another number that goes in.
-    """
+    """Return a number that depends on what is seen, and on nothing that is asked beside it."""
     digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
     digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
     digest.update(np.asarray(observation.ee_position, np.float64).tobytes())

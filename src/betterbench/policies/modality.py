@@ -38,10 +38,6 @@ class Modalities:
     def read(cls, reply: object, where: str) -> Modalities:
         """Read what ``get_modality_config`` answered.
 
-        Args:
-            reply: A map from modality to :class:`ModalityConfig`; one that is empty declares nothing.
-            where: What to call the server in an error.
-
         Raises:
             HandshakeError: If it is something else, or asks for what no client can know.
         """
@@ -71,10 +67,6 @@ class Modalities:
         """Compare with what an adapter gives and reads.
 
         The name under which the sentence stands is no convention: the server's is used.
-
-        Args:
-            adapter: What this side gives.
-            where: What to call the server in an error.
 
         Raises:
             HandshakeError: If they differ; the text names both for each modality that does.

@@ -15,13 +15,18 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PolicyError
-from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo
+from betterbench.interface import EpisodeStart, Execution, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
-from betterbench.policies.connection import PolicyConnection, Terms, api_key
-from betterbench.policies.handshake import Declaration, compare, declare_adapter, read_execution, read_server
+from betterbench.policies.handshake import (
+    Declaration,
+    compare_declarations,
+    declare_adapter,
+    read_execution,
+    read_server,
+)
 from betterbench.policies.presets import NATIVE, adapter_of
-from betterbench.policies.remote import Adapted, check_start, describe_policy
+from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
 from betterbench.tasks import TrialId
@@ -29,7 +34,7 @@ from betterbench.tasks import TrialId
 _LONGEST_REASON = 20_000
 
 
-class OpenpiClient(Adapted):
+class OpenpiClient(ServerClient[WebSocket]):
     """A policy behind openpi's protocol; each environment has a client of its own.
 
     Attributes:
@@ -41,47 +46,39 @@ class OpenpiClient(Adapted):
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         """Connect and compare conventions.
 
-        Args:
-            address: Address of the server.
-            seed: Seed of the jitter between attempts.
-            max_bytes: Largest message that is taken [byte].
-
         Raises:
             PolicyUnavailableError: If the server cannot be reached.
             HandshakeError: If it declares other conventions than the address asks for.
             InvalidInputError: If neither side says which images and state the policy wants.
             UnknownNameError: If a name in the address does not exist.
         """
-        adapter_of(address, NATIVE)  # what is wrong with the address itself is told before anybody is dialled
-        self._address, self._max_bytes = address, max_bytes
-        self._key = api_key(address)
-        self._where = f"policy server {address.scheme}://{address.target}"
+        # What is wrong with the address itself is told before anybody is dialed.
+        super().__init__(address, adapter_of(address, NATIVE), seed=seed)
+        self._max_bytes = max_bytes
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False
         self._server_s = 0.0
         self._chosen: Adapter | None = None  # at the first handshake
-        self.server = Declaration(self._where)
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
         self._execution = Execution()
         self._within = False
-        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
-        self._link.open()
+        self._connection.open()
         ours = self._metadata.get("betterbench")
         wants = ours.get("needs_images") if isinstance(ours, Mapping) else None
-        info = describe_policy(
+        info = describe_remote_policy(
             address, self.adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
         )
         # What the address says about playing chunks goes before what the server says.
         if not set(EXECUTION_OPTIONS) & set(address.options):
             info = replace(info, execution=self._execution)
-        self.info: PolicyInfo = info
+        self.info = info
 
     @property
     def figures(self) -> dict[str, float]:
         """Wall-clock figures of the episode so far, by name with their unit."""
-        return {**self._link.figures, "policy_server_s": round(self._server_s, 6)}
+        return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode; the server is not told, the protocol has no word for it.
@@ -89,9 +86,8 @@ class OpenpiClient(Adapted):
         Raises:
             HandshakeError: If the episode wants actions of another kind.
         """
-        check_start(self.adapter, start, self._where)
+        super().reset(start)
         self._start, self._server_s = start, 0.0
-        self._link.count_anew()
 
     def name_trial(self, trial: TrialId) -> None:
         """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
@@ -112,7 +108,7 @@ class OpenpiClient(Adapted):
             connection.send(frame, timeout_s)
             return self._read(connection.receive(end - time.monotonic()))
 
-        reply = self._link.request(exchange)
+        reply = self._connection.request(exchange)
         actions = self.adapter.actions(reply, observation)
         taken = {key[0] for key in self.adapter.answer.columns}
         self.last_reply = {str(k): v for k, v in reply.items() if k not in taken}
@@ -121,10 +117,6 @@ class OpenpiClient(Adapted):
         if isinstance(spent, (int, float)) and 0.0 <= spent < 1e9:
             self._server_s += 0.001 * float(spent)
         return actions
-
-    def close(self) -> None:
-        """End the connection."""
-        self._link.close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
         """Connect, read the metadata and compare; after a restart of the server it is done again."""
@@ -154,17 +146,13 @@ class OpenpiClient(Adapted):
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
             theirs = replace(theirs, preset=adapter.name)  # the server reads this layout too
-        compare(declare_adapter("this side", adapter), theirs)
+        compare_declarations(declare_adapter("this side", adapter), theirs)
         self._chosen = self.adapter = adapter
         self.server = theirs
         self._metadata = {str(k): v for k, v in metadata.items()}
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
-        """Return the map in a frame.
-
-        Raises:
-            PolicyError: If it is an error of the server's, or no map.
-        """
+        """Return the map in a frame; raise PolicyError if it is an error of the server's, or no map."""
         if isinstance(frame, str):
             if self._within:
                 raise PolicyError(frame[:_LONGEST_REASON])

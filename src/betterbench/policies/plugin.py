@@ -54,11 +54,7 @@ def load_plugin(address: str) -> Policy:
 
 
 def source_of(address: str) -> str:
-    """Return name and fingerprint of the file that a plugin was loaded from in this process; empty if there is none.
-
-    Args:
-        address: "module:Class" or "file.py:Class", which has been loaded.
-    """
+    """Return name and fingerprint of the file that a plugin was loaded from in this process; empty if there is none."""
     where = address.rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():

@@ -1,4 +1,4 @@
-"""What the clients of websocket servers have in common as policies."""
+"""What policies with an adapter have in common, and those behind a server."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Generic
 
 from betterbench.errors import HandshakeError
 from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.handshake import Declaration, compare, declare_adapter
+from betterbench.policies.connection import Connection, ConnectionLimits, PolicyConnection, api_key
+from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter
 from betterbench.policies.image_rule import EVERY_CAMERA
 
 _LONGEST_TEXT = 2000
 _MOST_ENTRIES = 100
 
 
-def describe_policy(
+def describe_remote_policy(
     address: PolicyAddress,
     adapter: Adapter,
     declared: Mapping[str, Any],
@@ -73,11 +74,6 @@ def plain_text(value: object) -> str:
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
     """Check that an episode wants actions of the kind that a policy gives.
 
-    Args:
-        adapter: How the policy is spoken to.
-        start: How the episode begins.
-        who: What to call the policy in messages.
-
     Raises:
         HandshakeError: If it does not.
     """
@@ -88,43 +84,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
         )
 
 
-def check_run(
-    adapter: Adapter, theirs: Declaration, *, space: str, observation: ObservationSpec, rate_hz: float
-) -> None:
-    """Compare the conventions of a run with those of a policy, before the run starts.
-
-    Args:
-        adapter: How the policy is spoken to.
-        theirs: What its server declares.
-        space: Action space of the run.
-        observation: What the run renders.
-        rate_hz: Control rate of the run [Hz].
-
-    Raises:
-        HandshakeError: If they differ; the text names both sides.
-    """
-    ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
-    compare(ours, theirs)
-    if space != adapter.answer.space:
-        raise HandshakeError(
-            f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
-            f"Give --action-space {adapter.answer.space}."
-        )
-    rendered = {camera.name for camera in observation.cameras}
-    missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
-    if missing:
-        raise HandshakeError(
-            f"cameras: {theirs.who} is shown {', '.join(missing)} by adapter {adapter.name}, the run renders "
-            f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the address."
-        )
-    if adapter.control_rate_hz != rate_hz:
-        raise HandshakeError(
-            f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
-            "Correct control_rate_hz in the adapter."
-        )
-
-
-class Adapted:
+class AdaptedPolicy:
     """A policy with one adapter from its beginning, which compares itself with a run.
 
     Attributes:
@@ -135,6 +95,11 @@ class Adapted:
     adapter: Adapter
     server: Declaration
 
+    @property
+    def _compared(self) -> Declaration:
+        """What a run is compared with."""
+        return self.server
+
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
         """Compare the conventions of a run with the policy's, before the run starts.
 
@@ -144,6 +109,73 @@ class Adapted:
             rate_hz: Control rate of the run [Hz].
 
         Raises:
-            HandshakeError: If they differ.
+            HandshakeError: If they differ; the text names both sides.
         """
-        check_run(self.adapter, self.server, space=space, observation=observation, rate_hz=rate_hz)
+        adapter, theirs = self.adapter, self._compared
+        ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
+        compare_declarations(ours, theirs)
+        if space != adapter.answer.space:
+            raise HandshakeError(
+                f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
+                f"Give --action-space {adapter.answer.space}."
+            )
+        rendered = {camera.name for camera in observation.cameras}
+        missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
+        if missing:
+            raise HandshakeError(
+                f"cameras: {theirs.who} is shown {', '.join(missing)} by adapter {adapter.name}, the run renders "
+                f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
+                "address."
+            )
+        if adapter.control_rate_hz != rate_hz:
+            raise HandshakeError(
+                f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
+                "Correct control_rate_hz in the adapter."
+            )
+
+
+class ServerClient(AdaptedPolicy, Generic[Connection]):
+    """A policy behind a server; each environment has a client of its own.
+
+    What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`.
+
+    Attributes:
+        info: What the policy says about itself.
+    """
+
+    info: PolicyInfo
+
+    def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
+        """Prepare; a subclass opens the connection when it is ready to compare conventions.
+
+        Args:
+            address: Address of the server.
+            adapter: What the policy is shown, until the handshake decides otherwise.
+            seed: Seed of the jitter between attempts.
+        """
+        self._address, self._where = address, address.server_name
+        self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
+        self.adapter, self.server = adapter, Declaration(self._where)
+        self._connection = PolicyConnection(self._where, self._dial, ConnectionLimits.of(address, seed=seed))
+
+    def _dial(self, timeout_s: float) -> Connection:
+        """Connect and compare conventions within a time [s]; after a restart of the server it is done again."""
+        raise NotImplementedError
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name with their unit."""
+        return self._connection.figures
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode.
+
+        Raises:
+            HandshakeError: If it wants actions of another kind.
+        """
+        check_start(self.adapter, start, self._where)
+        self._connection.count_anew()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.close()

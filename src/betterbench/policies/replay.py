@@ -20,13 +20,6 @@ class Replay:
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
         """Load the actions.
 
-        Args:
-            folder: Folder of the run to replay.
-            task: Task of the trial to come.
-            condition: Condition of the trial to come.
-            base: Training condition it is derived from.
-            seed: Seed of the trial to come.
-
         Raises:
             InvalidInputError: If the run has neither record, or no folder was named.
         """

@@ -50,9 +50,6 @@ class Request:
 def read_request(message: Mapping[Any, Any]) -> Request:
     """Read a request.
 
-    Args:
-        message: The decoded frame.
-
     Raises:
         InvalidInputError: If a field is missing or malformed; the text names it.
     """

@@ -31,11 +31,6 @@ class RequestClient:
         ZeroMQ connects in the background and says nothing when nobody is there, so it is found out first whether
         anybody listens.
 
-        Args:
-            host: Name or address of the server.
-            port: Its port.
-            timeout_s: Longest time that finding out may take [s].
-
         Raises:
             OSError: If nobody listens there.
         """
@@ -63,10 +58,6 @@ class RequestClient:
 
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
-
-        Args:
-            frame: The question.
-            timeout_s: Longest time until the answer is there [s].
 
         Raises:
             OSError: If no answer came in time, or the server went away while it was waited for.

@@ -48,10 +48,6 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
     """Return a rotation in a policy's format.
 
-    Args:
-        q: Quaternion (w, x, y, z).
-        form: The format.
-
     Raises:
         ValueError: If all components of the quaternion are zero.
     """

@@ -194,11 +194,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame.
-
-        Raises:
-            InvalidInputError: If the frame is no request.
-        """
+        """Return the reply to a frame; raise InvalidInputError if the frame is no request."""
         if isinstance(frame, str):
             raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
         request = decode_openpi(frame)
@@ -210,11 +206,7 @@ class PolicyServer:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket.
-
-    Raises:
-        InvalidInputError: If it cannot be had.
-    """
+    """Return a listening socket; raise InvalidInputError if it cannot be had."""
     if not 0 <= port <= 65535:
         raise InvalidInputError("--port", f"{port} is no port", "Give 1 to 65535, or 0 for any free one")
     try:

@@ -132,9 +132,6 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 def write_torch(value: object) -> bytes:
     """Return a value as torch saves it.
 
-    Args:
-        value: Maps, lists, texts, numbers and NumPy arrays.
-
     Raises:
         MissingDependencyError: If torch is not installed.
         InvalidInputError: If it cannot be saved.

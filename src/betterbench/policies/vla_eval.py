@@ -16,13 +16,12 @@ import numpy as np
 
 import betterbench
 from betterbench.errors import HandshakeError, PolicyError
-from betterbench.interface import EpisodeStart, Observation, ObservationSpec, PolicyInfo
+from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connection import PolicyConnection, Terms, api_key
-from betterbench.policies.handshake import Declaration, compare
+from betterbench.policies.handshake import Declaration, compare_declarations
 from betterbench.policies.presets import VLA_EVAL, adapter_of
-from betterbench.policies.remote import check_run, check_start, describe_policy
+from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
 
@@ -51,10 +50,10 @@ _STATES = {
 _JOINTS = {"joint_position": "joint_positions", "joint_delta": "joint_delta_pos"}
 _RAW = "raw"
 
-Kind = Literal["hello", "observation", "action", "episode_start", "episode_end", "error"]
+_MessageKind = Literal["hello", "observation", "action", "episode_start", "episode_end", "error"]
 
 
-class VlaEvalClient:
+class VlaEvalClient(ServerClient[WebSocket]):
     """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own.
 
     Attributes:
@@ -65,41 +64,26 @@ class VlaEvalClient:
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         """Connect, say hello and compare conventions.
 
-        Args:
-            address: Address of the server.
-            seed: Seed of the jitter between attempts.
-            max_bytes: Largest message that is taken [byte].
-
         Raises:
             PolicyUnavailableError: If the server cannot be reached.
             HandshakeError: If it declares other conventions than the address asks for.
             UnknownNameError: If a name in the address does not exist.
         """
-        self._address, self._max_bytes = address, max_bytes
-        self._key = api_key(address)
-        self._where = f"policy server {address.scheme}://{address.target}"
+        super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
+        self._max_bytes, self._wanted = max_bytes, self.adapter
         self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
-        self._wanted = adapter_of(address, VLA_EVAL)
-        self.adapter: Adapter = self._wanted
-        self.server = Declaration(self._where)
         self._hello: Mapping[Any, Any] = {}
         self._start: EpisodeStart | None = None
         self._sequence = 0
         self._asked = 0
         self._running_on: WebSocket | None = None
-        self._link = PolicyConnection(self._where, self._dial, Terms.of(address, seed=seed))
-        self._link.open()
-        self.info: PolicyInfo = describe_policy(
+        self._connection.open()
+        self.info = describe_remote_policy(
             address,
             self.adapter,
             {str(k): v for k, v in self._hello.items()},
             says_actions=bool(self._hello.get("action_spec")),
         )
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """Wall-clock figures of the episode so far, by name with their unit."""
-        return self._link.figures
 
     def reset(self, start: EpisodeStart) -> None:
         """End the last episode and begin one; the server learns the sentence and nothing else of the trial.
@@ -109,11 +93,10 @@ class VlaEvalClient:
             PolicyError: If the server breaks.
             PolicyUnavailableError: If it cannot be reached.
         """
-        check_start(self.adapter, start, self._where)
+        super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
-        self._link.count_anew()
-        self._link.request(self._begin_episode, replies=False)
+        self._connection.request(self._begin_episode, replies=False)
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim) float64.
@@ -132,27 +115,19 @@ class VlaEvalClient:
             sent = self._send(connection, "observation", payload, timeout_s)
             return self._reply(connection, sent, end)
 
-        reply = self._link.request(exchange)
+        reply = self._connection.request(exchange)
         self._asked += 1
         return self.adapter.actions(reply, observation)
 
-    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ.
-        """
-        check_run(self.adapter, Declaration(self._where), space=space, observation=observation, rate_hz=rate_hz)
+    @property
+    def _compared(self) -> Declaration:
+        """Nothing: what the server declares is in the harness's words, which the handshake has compared."""
+        return Declaration(self._where)
 
     def close(self) -> None:
         """End the episode and the connection."""
         self._end_episode()
-        self._link.close()
+        super().close()
 
     def _dial(self, timeout_s: float) -> WebSocket:
         """Connect, say hello and compare; after a restart of the server it is done again."""
@@ -181,7 +156,7 @@ class VlaEvalClient:
             )
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
-        compare(ours, theirs)
+        compare_declarations(ours, theirs)
         self.adapter, self.server, self._hello = adapter, theirs, hello
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
@@ -193,21 +168,23 @@ class VlaEvalClient:
     def _end_episode(self) -> None:
         """Tell the server that the episode is over, if it still listens; how it went is not the policy's to know."""
         connection, self._running_on = self._running_on, None
-        if connection is None or not self._link.holds(connection):
+        if connection is None or not self._connection.holds(connection):
             return
         try:
             self._send(connection, "episode_end", {"steps": self._asked}, 1.0)
         except (OSError, PolicyError):
-            self._link.drop()
+            self._connection.drop()
 
-    def _send(self, connection: WebSocket, kind: Kind, payload: Mapping[str, Any], timeout_s: float) -> int:
+    def _send(self, connection: WebSocket, kind: _MessageKind, payload: Mapping[str, Any], timeout_s: float) -> int:
         """Send a message and return its number."""
         self._sequence += 1
         message = {"type": kind, "payload": dict(payload), "seq": self._sequence, "timestamp": time.time()}
         connection.send(encode_vla_eval(message, images=self._images), timeout_s)
         return self._sequence
 
-    def _reply(self, connection: WebSocket, sent: int, end: float, *, expected: Kind = "action") -> Mapping[Any, Any]:
+    def _reply(
+        self, connection: WebSocket, sent: int, end: float, *, expected: _MessageKind = "action"
+    ) -> Mapping[Any, Any]:
         """Return the payload of the answer to a message.
 
         Errors have the number of the message they are about: one about the start of the episode comes before.
@@ -272,11 +249,6 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     As in the harness, a format ``raw`` promises nothing, and ranges are no conventions: its own constant for rotation
     vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
     take them in order; how many there are is compared.
-
-    Args:
-        who: What to call the server in messages.
-        hello: What it said.
-        adapter: How it is spoken to.
 
     Returns:
         Its side and ours.

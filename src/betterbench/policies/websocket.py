@@ -29,12 +29,6 @@ class WebSocket:
     ) -> None:
         """Connect.
 
-        Args:
-            address: Address of the server.
-            timeout_s: How long connecting may take [s].
-            key: Key to show, or None.
-            max_bytes: Largest message that is taken [byte].
-
         Raises:
             OSError: If the server is not there or not ready.
             HandshakeError: If it refuses the key, or is no websocket server.
@@ -93,9 +87,6 @@ class WebSocket:
 
     def receive(self, timeout_s: float) -> bytes | str:
         """Return the next message.
-
-        Args:
-            timeout_s: How long it may take [s].
 
         Raises:
             OSError: If the connection broke or the time is over.

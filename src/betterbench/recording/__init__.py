@@ -4,6 +4,7 @@ from betterbench.recording.builder import RecordBuilder
 from betterbench.recording.columns import Contacts
 from betterbench.recording.durable import write_durably
 from betterbench.recording.journal import Journal, JournalEntry, Status, read_journal
+from betterbench.recording.line_journal import LineJournal
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.recording.parquet import read_outcome, read_record, record_bytes, write_record
@@ -16,6 +17,7 @@ __all__ = [
     "Contacts",
     "Journal",
     "JournalEntry",
+    "LineJournal",
     "Outcome",
     "Record",
     "RecordBuilder",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -72,8 +73,8 @@ class RecordBuilder:
 
         Args:
             state: Privileged state; ``state.step`` is the number of rows so far.
-            qpos: Generalised positions, shape (nq,); copied.
-            qvel: Generalised velocities, shape (nv,); copied.
+            qpos: Generalized positions, shape (nq,); copied.
+            qvel: Generalized velocities, shape (nv,); copied.
             ctrl: Actuator commands, shape (nu,); copied.
             act: Actuator activations, shape (na,), which belong to the physical state; copied.
             action: Action asked by the policy, shape (dim,); None at reset and only there.
@@ -92,11 +93,7 @@ class RecordBuilder:
                 "state.step", f"{state.step} where row {step} is due", "Append every control step once"
             )
         if state.info is not self._info:
-            if state.info != self._info:
-                raise InvalidInputError(
-                    "state.info", "is not the scene of the metadata", "Give both the same SceneInfo"
-                )
-            self._info = state.info  # the next comparison is by identity
+            self._check_scene(state)
         if (action is None) is not (step == 0) or (applied is None) is not (step == 0):
             raise InvalidInputError(
                 "action", f"given or missing in row {step}", "Give both actions in every row but row 0"
@@ -133,12 +130,7 @@ class RecordBuilder:
     ) -> Record:
         """Return the record of the episode.
 
-        Args:
-            termination: Why the episode ended.
-            success: Whether the trial counts as a success under its expected behavior.
-            error: What went wrong, if anything.
-            clipped_actions: Actions that had to be clipped.
-            invalid_actions: Answers that could not be executed.
+        The arguments are those of :class:`Outcome`.
 
         Raises:
             InvalidInputError: If nothing was appended, a state does not list the scene's objects or the outcome
@@ -148,58 +140,81 @@ class RecordBuilder:
         if not self._states:
             raise InvalidInputError("record", "has no rows", "Append the state at reset first")
         dump_json(asdict(outcome))
-        states, n = self._states, len(self._metadata.scene.objects)
-        rows = len(states)
-        index = {o.name: i for i, o in enumerate(self._metadata.scene.objects)}
-        joints = len(states[0].joint_positions)
-
-        def floats(name: str, values: object, shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
-            try:
-                return np.array(values, dtype=np.float64).reshape(shape)
-            except (TypeError, ValueError) as problem:
-                raise InvalidInputError(
-                    f"state.{name}", str(problem), f"Give {shape[1:]} numbers in every row"
-                ) from problem
-
-        held = [-1 if s.held is None else index.get(s.held, -2) for s in states]
-        if -2 in held:
-            row = held.index(-2)
-            raise InvalidInputError(
-                "state.held", f"{states[row].held!r} is no object (row {row})", "Name a scene object"
-            )
-        bodies, contacts = _collect_contacts(states)
+        rows = len(self._states)
+        bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
         qpos, qvel, act, ctrl, action, applied = (column[:rows].copy() for column in self._rows)
         return Record(
             metadata=self._metadata,
             outcome=outcome,
             bodies=bodies,
-            time=floats("time_s", [s.time_s for s in states], (rows,)),
             qpos=qpos,
             qvel=qvel,
             act=act,
             ctrl=ctrl,
             action=action,
             applied=applied,
-            ee_position=floats("ee_pose", [s.ee_pose.position for s in states], (rows, 3)),
-            ee_quaternion=floats("ee_pose", [s.ee_pose.quaternion for s in states], (rows, 4)),
-            commanded_position=floats("commanded_pose", [s.commanded_pose.position for s in states], (rows, 3)),
-            commanded_quaternion=floats("commanded_pose", [s.commanded_pose.quaternion for s in states], (rows, 4)),
-            finger_width=floats("finger_width_m", [s.finger_width_m for s in states], (rows,)),
-            gripper_command=floats("gripper_command", [s.gripper_command for s in states], (rows,)),
-            joint_positions=floats("joint_positions", [s.joint_positions for s in states], (rows, joints)),
-            joint_velocities=floats("joint_velocities", [s.joint_velocities for s in states], (rows, joints)),
-            object_positions=floats("positions", [s.positions for s in states], (rows, n, 3)),
-            object_quaternions=floats("quaternions", [s.quaternions for s in states], (rows, n, 4)),
-            object_linear_speeds=floats("linear_speeds", [s.linear_speeds for s in states], (rows, n)),
-            object_angular_speeds=floats("angular_speeds", [s.angular_speeds for s in states], (rows, n)),
-            held=np.array(held, dtype=np.int16),
+            held=self._held(),
             predicates=np.array(predicates, dtype=np.bool_).reshape(rows, len(self._metadata.predicate_names)),
             subgoals=np.array(subgoals, dtype=np.bool_).reshape(rows, len(self._metadata.subgoal_names)),
             goal=np.array(goals, dtype=np.bool_),
             forbidden=np.array(forbidden, dtype=np.bool_),
             contacts=contacts,
+            **self._state_columns(),
         )
+
+    def _state_columns(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the columns of numbers that the states give, by name.
+
+        Raises:
+            InvalidInputError: If a state does not list what the first one lists.
+        """
+        states, n = self._states, len(self._info.objects)
+        joints = len(states[0].joint_positions)
+        sources: dict[str, tuple[str, tuple[int, ...]]] = {
+            "time": ("time_s", ()),
+            "ee_position": ("ee_pose.position", (3,)),
+            "ee_quaternion": ("ee_pose.quaternion", (4,)),
+            "commanded_position": ("commanded_pose.position", (3,)),
+            "commanded_quaternion": ("commanded_pose.quaternion", (4,)),
+            "finger_width": ("finger_width_m", ()),
+            "gripper_command": ("gripper_command", ()),
+            "joint_positions": ("joint_positions", (joints,)),
+            "joint_velocities": ("joint_velocities", (joints,)),
+            "object_positions": ("positions", (n, 3)),
+            "object_quaternions": ("quaternions", (n, 4)),
+            "object_linear_speeds": ("linear_speeds", (n,)),
+            "object_angular_speeds": ("angular_speeds", (n,)),
+        }
+        columns = {}
+        for name, (source, shape) in sources.items():
+            values = list(map(attrgetter(source), states))
+            try:
+                columns[name] = np.array(values, dtype=np.float64).reshape(len(states), *shape)
+            except (TypeError, ValueError) as error:
+                cure = f"Give {shape} numbers in every row"
+                raise InvalidInputError(f"state.{source}", str(error), cure) from error
+        return columns
+
+    def _held(self) -> npt.NDArray[np.int16]:
+        """Return the index of the held object in every row, or -1.
+
+        Raises:
+            InvalidInputError: If a state holds what is no object of the scene.
+        """
+        index = {o.name: i for i, o in enumerate(self._info.objects)}
+        held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
+        if -2 in held:
+            row = held.index(-2)
+            problem = f"{self._states[row].held!r} is no object (row {row})"
+            raise InvalidInputError("state.held", problem, "Name a scene object")
+        return np.array(held, dtype=np.int16)
+
+    def _check_scene(self, state: WorldState) -> None:
+        """Refuse a state of another scene than that of the metadata; raise InvalidInputError if it is one."""
+        if state.info != self._info:
+            raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
+        self._info = state.info  # the next comparison is by identity
 
     def _check_shapes(self, shapes: tuple[tuple[int, ...], ...]) -> None:
         """Make room for rows of the first shapes, and refuse others later.

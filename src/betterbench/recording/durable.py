@@ -15,10 +15,6 @@ def write_durably(path: Path, data: bytes) -> None:
 
     A reader sees the old file or the new one, never a part. Missing folders are made.
 
-    Args:
-        path: Final place.
-        data: Whole content.
-
     Raises:
         OSError: If the disk is full or the place cannot be written; nothing is left behind then.
     """

@@ -1,30 +1,21 @@
-"""The journal of a run: one line per finished trial, the only truth for resuming."""
+"""The journal of a run: one line per finished trial. A run is resumed from it and from nothing else."""
 
 from __future__ import annotations
 
-import json
-import logging
-import math
-import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self, get_args
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.recording.durable import sync_folder
-from betterbench.recording.lock import RunLock
-from betterbench.recording.metadata import dump_json
-from betterbench.tasks import TrialId
-
-logger = logging.getLogger(__name__)
+from betterbench.json_form import read_form
+from betterbench.recording.line_journal import LineJournal, complete_lines
+from betterbench.tasks.trial_id import TrialId
 
 Status = Literal["done", "error"]
-"""Whether a trial has a record, or broke down outside the policy and is to be run again when the run is resumed."""
-
-LOCK_NAME = ".lock"
-"""File beside the journal that carries the lock of the run."""
+"""Whether a trial has a record, or broke down outside the policy and is run again when the run is resumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +24,7 @@ class JournalEntry:
 
     Attributes:
         task: Task id.
-        condition: Name of the condition within the task.
+        condition: Name of the condition within the task ("train1", "L3").
         variation: Name of the variation, or None on a training condition.
         seed: Seed of the trial.
         status: "done" when its record is on disk, "error" when it has to be run again.
@@ -51,68 +42,31 @@ class JournalEntry:
     wall: Mapping[str, float] = field(default_factory=dict)
     ground_truth: Mapping[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Refuse what could not be read back.
-
-        Raises:
-            InvalidInputError: If a field has another type or a figure is not finite.
-        """
-        form = self.to_json()
-        for name in ("task", "condition"):
-            if not isinstance(form[name], str):
-                raise InvalidInputError(name, f"{form[name]!r} is no text", "Give a name")
-        for name in ("variation", "message"):
-            if not isinstance(form[name], str | None):
-                raise InvalidInputError(name, f"{form[name]!r} is no text", "Give a text or nothing")
-        if not isinstance(form["seed"], int) or isinstance(form["seed"], bool) or form["seed"] < 0:
-            raise InvalidInputError("seed", f"{form['seed']!r} is no seed", "Give an integer of at least 0")
-        if self.status not in get_args(Status):
-            raise InvalidInputError("status", f"{self.status!r} is unknown", "Use 'done' or 'error'")
-        for name, value in form["wall"].items():
-            if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
-                raise InvalidInputError(f"wall.{name}", f"{value!r} is no finite number", "Leave the figure out")
-        for name, text in form["ground_truth"].items():
-            if not isinstance(text, str):
-                raise InvalidInputError(f"ground_truth.{name}", f"{text!r} is no text", "Give a text")
-
     @property
     def key(self) -> TrialId:
-        """What names the trial within the run."""
+        """The name of the trial within the run."""
         return TrialId(self.task, self.condition, self.seed)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {
-            "task": self.task,
-            "condition": self.condition,
-            "variation": self.variation,
-            "seed": self.seed,
-            "status": self.status,
-            "message": self.message,
-            "wall": dict(self.wall),
-            "ground_truth": dict(self.ground_truth),
-        }
 
-    @classmethod
-    def from_json(cls, form: object) -> JournalEntry:
-        """Read the JSON form.
+class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+    """The JSON form of an entry: every field is written, and journals of older versions hold no ground truth."""
 
-        Raises:
-            InvalidInputError: If it is no object with exactly the fields of an entry.
-        """
-        if not isinstance(form, dict) or set(form) | {"ground_truth"} != set(cls.__dataclass_fields__):
-            raise InvalidInputError("entry", "has not the fields of a finished trial", "Do not edit the journal")
-        if not isinstance(form["wall"], dict):
-            raise InvalidInputError("wall", f"{form['wall']!r} is no mapping", "Give figures by name")
-        if not isinstance(form.get("ground_truth", {}), dict):
-            raise InvalidInputError("ground_truth", f"{form['ground_truth']!r} is no mapping", "Give texts by name")
-        return cls(**form)
+    task: str
+    condition: str
+    variation: str | None
+    seed: Annotated[int, Field(ge=0)]
+    status: Status
+    message: str | None
+    wall: dict[str, float]
+    ground_truth: dict[str, str] = {}
 
 
-class Journal:
-    """The journal, open for appending by one process at a time.
+_LINE = TypeAdapter(_Line)
+_LINE_CURE = "Restore the line, or delete it to run its trial again"
 
-    Opening takes the lock of the run and cuts off a last line that a killed process left unfinished.
+
+class Journal(LineJournal):
+    """The journal of a run, open for appending by one process at a time.
 
     Args:
         path: The file ``journal.jsonl``; it is made if missing.
@@ -124,22 +78,11 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         """Open the journal."""
-        self._path = path
-        self._lock = RunLock(path.parent / LOCK_NAME)
-        self._handle: int | None = None
-        try:
-            entries, length = _read(path)
-            self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            if os.fstat(self._handle).st_size > length:
-                logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
-                os.ftruncate(self._handle, length)
-            os.fsync(self._handle)
-            sync_folder(path.parent)
-        except BaseException:
-            self.close()
-            raise
-        self._length = length
-        self._entries = {entry.key: entry for entry in entries}
+        self._entries: dict[TrialId, JournalEntry] = {}
+        super().__init__(path)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        self._entries = _last_entries(self._path, lines)
 
     @property
     def entries(self) -> tuple[JournalEntry, ...]:
@@ -155,52 +98,23 @@ class Journal:
         """Append a finished trial and force it to disk.
 
         Raises:
+            InvalidInputError: If the entry could not be read back: a figure is not finite, or a field has another type.
             RunConflictError: If the trial is finished already.
             OSError: If the disk is full; the journal is then as it was before.
             ValueError: If the journal is closed.
         """
-        if self._handle is None:
-            msg = f"{self._path}: the journal is closed"
-            raise ValueError(msg)
+        form = asdict(entry)
+        read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
         if self.is_done(entry.key):
             raise RunConflictError(
                 f"{self._path}: {entry.key} is finished already. Ask is_done() before running a trial."
             )
-        line = dump_json(entry.to_json()) + b"\n"
-        try:
-            written = 0
-            while written < len(line):
-                written += os.pwrite(self._handle, line[written:], self._length + written)
-            os.fsync(self._handle)
-        except OSError:
-            os.ftruncate(self._handle, self._length)
-            raise
-        self._length += len(line)
+        self._append_line(form)
         self._entries[entry.key] = entry
-
-    def close(self) -> None:
-        """Close the file and give the lock back; harmless when closed."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
-        self._lock.release()
-
-    def __enter__(self) -> Self:
-        """Return the open journal."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the journal."""
-        self.close()
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
     """Read a journal without changing it, also while a run appends to it.
-
-    Args:
-        path: The file ``journal.jsonl``; a missing one is empty.
 
     Returns:
         The last entry of every trial, in order of first appearance; an unfinished last line is left out.
@@ -208,31 +122,24 @@ def read_journal(path: Path) -> tuple[JournalEntry, ...]:
     Raises:
         RecordError: If a line is corrupt, or a trial is finished twice.
     """
-    return tuple({entry.key: entry for entry in _read(path)[0]}.values())
+    return tuple(_last_entries(path, complete_lines(path)[0]).values())
 
 
-def _read(path: Path) -> tuple[list[JournalEntry], int]:
-    """Return all complete lines as entries, and their length in bytes."""
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return [], 0
-    length = data.rfind(b"\n") + 1
-    entries: list[JournalEntry] = []
+def _last_entries(path: Path, lines: Sequence[bytes]) -> dict[TrialId, JournalEntry]:
+    entries: dict[TrialId, JournalEntry] = {}
     done: dict[TrialId, int] = {}
-    for number, line in enumerate(data[:length].split(b"\n")[:-1], start=1):
+    for number, line in enumerate(lines, start=1):
+        where = f"{path}: line {number}"
         try:
-            entry = JournalEntry.from_json(json.loads(line))
-        except (ValueError, InvalidInputError, RecursionError) as error:
-            raise RecordError(
-                f"{path}: line {number} is corrupt ({error}). Restore it, or delete the line to run its trial again."
-            ) from error
+            form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE)
+        except InvalidInputError as error:
+            raise RecordError(str(error)) from error
+        entry = JournalEntry(**form.model_dump())
         if entry.key in done:
             raise RecordError(
-                f"{path}: line {number} finishes {entry.key} again, after line {done[entry.key]}. "
-                "Delete one of the two lines."
+                f"{where} finishes {entry.key} again, after line {done[entry.key]}. Delete one of the two lines."
             )
         if entry.status == "done":
             done[entry.key] = number
-        entries.append(entry)
-    return entries, length
+        entries[entry.key] = entry
+    return entries

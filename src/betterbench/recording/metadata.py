@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, get_args
 
-from betterbench.errors import InvalidInputError, RecordError
+from pydantic import Field
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import strict_form
 from betterbench.state import SceneInfo
 
 SCHEMA_VERSION = 1
@@ -17,9 +20,12 @@ Termination = Literal["success", "failure", "step_limit", "policy_error", "inter
 """Why an episode ended: the goal was met (or rightly left alone), it became unreachable or forbidden, the step limit
 was reached, the policy broke its protocol, or the operator stopped it."""
 
+Count = Annotated[int, Field(ge=0)]
+
 TERMINATIONS: tuple[str, ...] = get_args(Termination)
 
 
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How an episode ended.
@@ -45,7 +51,7 @@ class Outcome:
             InvalidInputError: If a field is out of range or success contradicts the termination.
         """
         if self.termination not in TERMINATIONS:
-            problem = f"{self.termination!r} is no reason to end an episode"
+            problem = f"{self.termination!r} is not a reason to end an episode"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
         if self.success and self.termination in ("failure", "policy_error", "interrupted"):
             raise InvalidInputError(
@@ -53,9 +59,10 @@ class Outcome:
             )
         for name in ("clipped_actions", "invalid_actions"):
             if getattr(self, name) < 0:
-                raise InvalidInputError(name, f"{getattr(self, name)} is no count", "Give 0 or more")
+                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give 0 or more")
 
 
+@strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
     """What is known about an episode before it starts.
@@ -72,8 +79,8 @@ class RecordMetadata:
         interventions: The operations as text, in order.
         seed: Seed of the trial.
         policy: Address of the policy.
-        instruction: The sentence the policy was given.
-        expected: What a right policy does ("succeed", "refuse", "stay_still").
+        instruction: What the policy was asked to do.
+        expected: What a correct policy does ("succeed", "refuse", "stay_still").
         action_space: Name of the action space.
         action_components: Name of each number of an action.
         control_rate_hz: Control steps per second [Hz].
@@ -88,21 +95,21 @@ class RecordMetadata:
     """
 
     task: str
-    task_version: int
+    task_version: Count
     suite_version: str
     package_version: str
     condition: str
     variation: str | None
     axis: str | None
     base_condition: str | None
-    interventions: tuple[str, ...] = ()
-    seed: int
+    interventions: tuple[str, ...]
+    seed: Count
     policy: str
     instruction: str
     expected: str
     action_space: str
     action_components: tuple[str, ...]
-    control_rate_hz: float
+    control_rate_hz: Annotated[float, Field(gt=0.0)]
     camera_preset: str | None
     render_quality: str | None
     engine: Mapping[str, str]
@@ -110,7 +117,7 @@ class RecordMetadata:
     scene: SceneInfo
     predicate_names: tuple[str, ...]
     subgoal_names: tuple[str, ...]
-    schema_version: int = field(default=SCHEMA_VERSION)
+    schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -121,73 +128,6 @@ class RecordMetadata:
         form["engine"] = dict(self.engine)
         form["scene"] = self.scene.to_json()
         return form
-
-    @classmethod
-    def from_json(cls, form: Mapping[str, Any]) -> RecordMetadata:
-        """Read the JSON form.
-
-        Raises:
-            RecordError: If the schema version is another one, or a field is missing, unknown or of the wrong type.
-        """
-        version = form.get("schema_version")
-        if version != SCHEMA_VERSION:
-            raise RecordError(
-                f"schema version {version!r} is not {SCHEMA_VERSION}, the one this version of betterbench reads; "
-                "read it with the version that wrote it, or record the trial again"
-            )
-        values = dict(form)
-        for name, check in _CHECKS.items():
-            if name not in values:
-                raise RecordError(f"metadata field {name!r} is missing; record the trial again")
-            if not check(values[name]):
-                raise RecordError(f"metadata field {name!r} cannot be {values[name]!r:.80}; record the trial again")
-            if isinstance(values[name], list):
-                values[name] = tuple(values[name])
-        unknown = sorted(set(values) - set(_CHECKS))
-        if unknown:
-            raise RecordError(f"metadata field {unknown[0]!r} is unknown; read it with the version that wrote it")
-        return cls(**{**values, "scene": SceneInfo.from_json(values["scene"])})
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
-
-
-def _is_text_or_none(value: object) -> bool:
-    return value is None or isinstance(value, str)
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _is_texts(value: object) -> bool:
-    return isinstance(value, list) and all(isinstance(v, str) for v in value)
-
-
-def _is_rate(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0.0 < value < float("inf")
-
-
-def _is_text_map(value: object) -> bool:
-    return isinstance(value, dict) and all(isinstance(v, str) for v in value.values())
-
-
-def _is_object(value: object) -> bool:
-    return isinstance(value, dict)
-
-
-_CHECKS = {
-    **dict.fromkeys(("task", "suite_version", "package_version", "condition", "policy", "instruction"), _is_text),
-    **dict.fromkeys(("expected", "action_space", "scene_hash"), _is_text),
-    **dict.fromkeys(("variation", "axis", "base_condition", "camera_preset", "render_quality"), _is_text_or_none),
-    **dict.fromkeys(("task_version", "seed", "schema_version"), _is_count),
-    **dict.fromkeys(("interventions", "action_components", "predicate_names", "subgoal_names"), _is_texts),
-    "control_rate_hz": _is_rate,
-    "engine": _is_text_map,
-    "scene": _is_object,
-}
-"""What each field of the JSON form has to be. The form comes from files, which may come from strangers."""
 
 
 def dump_json(form: object) -> bytes:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import re
-from dataclasses import asdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.errors import BetterError, RecordError
+from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.json_form import read_form, strict_form
 from betterbench.recording.columns import WIDTH_NAMES, arrow_schema, from_table, split_columns, to_table
 from betterbench.recording.durable import write_durably
-from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
+from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, dump_json
 from betterbench.recording.record import Record
 
 METADATA_KEY = b"betterbench"
@@ -37,6 +40,49 @@ MAX_FILE_BYTES = 1 << 30
 
 MAX_UNPACKED_BYTES = 2 << 30
 """Largest size of all columns together after decompression. An hour of 500 numbers a row takes 0.3 GB."""
+
+
+_CURE = "Record the trial again"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """What stands in the schema of a record beside its columns."""
+
+    metadata: RecordMetadata
+    outcome: Outcome
+    bodies: tuple[str, ...]
+    widths: dict[str, Annotated[int, Field(ge=0, le=100_000)]]
+
+    def __post_init__(self) -> None:
+        """Refuse widths that are missing or at odds with the metadata."""
+        if set(self.widths) != set(WIDTH_NAMES):
+            raise InvalidInputError("widths", f"are not {', '.join(WIDTH_NAMES)}", _CURE)
+        told = {
+            "objects": len(self.metadata.scene.objects),
+            "action": len(self.metadata.action_components),
+            "predicates": len(self.metadata.predicate_names),
+            "subgoals": len(self.metadata.subgoal_names),
+        }
+        for name, count in told.items():
+            if self.widths[name] != count:
+                raise InvalidInputError(f"widths.{name}", f"is {self.widths[name]}, but {count} are named", _CURE)
+
+
+class _Version(BaseModel, strict=True):
+    schema_version: int
+
+
+class _VersionOnly(BaseModel):
+    metadata: _Version
+
+
+class _OutcomeOnly(BaseModel):
+    outcome: Outcome
+
+
+_DOCUMENT, _VERSION, _OUTCOME = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(_OutcomeOnly)
 
 
 def write_record(record: Record, path: Path) -> None:
@@ -92,11 +138,7 @@ def seal(data: bytes) -> bytes:
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return where the digest stands.
-
-    Raises:
-        RecordError: If there is not exactly one.
-    """
+    """Return where the digest stands; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(
@@ -111,50 +153,25 @@ def read_record(path: Path) -> Record:
     Args:
         path: A file that :func:`write_record` wrote; it may come from a stranger.
 
-    Returns:
-        The record.
-
     Raises:
         RecordError: If the file is missing, damaged, not a record, too large or of another schema version.
     """
-    try:
-        data = _intact(path)
-        with pq.ParquetFile(io.BytesIO(data)) as file:
-            form = _metadata_form(file)
-            metadata = RecordMetadata.from_json(_member(form, "metadata", dict))
-            outcome = _outcome(_member(form, "outcome", dict))
-            bodies = tuple(str(name) for name in _member(form, "bodies", list))
-            widths = _widths(_member(form, "widths", dict), metadata)
-            _check_columns(file, arrow_schema(widths))
-            table = file.read(use_threads=False)
-        arrays, contacts = from_table(table, widths, len(bodies))
-        return Record(metadata, outcome, bodies, contacts=contacts, **cast("dict[str, Any]", arrays))
-    except FileNotFoundError:
-        raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
-    except _UNREADABLE as error:
-        raise RecordError(f"{path}: {_reason(error)}.") from error
+    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path))) as file:
+        document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE)
+        _check_columns(file, arrow_schema(document.widths))
+        arrays, contacts = from_table(file.read(use_threads=False), document.widths, len(document.bodies))
+        columns = cast("dict[str, Any]", arrays)
+        return Record(document.metadata, document.outcome, document.bodies, contacts=contacts, **columns)
 
 
 def read_outcome(path: Path) -> Outcome:
     """Read how the episode of a record ended, and nothing else, which is fast.
 
-    Args:
-        path: A file that :func:`write_record` wrote.
-
     Raises:
         RecordError: As :func:`read_record`, of which it checks less.
     """
-    try:
-        with pq.ParquetFile(io.BytesIO(_intact(path))) as file:
-            return _outcome(_member(_metadata_form(file), "outcome", dict))
-    except FileNotFoundError:
-        raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
-    except _UNREADABLE as error:
-        raise RecordError(f"{path}: {_reason(error)}.") from error
-
-
-_UNREADABLE = (BetterError, pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError)
-"""What reading a damaged record, or one of a stranger, can raise."""
+    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path))) as file:
+        return read_form(_OUTCOME, _document_bytes(file), where="metadata", cure=_CURE).outcome
 
 
 def _intact(path: Path) -> bytes:
@@ -174,78 +191,41 @@ def _intact(path: Path) -> bytes:
     return data
 
 
-def _reason(error: Exception) -> str:
-    """Return why a record cannot be read, without a full stop."""
-    return str(error).rstrip(".") if isinstance(error, BetterError) else _first_line(error)
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Turn what reading a damaged record, or one of a stranger, can raise into an error that names the file."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
+    except BetterError as error:
+        raise RecordError(f"{path}: {str(error).rstrip('.')}.") from error
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        said = (str(error).splitlines() or [type(error).__name__])[0][:200]
+        raise RecordError(
+            f"{path}: is damaged or no record ({said}); delete it and run the same command again."
+        ) from error
 
 
-def _first_line(error: Exception) -> str:
-    """Return what a library says about a damaged file, with the cure."""
-    said = (str(error).splitlines() or [type(error).__name__])[0][:200]
-    return f"is damaged or no record ({said}); delete it and run the same command again"
-
-
-def _metadata_form(file: pq.ParquetFile) -> dict[str, Any]:
-    """Return the JSON document of a file.
+def _document_bytes(file: pq.ParquetFile) -> bytes:
+    """Return the JSON document of a file, whose schema version is the one that is read here.
 
     Raises:
-        RecordError: If there is none.
+        RecordError: If there is none, or it has another version.
+        InvalidInputError: If it gives no version.
     """
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
-    if raw is None:
+    if not isinstance(raw, bytes):
         raise RecordError(
             "is a Parquet file but no record: it lacks the metadata 'betterbench'; choose a file of a run"
         )
-    form = json.loads(raw)
-    if not isinstance(form, dict):
-        raise RecordError("its metadata is no JSON object; record the trial again")
-    return form
-
-
-def _member(form: dict[str, Any], name: str, kind: type) -> Any:  # noqa: ANN401 -- checked against ``kind``
-    """Return a member of the JSON document.
-
-    Raises:
-        RecordError: If it is missing or of another kind.
-    """
-    value = form.get(name)
-    if not isinstance(value, kind):
-        raise RecordError(f"its {name!r} is missing or malformed; record the trial again")
-    return value
-
-
-def _outcome(form: dict[str, Any]) -> Outcome:
-    """Return the outcome from its JSON form.
-
-    Raises:
-        RecordError: If a field is missing, unknown or of the wrong type.
-    """
-    kinds = {"termination": str, "success": bool, "error": str | None, "clipped_actions": int, "invalid_actions": int}
-    if set(form) != set(kinds) or not all(isinstance(form[name], kind) for name, kind in kinds.items()):
-        raise RecordError("its 'outcome' is malformed; record the trial again")
-    return Outcome(**form)
-
-
-def _widths(form: dict[str, Any], metadata: RecordMetadata) -> dict[str, int]:
-    """Return the widths from their JSON form.
-
-    Raises:
-        RecordError: If a width is missing, out of range or at odds with the metadata.
-    """
-    for name in WIDTH_NAMES:
-        value = form.get(name)
-        if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 100_000:
-            raise RecordError(f"its width {name!r} cannot be {value!r}; record the trial again")
-    told = {
-        "objects": len(metadata.scene.objects),
-        "action": len(metadata.action_components),
-        "predicates": len(metadata.predicate_names),
-        "subgoals": len(metadata.subgoal_names),
-    }
-    for name, count in told.items():
-        if form[name] != count:
-            raise RecordError(f"its width {name!r} is {form[name]}, but {count} are named; record the trial again")
-    return {name: form[name] for name in WIDTH_NAMES}
+    version = read_form(_VERSION, raw, where="metadata", cure=_CURE).metadata.schema_version
+    if version != SCHEMA_VERSION:
+        raise RecordError(
+            f"schema version {version} is not {SCHEMA_VERSION}, the one this version of betterbench reads; "
+            "read it with the version that wrote it, or record the trial again"
+        )
+    return raw
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:

@@ -2,40 +2,44 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
-import stat
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording.durable import PART_SUFFIX, write_durably
-from betterbench.recording.journal import LOCK_NAME, Journal, JournalEntry, read_journal
+from betterbench.recording.journal import Journal, JournalEntry, read_journal
+from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.parquet import read_record, write_record
 from betterbench.recording.record import Record
+from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.user_files import COPIES, loaded_files, require_origins
 
 RUN_SCHEMA_VERSION = 1
 """Version of ``run.json`` and of the layout of the folder."""
 
-MAX_SCENE_BYTES = 256 * 1024 * 1024
-"""Largest size of a stored scene after decompression."""
-
-MAX_SCENE_FILES = 10_000
-"""Largest number of files of a stored scene."""
-
 _MAX_RUN_JSON_BYTES = 64 * 1024 * 1024
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _HASH = re.compile(r"[0-9a-f]{8,128}")
-_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
-_READ_BLOCK = 1 << 20
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _RunDocument:
+    schema_version: Literal[1]
+    plan: dict[str, Any]
+    context: dict[str, Any]
+
+
+_RUN_DOCUMENT = TypeAdapter(_RunDocument)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,26 +108,16 @@ class RunFolder:
             RecordError: If the folder holds no run, a corrupt one or one of another version, or its tasks are defined
                 by a user's file that is not loaded.
         """
-        file = path / "run.json"
+        if not (path / "run.json").is_file():
+            raise RecordError(f"{path}: holds no run (no run.json). Give the folder that `--out` named.")
+        cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         try:
-            if file.stat().st_size > _MAX_RUN_JSON_BYTES:
-                raise RecordError(f"{file}: is larger than {_MAX_RUN_JSON_BYTES} bytes. This is no run.")
-            form = json.loads(file.read_bytes())
-        except (FileNotFoundError, NotADirectoryError):
-            raise RecordError(f"{path}: holds no run (no run.json). Give the folder that `--out` named.") from None
-        except (ValueError, RecursionError) as error:
-            raise RecordError(f"{file}: is corrupt ({error}). Restore it, or start the run in a new folder.") from error
-        version = form.get("schema_version") if isinstance(form, dict) else None
-        if version != RUN_SCHEMA_VERSION:
-            raise RecordError(
-                f"{file}: schema version {version!r} is not {RUN_SCHEMA_VERSION}. "
-                "Read the run with the version of betterbench that wrote it."
-            )
-        for name in ("plan", "context"):
-            if not isinstance(form.get(name), dict):
-                raise RecordError(f"{file}: {name!r} is missing or malformed. Restore it, or start in a new folder.")
-        require_origins(form["plan"], path)
-        return cls(path, form["plan"], form["context"])
+            data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure)
+            document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure)
+        except InvalidInputError as error:
+            raise RecordError(str(error)) from error
+        require_origins(document.plan, path)
+        return cls(path, document.plan, document.context)
 
     @property
     def journal_path(self) -> Path:
@@ -175,11 +169,6 @@ class RunFolder:
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
         """Return the place of a trial's record.
-
-        Args:
-            task: Task id.
-            condition: Name of the condition within the task: a variation's name, or "train1".
-            seed: Seed of the trial.
 
         Raises:
             InvalidInputError: If a name could leave the folder or the seed is negative.
@@ -240,10 +229,6 @@ class RunFolder:
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
         """Store a scene once; the same files give the same bytes.
 
-        Args:
-            scene_hash: Name of the scene, which stands for its content.
-            files: Content by relative name with forward slashes.
-
         Returns:
             The archive; one that exists is left as it is.
 
@@ -251,25 +236,8 @@ class RunFolder:
             InvalidInputError: If a name could leave the archive's folder or the scene is too large.
         """
         path = self.scene_path(scene_hash)
-        if path.exists():
-            return path
-        for name in files:
-            problem = _member_problem(name)
-            if problem:
-                raise InvalidInputError(f"scene file {name!r}", problem, "Give a relative name with forward slashes")
-        total = sum(len(data) for data in files.values())
-        if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
-            problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"
-            raise InvalidInputError("scene", problem, "Reduce its meshes and textures")
-        buffer = io.BytesIO()
-        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in sorted(files):
-                member = zipfile.ZipInfo(name, _ZIP_EPOCH)
-                member.compress_type = zipfile.ZIP_DEFLATED
-                member.create_system = 3  # Unix, whatever the machine
-                member.external_attr = (stat.S_IFREG | 0o644) << 16
-                archive.writestr(member, files[name])
-        write_durably(path, buffer.getvalue())
+        if not path.exists():
+            write_scene(path, files)
         return path
 
     def load_scene(self, scene_hash: str) -> dict[str, bytes]:
@@ -278,14 +246,7 @@ class RunFolder:
         Raises:
             RecordError: If the scene is missing, damaged or too large, or a name could leave a folder.
         """
-        path = self.scene_path(scene_hash)
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return _read_members(path, archive)
-        except FileNotFoundError:
-            raise RecordError(f"{path}: the scene is not stored. Run the trial again to store it.") from None
-        except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, OSError) as error:
-            raise RecordError(f"{path}: is damaged ({error}). Delete it and run the trial again.") from error
+        return read_scene(self.scene_path(scene_hash))
 
     def _inside(self, top: str, *names: str) -> Path:
         """Return a path below the folder, and refuse one that would lead out of it."""
@@ -310,11 +271,7 @@ def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
 
 
 def _safe_name(what: str, name: str) -> str:
-    """Return a name that can stand in a path.
-
-    Raises:
-        InvalidInputError: If it cannot.
-    """
+    """Return a name that can stand in a path; raise InvalidInputError if it cannot."""
     if not _NAME.fullmatch(name):
         problem = f"{name!r} cannot be the name of a file"
         raise InvalidInputError(
@@ -324,51 +281,10 @@ def _safe_name(what: str, name: str) -> str:
 
 
 def _seed(seed: int) -> int:
-    """Return a seed that can stand in a file name.
-
-    Raises:
-        InvalidInputError: If it is negative.
-    """
+    """Return a seed that can stand in a file name; raise InvalidInputError if it is negative."""
     if seed < 0:
         raise InvalidInputError("seed", f"{seed} is negative", "Give an integer of at least 0")
     return seed
-
-
-def _member_problem(name: str) -> str | None:
-    """Return why a name must not stand in an archive, or None."""
-    if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
-        return "is no portable file name"
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts or str(path) != name:
-        return "could lead out of its folder"
-    return None
-
-
-def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
-    """Return the content of an archive within the limits.
-
-    Raises:
-        RecordError: If it exceeds them, or holds a name that could lead out of a folder or stands there twice.
-    """
-    members = archive.infolist()
-    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is no scene of a run.")
-    if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
-        raise too_large
-    files: dict[str, bytes] = {}
-    left = MAX_SCENE_BYTES
-    for member in members:
-        problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
-        if problem:
-            raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is no scene of a run.")
-        blocks: list[bytes] = []
-        with archive.open(member) as stream:
-            while block := stream.read(_READ_BLOCK):
-                left -= len(block)
-                if left < 0:
-                    raise too_large
-                blocks.append(block)
-        files[member.filename] = b"".join(blocks)
-    return files
 
 
 def _is_leftover(path: Path) -> bool:
@@ -383,13 +299,7 @@ def _remove_parts(folder: Path) -> None:
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
-    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None.
-
-    Args:
-        there: One value.
-        asked: The other.
-        where: Name of the whole, which the place begins with.
-    """
+    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
     if isinstance(there, dict) and isinstance(asked, dict):
         for key in sorted(set(there) | set(asked)):
             if key not in there or key not in asked:

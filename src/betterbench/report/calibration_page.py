@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import io
-from base64 import b64encode
 from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
 from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
+from betterbench.report.html import data_uri, environment, write
 from betterbench.report.wording import listed
 from betterbench.statistics import Rate, percent
 
@@ -24,38 +23,23 @@ KINDS = {
 
 
 def write_calibration_page(calibration: Calibration, out: Path) -> Path:
-    """Write the page, the matrix as SVG and PNG, and the tables as Markdown for the documentation.
-
-    Args:
-        calibration: The calibration.
-        out: Folder; it is made if need be.
-
-    Returns:
-        The path of ``calibration.html``.
-    """
-    out.mkdir(parents=True, exist_ok=True)
+    """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path."""
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
-    _write(out / "confusion.svg", svg)
-    _write(out / "confusion.png", _drawn(figure, "png"))
-    _write(out / "calibration.md", calibration_markdown(calibration).encode())
-    environment = Environment(
-        loader=PackageLoader("betterbench.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(rate=rate_text, name=label_name)
-    page = environment.get_template("calibration.html.jinja").render(
+    write(out / "confusion.svg", svg)
+    write(out / "confusion.png", _drawn(figure, "png"))
+    write(out / "calibration.md", calibration_markdown(calibration))
+    pages = environment()
+    pages.filters.update(rate=rate_text, name=label_name)
+    page = pages.get_template("calibration.html.jinja").render(
         calibration=calibration,
-        matrix=f"data:image/svg+xml;base64,{b64encode(svg).decode('ascii')}",
+        matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
         suspicious=suspicious(calibration.probes),
         speechless=listed(speechless(calibration.probes)),
         kinds=KINDS,
     )
-    return _write(out / "calibration.html", page.encode())
+    return write(out / "calibration.html", page)
 
 
 def confusion_figure(calibration: Calibration) -> Figure:
@@ -172,10 +156,3 @@ def _drawn(figure: Figure, kind: str) -> bytes:
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "betterbench"}):
         figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else {"Software": None})
     return buffer.getvalue()
-
-
-def _write(path: Path, data: bytes) -> Path:
-    """Write a file beside its place and rename it."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(data)
-    return beside.replace(path)

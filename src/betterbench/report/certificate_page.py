@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from betterbench.certification.certificate import CLAUSES, Certificate, Summary, seed_ranges, summaries
+from betterbench.report.html import environment, write
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,42 +27,28 @@ class TaskRows:
 
 
 def write_certificate_page(certificate: Certificate, path: Path) -> Path:
-    """Write the page beside its place and rename it.
-
-    Args:
-        certificate: The certificate.
-        path: The file.
-
-    Returns:
-        The path.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_text(render_certificate(certificate), encoding="utf-8", newline="")
-    return beside.replace(path)
+    """Write the page and return its path."""
+    return write(path, render_certificate(certificate))
 
 
 def render_certificate(certificate: Certificate) -> str:
     """Return the page as HTML."""
-    environment = Environment(
-        loader=PackageLoader("betterbench.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     groups = summaries(certificate.trials)
-    return environment.get_template("certificate.html.jinja").render(
-        certificate=certificate,
-        clauses=CLAUSES,
-        tasks=_by_task(groups),
-        variations=[s for s in groups if not s.training],
-        training=[s for s in groups if s.training],
-        seeds=seed_ranges(certificate.seeds).replace("-", "–").replace(",", ", "),
-        passed=sum(t.passed for t in certificate.trials),
-        solved=sum(t.clauses["a"].passed for t in certificate.trials),
-        failing=[t for t in certificate.trials if not t.passed],
-        minutes=certificate.wall_s / 60.0,
+    return (
+        environment()
+        .get_template("certificate.html.jinja")
+        .render(
+            certificate=certificate,
+            clauses=CLAUSES,
+            tasks=_by_task(groups),
+            variations=[s for s in groups if not s.training],
+            training=[s for s in groups if s.training],
+            seeds=seed_ranges(certificate.seeds).replace("-", "–").replace(",", ", "),
+            passed=sum(t.passed for t in certificate.trials),
+            solved=sum(t.clauses["a"].passed for t in certificate.trials),
+            failing=[t for t in certificate.trials if not t.passed],
+            minutes=certificate.wall_s / 60.0,
+        )
     )
 
 

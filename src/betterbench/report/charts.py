@@ -24,11 +24,7 @@ Keep = Callable[[TrialDiagnosis], bool]
 
 
 def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
-    """Return every chart that the runs can fill.
-
-    Args:
-        diagnoses: The runs.
-    """
+    """Return every chart that the runs can fill."""
     made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
     return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
 
@@ -122,7 +118,8 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         counts = Counter(t.label for t in varied if t.kind is not Kind.NONE)
         ranked = sorted(counts, key=lambda label: (-counts[label], list(LEGEND).index(label)))[:MODES_SHOWN]
         rows = tuple(
-            Bar(LEGEND[label].short, rate_figure(counts[label], len(varied)), LEGEND[label].family) for label in ranked
+            Bar(LEGEND[label].short, Figure.of_rate(Rate(counts[label], len(varied))), LEGEND[label].family)
+            for label in ranked
         )
         if rows:
             groups.append(BarGroup("" if len(diagnoses) == 1 else d.policy, rows))
@@ -157,23 +154,10 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     )
 
 
-def rate_figure(k: int, n: int) -> Figure:
-    """Return the figure of a count out of trials; without trials it has no value."""
-    rate = Rate(k, n)
-    if rate.value is None:
-        return Figure(None, None, None, k, n)
-    return Figure(rate.value, rate.low, rate.high, k, n)
-
-
 def twin_figure(diagnosis: RunDiagnosis, keep: Keep) -> Figure:
-    """Return the success rate of the distinct training trials from which variation trials are derived.
-
-    Args:
-        diagnosis: The run.
-        keep: Which variation trials count.
-    """
+    """Return the success rate of the distinct training trials from which the chosen variation trials are derived."""
     found = {twin.key: twin.success for twin, trial in twins(diagnosis.trials) if keep(trial)}
-    return rate_figure(sum(found.values()), len(found))
+    return Figure.of_rate(Rate(sum(found.values()), len(found)))
 
 
 def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str, keep: Keep) -> BarGroup | None:

@@ -44,20 +44,11 @@ class Scale:
         """Return how far along the scale a value lies, between 0 and 1; what lies outside is clipped."""
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
-    def at(self, value: float) -> str:
-        """Return the position of a value in percent of the width, for an SVG attribute."""
-        return f"{100 * self.share(value):.2f}%"
-
     @property
     def values(self) -> tuple[float, ...]:
         """The values of the grid lines."""
         count = round((self.high - self.low) / GRID)
         return tuple(self.low + GRID * i for i in range(count + 1))
-
-    @property
-    def ticks(self) -> tuple[tuple[str, str], ...]:
-        """Position and text of every grid line."""
-        return tuple((self.at(v), _tick(v)) for v in self.values)
 
 
 UNIT = Scale(0.0, 1.0)
@@ -129,15 +120,12 @@ class Chart:
 
 
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
-    """Return a chart as one SVG element.
+    """Return a chart as one SVG element, in which every text is escaped.
 
     Args:
         chart: The chart.
         narrow: Whether labels stand above the bars, for a phone.
-        style: Style sheet to carry along and a white ground, for a file; the page brings its own.
-
-    Returns:
-        The markup; every text in it is escaped.
+        style: Style sheet to carry along with a white ground, for a file; the page has its own style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"
@@ -159,12 +147,7 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
 
 
 def file_style(figure_css: str, page_css: str) -> str:
-    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables.
-
-    Args:
-        figure_css: Style sheet of the charts.
-        page_css: Style sheet of the page, which defines the colors.
-    """
+    """Return the style sheet of a chart's file: the page's light colors written out, for viewers without variables."""
     light = dict(re.findall(r"--([\w-]+): light-dark\(([^,]+),", page_css))
     plain = re.sub(r"var\(--([\w-]+)\)", lambda found: light.get(found[1], "#000"), figure_css)
     return plain + "text{font-family:Helvetica,Arial,sans-serif}.ground{fill:#fff}"

@@ -34,12 +34,7 @@ class Export:
 
 
 def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTable]) -> tuple[Export, ...]:
-    """Return every table of a report in its file forms.
-
-    Args:
-        diagnoses: The runs.
-        paper_tables: The paper's tables, filled in.
-    """
+    """Return every table of a report in its file forms."""
     exports = []
     for table in paper_tables:
         plain = plain_paper_table(table)
@@ -117,14 +112,15 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     """Return one row per policy and planned trial, with everything the diagnosis found."""
     columns = (
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
-        "kind", "intended", "first_attempt", "first_slot", "intention_correct", "progress", "attempts", "rule",
-        "evidence", "evidence_start_s", "evidence_end_s", "shared", "candidates", "collisions", "steps",
-        "duration_s", "record",
+        "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
+        "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s",
+        "shared", "candidates", "collisions", "steps", "duration_s", "record",
     )  # fmt: skip
     rows = tuple(
         (
             d.policy, t.task, t.variation, t.condition, t.axis, t.seed, t.instruction, t.expected, t.success,
-            t.label.value, t.kind.value, t.intended, t.first_attempt, t.first_slot, t.intention_correct, t.progress,
+            t.label.value, t.kind.value, t.intended, t.intended_kind, " ".join(t.intended_any), t.first_attempt,
+            t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
             " ".join(t.evidence.shared), " ".join(t.evidence.candidates), t.collisions, t.steps, t.duration_s, t.record,
         )

@@ -19,12 +19,7 @@ _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2
 
 
 def film_key(policy: str, trial: str) -> str:
-    """Return the name of a trial's film among the films of several policies.
-
-    Args:
-        policy: Address of the policy.
-        trial: Key of the trial ("fast_food/T1/3").
-    """
+    """Return the name of the film of a trial ("fast_food/T1/3") among the films of several policies."""
     return f"{policy} {trial}"
 
 
@@ -43,7 +38,6 @@ class Frame:
     caption: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse images of other formats and impossible times."""
         if not any(self.image.startswith(signature) for signature in _SIGNATURES):
             raise InvalidInputError("image", "neither a JPEG nor a PNG file", "Encode the frame as JPEG or PNG")
         if not (math.isfinite(self.time_s) and self.time_s >= 0.0):
@@ -112,18 +106,12 @@ class Showing:
 
 
 def trials_worth_showing(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
-    """Pick representative trials, so that every kind of failure of every variation is seen before any is seen twice.
+    """Return at most ``limit`` representative trials with the moments to render, the most telling first.
 
-    Each pair of variation and label gives one trial: the one whose evidence comes at the median time, preferably one
-    whose twin succeeded. Reasoning failures come first, then execution failures, then solved trials; within
-    these the commonest pairs. Trials without a record cannot be shown.
-
-    Args:
-        diagnosis: The run.
-        limit: Largest number of trials.
-
-    Returns:
-        At most ``limit`` trials with the moments to render, the most telling first.
+    Every kind of failure of every variation is shown before any is shown twice. Each pair of variation and label gives
+    one trial: the one whose evidence comes at the median time, preferably one whose twin succeeded. Reasoning failures
+    come first, then execution failures, then solved trials; within these the commonest pairs. Trials without a record
+    cannot be shown.
 
     Raises:
         InvalidInputError: If the limit is negative.

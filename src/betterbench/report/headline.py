@@ -100,12 +100,8 @@ class Headline:
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """Return the verdict on a run.
 
-    Args:
-        diagnosis: The run.
-
-    Returns:
-        The verdict. The main failure is the most frequent label within the most frequent kind of failure over all
-        variation trials; reasoning goes first when two kinds are equally frequent.
+    The main failure is the most frequent label within the most frequent kind of failure over all variation trials;
+    reasoning goes first when two kinds are equally frequent.
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
@@ -130,11 +126,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
-    """Return the leading failure mode of variation trials with its counts, or None without failures.
-
-    Args:
-        trials: The trials.
-    """
+    """Return the leading failure mode of variation trials with its counts, or None without failures."""
     failed = [trial for trial in trials if trial.kind is not Kind.NONE]
     label = main_failure(failed)
     if label is None:

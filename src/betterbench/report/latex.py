@@ -45,11 +45,7 @@ def escape(text: str) -> str:
 
 
 def table_to_latex(table: Table) -> str:
-    """Return a plain table as a booktabs tabular, or as a longtable if it is long.
-
-    Args:
-        table: The table.
-    """
+    """Return a plain table as a booktabs tabular, or as a longtable if it is long."""
     columns = "".join("r" if _numeric(table, i) else "l" for i in range(len(table.columns)))
     header = " & ".join(escape(column.replace("_", " ")) for column in table.columns) + r" \\"
     rows = [" & ".join(_cell(value) for value in row) + r" \\" for row in table.rows]
@@ -78,11 +74,7 @@ def table_to_latex(table: Table) -> str:
 
 
 def paper_table_to_latex(table: PaperTable) -> str:
-    """Return one of the paper's tables in the paper's shape, with counts and 95 % intervals.
-
-    Args:
-        table: The table.
-    """
+    """Return one of the paper's tables in the paper's shape, with counts and 95 % intervals."""
     groups, rules, at = [], [], 2
     for group in table.groups:
         end = at + group.span - 1

@@ -30,14 +30,11 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> dict[str, Any]:
-    """Return the data of the trial list.
+    """Return the data of the trial list; page.js names the columns of a trial.
 
     Args:
         diagnoses: The runs.
         films: Number of each film on the page, by its key.
-
-    Returns:
-        ``strings``, ``labels``, ``kinds``, ``axes`` and ``trials``; page.js names the columns of a trial.
     """
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
@@ -51,11 +48,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> d
 
 
 def script_json(value: object) -> str:
-    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&`` and no line separators.
-
-    Args:
-        value: Anything that JSON can hold; NaN is refused.
-    """
+    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, no line separators, no NaN."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.trial import setup_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import Scalar, Table
 from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
-from betterbench.tasks.labels import Label
+from betterbench.tasks.labels import Label, all_labels
 
 PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
     Horizon.SHORT: (
@@ -124,11 +124,9 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by what they are and not by their names. The cell in which everything stands on the table is
-    training's own and holds training conditions only; every other cell holds each condition whose objects begin so.
-
-    Args:
-        diagnosis: The run.
+    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
+    so.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
@@ -138,7 +136,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
-        setting = setup_of(*name.split("/"))
+        setting = resolve_condition(*name.split("/"))
         place = position_of(setting.condition, training=setting.axis is None)
         if place is not None:
             groups.setdefault(place, []).append(_source(name, setting.condition, members))
@@ -146,11 +144,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
 
 def plain_matrix(matrices: Sequence[Matrix]) -> Table:
-    """Return matrices of one kind as a plain table: one row per policy and cell, rates as fractions.
-
-    Args:
-        matrices: The same matrix of one or more policies.
-    """
+    """Return the same matrix of several policies as a plain table: one row per policy and cell, rates as fractions."""
     rows: list[tuple[Scalar, ...]] = []
     for matrix in matrices:
         for cell in (cell for row in matrix.cells for cell in row):
@@ -191,7 +185,7 @@ def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
     """Return labels by frequency, equal ones in the order of the labels."""
-    order = list(Label)
+    order = all_labels()
     return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
 
 

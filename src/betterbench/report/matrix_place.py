@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
 
-from betterbench.diagnosis.trial import setup_of
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import Condition, Subgoal, all_tasks
 
 
@@ -44,12 +44,7 @@ class CellPosition:
 def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
     """Return the cell that a condition belongs to, or None if it belongs to neither matrix.
 
-    Args:
-        condition: The condition.
-        training: Whether it is a training condition.
-
-    Returns:
-        The place: on the short horizon for one object to be picked, on the long one for two.
+    One object to be picked belongs to the short horizon, two to the long one.
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:
@@ -68,7 +63,7 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
     found: dict[CellPosition, list[str]] = {}
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
-            setting = setup_of(task.id, name)
+            setting = resolve_condition(task.id, name)
             place = position_of(setting.condition, training=setting.axis is None)
             if place is not None:
                 found.setdefault(place, []).append(f"{task.id}/{name}")

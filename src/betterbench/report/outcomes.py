@@ -93,11 +93,7 @@ def task_title(name: str) -> str:
 
 
 def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per variation of a run, in the order of the suite.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per variation of a run, in the order of the suite."""
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
@@ -110,11 +106,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 
 
 def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
-    """Return one row per task with the outcomes of all its training conditions.
-
-    Args:
-        diagnosis: The run.
-    """
+    """Return one row per task with the outcomes of all its training conditions."""
     groups: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is None:
@@ -122,7 +114,7 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
     return [
         ConditionRow(
             f"{task}/training", task, None, None, "training conditions", "", EXPECTED_NAMES["succeed"],
-            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), _nothing(), _nothing(),
+            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), Figure(), Figure(),
             segments_of(trials),
         )
         for task, trials in sorted(groups.items())
@@ -165,7 +157,7 @@ def _variation_row(
         tuple(str(operation) for operation in known.interventions) if known is not None else (),
         known.support.value if known is not None else "",
         _rate(diagnosis, f"{task}/{name}", trials),
-        _of_rate(twin),
+        Figure.of_rate(twin),
         Figure.of(diagnosis.metric("illusion_gap", f"{task}/{name}"), difference=True, noun="pairs"),
         segments_of(trials),
     )
@@ -184,16 +176,4 @@ def _rate(diagnosis: RunDiagnosis, scope: str, trials: list[TrialDiagnosis]) -> 
     metric = diagnosis.metric("success_rate", scope)
     if metric is not None:
         return Figure.of(metric)
-    return _of_rate(Rate(sum(t.success for t in trials), len(trials)))
-
-
-def _of_rate(rate: Rate) -> Figure:
-    """Return the figure of a rate; without trials it has no ends."""
-    if rate.value is None:
-        return Figure(None, None, None, rate.k, rate.n)
-    return Figure(rate.value, rate.low, rate.high, rate.k, rate.n)
-
-
-def _nothing() -> Figure:
-    """Return the figure of something that was not measured."""
-    return Figure(None, None, None, None, None)
+    return Figure.of_rate(Rate(sum(t.success for t in trials), len(trials)))

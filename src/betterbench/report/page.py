@@ -7,19 +7,18 @@ from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.report.charts import charts_of
-from betterbench.report.drawing import UNIT, Chart, draw, file_style
+from betterbench.report.drawing import Chart, draw, file_style
 from betterbench.report.exports import Export, exports_of
 from betterbench.report.film import Film, Frame
 from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
+from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
@@ -90,10 +89,10 @@ def write_report(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write the report of one policy, or of several side by side.
+    """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
-    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. Each file is written beside its place and renamed.
+    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``.
 
     Args:
         diagnoses: One diagnosis per policy; the order is the order on the page.
@@ -101,11 +100,7 @@ def write_report(
         films: Films to show, by :func:`~betterbench.report.film.film_key`; those of unknown trials are refused.
         latex: Whether to write the tables as LaTeX too.
         machine: What to say about the machine, by name ("processor", "renderer").
-        trust: What is known about the instrument itself, by name ("Certified trials", "Calibration"): how far the
-            scenes and the labels can be trusted.
-
-    Returns:
-        The path of ``index.html``.
+        trust: How far the scenes and the labels can be trusted, by name ("Certificate", "Calibration").
 
     Raises:
         InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
@@ -123,15 +118,13 @@ def write_report(
     charts = _shown_charts(charts_of(diagnoses))
     page = render_page(diagnoses, exports, charts, films=shown, latex=latex, machine=machine, trust=trust)
     folder, figures = out / "tables", out / "figures"
-    folder.mkdir(parents=True, exist_ok=True)
-    figures.mkdir(parents=True, exist_ok=True)
     for shown_chart in charts:
-        _write(figures / f"{shown_chart.chart.name}.svg", shown_chart.file)
+        write(figures / f"{shown_chart.chart.name}.svg", shown_chart.file)
     for export in exports:
-        _write(folder / f"{export.name}.csv", export.csv)
+        write(folder / f"{export.name}.csv", export.csv)
         if latex:
-            _write(folder / f"{export.name}.tex", export.latex)
-    return _write(out / "index.html", page)
+            write(folder / f"{export.name}.tex", export.latex)
+    return write(out / "index.html", page)
 
 
 def render_page(
@@ -144,30 +137,14 @@ def render_page(
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the page as HTML.
-
-    Args:
-        diagnoses: One diagnosis per policy.
-        exports: Tables to offer for download.
-        charts: Charts to show.
-        films: Films to show.
-        latex: Whether to offer the LaTeX form of the tables.
-        machine: What to say about the machine.
-        trust: What to say about the instrument.
-    """
-    environment = Environment(
-        loader=PackageLoader("betterbench.report", "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(data_uri=_text_uri, picture=_image_uri, p_text=p_text, plural=plural, group=_grouped)
-    script = _asset("page.js")
+    """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
+    pages = environment()
+    pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural, group=_grouped)
+    script = asset("page.js")
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
     numbers = {shown.film.key: shown.number for shown in films}
-    return environment.get_template("page.html.jinja").render(
+    return pages.get_template("page.html.jinja").render(
         diagnoses=diagnoses,
         headlines=headlines,
         single=len(diagnoses) == 1,
@@ -179,7 +156,6 @@ def render_page(
         paper=paper_facts(),
         charts=charts,
         tasks=task_views(diagnoses),
-        unit=UNIT,
         films=films,
         opening=_opening(headlines, films),
         trust=dict(trust or {}),
@@ -197,7 +173,7 @@ def render_page(
         seeds=_seeds(trials),
         rare=round(100 * RARE_SHARE),
         weak=round(100 * WEAK_SHARE),
-        style=Markup(_asset("page.css") + _asset("figure.css")),  # noqa: S704 - our own file
+        style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
         script=Markup(script),  # noqa: S704 - our own file
         script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
         data=Markup(script_json(listing_of(diagnoses, numbers))),  # noqa: S704 - made safe for a script element
@@ -231,7 +207,7 @@ def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -
 
 def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
     """Return charts drawn for both widths and for a file."""
-    style = file_style(_asset("figure.css"), _asset("page.css"))
+    style = file_style(asset("figure.css"), asset("page.css"))
     return [
         ShownChart(
             chart,
@@ -339,28 +315,6 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
     return warnings
 
 
-def _asset(name: str) -> str:
-    """Return a text file of the page."""
-    return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
-
-
-def _text_uri(text: str, media_type: str) -> str:
-    """Return a text as a data URI."""
-    return f"data:{media_type};charset=utf-8;base64,{b64encode(text.encode()).decode('ascii')}"
-
-
-def _image_uri(frame: Frame) -> str:
-    """Return a image as a data URI."""
-    return f"data:{frame.media_type};base64,{b64encode(frame.image).decode('ascii')}"
-
-
 def _grouped(number: int) -> str:
     """Return a count with a thin space between thousands, from five digits on or for round reading ("1 440")."""
     return f"{number:,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
-
-
-def _write(path: Path, text: str) -> Path:
-    """Write a text beside its place and rename it."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_text(text, encoding="utf-8", newline="")
-    return beside.replace(path)

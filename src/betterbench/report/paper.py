@@ -78,13 +78,9 @@ def paper_facts() -> dict[str, Any]:
 
 
 def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the intention accuracy per instruction on the coffee task.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the intention accuracy per instruction on the coffee task, one row per run."""
     names = ("L1", "L2", "L3", "L4")
-    rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS, None, None, None, None) for _ in names))]
+    rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS) for _ in names))]
     rows += [
         PaperRow(
             d.policy, "run", tuple(Figure.of(d.metric("intention_accuracy", f"morning_coffee/{n}")) for n in names)
@@ -93,7 +89,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
     ]
     n = paper_facts()["trials_per_cell"]
     for name, counts in paper_facts()["coffee"]["rows"].items():
-        rows.append(PaperRow(name, "paper", tuple(_figure(Rate(k, n)) for k in counts)))
+        rows.append(PaperRow(name, "paper", tuple(Figure.of_rate(Rate(k, n)) for k in counts)))
     return PaperTable(
         "coffee",
         "Preparing morning coffee: which mug is grasped first",
@@ -106,11 +102,7 @@ def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
-    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR.
-
-    Args:
-        diagnoses: The runs, one row each.
-    """
+    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
     names = ("train1", "train2", "R1")
     rows = []
     for diagnosis in diagnoses:
@@ -122,7 +114,9 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
         first, second, novel = (Rate(k, n) for k in counts)
         found = delta_success_rate(novel, (first, second))
         delta = Figure(found.value, found.low, found.high, None, n, difference=True)
-        rows.append(PaperRow(name, "paper", (_figure(first), _figure(second), _figure(novel), delta)))
+        rows.append(
+            PaperRow(name, "paper", (Figure.of_rate(first), Figure.of_rate(second), Figure.of_rate(novel), delta))
+        )
     return PaperTable(
         "composition",
         "Packing a fast food order: can seen steps be recombined?",
@@ -140,11 +134,7 @@ def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
 
 
 def plain_paper_table(table: PaperTable) -> Table:
-    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own.
-
-    Args:
-        table: The table.
-    """
+    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own."""
     columns = ["model", "source"]
     for column in table.columns:
         columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]
@@ -155,8 +145,3 @@ def plain_paper_table(table: PaperTable) -> Table:
             cells += [f.value, f.low, f.high, f.k, f.n]
         rows.append(tuple(cells))
     return Table(table.name, table.caption, tuple(columns), tuple(rows))
-
-
-def _figure(rate: Rate) -> Figure:
-    """Return the figure of a rate."""
-    return Figure(rate.value, rate.low, rate.high, rate.k, rate.n)

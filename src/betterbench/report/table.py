@@ -35,9 +35,6 @@ def to_csv(table: Table) -> str:
 
     Texts that a spreadsheet would run as a formula get an apostrophe in front. Numbers are written as numbers; the full
     precision of a fraction is kept.
-
-    Args:
-        table: The table.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")

@@ -68,11 +68,7 @@ class TaskView:
 
 
 def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
-    """Return tasks with their conditions and how every policy did on them.
-
-    Args:
-        diagnoses: The runs.
-    """
+    """Return the tasks with their conditions and how every policy did on them."""
     by_id: dict[str, list[tuple[str, ConditionRow]]] = {}
     for diagnosis in diagnoses:
         for row in (*training_rows(diagnosis), *variation_rows(diagnosis)):

@@ -13,11 +13,7 @@ from betterbench.tasks import SUITE_VERSION
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return what is known about the instrument, by name, a sentence or two each.
-
-    Args:
-        diagnoses: The runs of the report.
-    """
+    """Return what is known about the benchmark itself for these runs, by name, a sentence or two each."""
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     facts = {"Certificate": _certified(trials)}
     calibration = packaged_calibration()

@@ -7,7 +7,7 @@ from decimal import Decimal
 from fractions import Fraction
 
 from betterbench.diagnosis.verdict import Metric
-from betterbench.statistics import percent, round_half_up
+from betterbench.statistics import Rate, percent, round_half_up
 
 MISSING = "not measured"
 """What stands where a run has no such number."""
@@ -31,11 +31,11 @@ class Figure:
         p_value: Of the test, where there is one.
     """
 
-    value: float | None
-    low: float | None
-    high: float | None
-    k: int | None
-    n: int | None
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    k: int | None = None
+    n: int | None = None
     difference: bool = False
     noun: str = "trials"
     p_value: float | None = None
@@ -44,9 +44,16 @@ class Figure:
     def of(cls, metric: Metric | None, *, difference: bool = False, noun: str = "trials") -> Figure:
         """Return the figure of a metric; a missing metric gives a figure without a value."""
         if metric is None:
-            return cls(None, None, None, None, None, difference, noun)
+            return cls(difference=difference, noun=noun)
         low, high = (metric.low, metric.high) if metric.value is not None else (None, None)
         return cls(metric.value, low, high, metric.k, metric.n, difference, noun, metric.p_value)
+
+    @classmethod
+    def of_rate(cls, rate: Rate) -> Figure:
+        """Return the figure of a rate; without trials it has neither value nor ends."""
+        if rate.value is None:
+            return cls(k=rate.k, n=rate.n)
+        return cls(rate.value, rate.low, rate.high, rate.k, rate.n)
 
     @property
     def missing(self) -> bool:

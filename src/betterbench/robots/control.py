@@ -12,6 +12,7 @@ episode can be continued from any recorded state.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -99,19 +100,14 @@ class ArmController:
         self.spec = spec
         self.action_space = action_space
         self.ik = ArmIK(spec)
-        self._advance = {
-            EE_DELTA.name: self._ee_delta,
-            EE_DELTA_MEASURED.name: self._ee_delta_measured,
-            EE_POSE.name: self._ee_pose,
-            JOINT_POSITION.name: self._joint_position,
-            JOINT_DELTA.name: self._joint_delta,
-        }.get(action_space.name)
-        if self._advance is None or action_space.dim != _DIMENSIONS[action_space.name]:
+        driven, advance = _DRIVEN.get(action_space.name, (None, None))
+        if driven is None or advance is None or action_space.dim != driven.dim:
             raise InvalidInputError(
                 "action space",
                 f"{action_space.name!r} is not one that the arm controller drives",
-                f"Choose one of {', '.join(_DIMENSIONS)}",
+                f"Choose one of {', '.join(_DRIVEN)}",
             )
+        self._advance = advance
         substeps = spec.control_period_s / model.opt.timestep
         if abs(substeps - round(substeps)) > 1e-6:
             raise InvalidInputError(
@@ -168,8 +164,7 @@ class ArmController:
     def home(self, data: mujoco.MjData) -> None:
         """Put the arm at rest into its home posture with open fingers, and the controller with it.
 
-        Args:
-            data: State to change; call ``mj_forward`` before reading anything derived from it.
+        Call ``mj_forward`` before reading anything derived from the state.
         """
         data.qpos[self._qpos] = self.ik.home
         data.qvel[self._qvel] = 0.0
@@ -177,11 +172,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there.
-
-        Args:
-            data: State whose servo activations and controls are set.
-        """
+        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
         joints = data.qpos[self._qpos]
         self._joints = np.array(joints)
         self._pose = self.ik.forward(self._joints)
@@ -211,10 +202,7 @@ class ArmController:
         self._measured = measured
         joints = data.qpos[self._qpos]
         reference = data.act[self._act]
-        advance = self._advance
-        if advance is None:
-            raise AssertionError("the constructor has checked the action space")
-        goal = advance(numbers, joints, reference)
+        goal = self._advance(self, numbers, joints, reference)
         rate = goal - reference
         rate /= self._period
         ctrl = data.ctrl
@@ -317,7 +305,15 @@ class ArmController:
             )
 
 
-_DIMENSIONS = {space.name: space.dim for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)}
+# Functions of the class and not methods of an instance: a controller that referred to itself, with the models of its
+# inverse kinematics, would stay in memory until a garbage collection.
+_DRIVEN: dict[str, tuple[ActionSpace, Callable[[ArmController, list[float], np.ndarray, np.ndarray], np.ndarray]]] = {
+    EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
+    EE_DELTA_MEASURED.name: (EE_DELTA_MEASURED, ArmController._ee_delta_measured),
+    EE_POSE.name: (EE_POSE, ArmController._ee_pose),
+    JOINT_POSITION.name: (JOINT_POSITION, ArmController._joint_position),
+    JOINT_DELTA.name: (JOINT_DELTA, ArmController._joint_delta),
+}
 
 
 _COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)

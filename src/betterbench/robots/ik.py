@@ -96,11 +96,7 @@ class IKResult:
 
 
 class ArmIK:
-    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``.
-
-    Args:
-        spec: The robot.
-    """
+    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``."""
 
     def __init__(self, spec: RobotSpec) -> None:
         """Compile the arm (once per process and robot) and set up the tasks."""
@@ -174,16 +170,10 @@ class ArmIK:
         return np.array(moved)
 
     def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of the joint reference one control step later.
+        """Return the lowest and the highest joint reference one control step later, each of shape (n,) [rad].
 
         A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that
         it slows down before the limit. From outside the limits it returns at full speed.
-
-        Args:
-            q: Present reference, shape (n,) [rad].
-
-        Returns:
-            Lowest and highest reference, each of shape (n,) [rad].
         """
         low, high = self._window(q.tolist(), None, 0.0)
         return np.array(low), np.array(high)
@@ -309,13 +299,9 @@ class ArmIK:
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: list[float], low: list[float], high: list[float], target: Pose) -> list[float]:
-        """Return the joint angles after one iteration of a control step, with the Jacobian prepared before.
+        """Return the joint angles [rad] after one iteration of a control step, with the Jacobian prepared before.
 
-        Args:
-            q: Present joint angles [rad]; those set last.
-            low: Lowest result [rad].
-            high: Highest result [rad].
-            target: Pose to move to.
+        ``q`` are the joint angles set last; the result lies between ``low`` and ``high``.
         """
         x, y, z, rx, ry, rz = self._world_error(target)
         turn = ORIENTATION_COST * ORIENTATION_COST
@@ -355,16 +341,9 @@ class ArmIK:
         high: np.ndarray,
         problem: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Return the joint angles after one step of the quadratic program inside the bounds.
+        """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds.
 
-        Args:
-            q: Present joint angles, shape (n,) [rad].
-            low: Lowest result, shape (n,) [rad].
-            high: Highest result, shape (n,) [rad].
-            problem: What :meth:`_linearise` returned, possibly with a newer error.
-
-        Returns:
-            New joint angles, shape (n,) [rad].
+        ``problem`` is what :meth:`_linearise` returned, possibly with a newer error.
         """
         hessian, jacobian, error = problem
         gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)

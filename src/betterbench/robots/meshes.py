@@ -89,17 +89,14 @@ def visual_parts(
     cache_folder: Path | None = None,
     progress: Progress | None = None,
 ) -> tuple[MeshPart, ...]:
-    """Return the decimated visual meshes, from the cache where possible.
+    """Return the decimated visual meshes, ordered by link and paint, from the cache where possible.
 
     Args:
         shares: Per source file stem, its weight in the face budget (multiplies its surface).
         paint: Sorts the connected parts of each file into paints.
         faces: Largest number of triangles of all parts together.
         cache_folder: Where to keep the result; by default the user's cache folder.
-        progress: Told about each link while the meshes are prepared; not called when the cache is used.
-
-    Returns:
-        The parts, ordered by link and paint.
+        progress: Called for each link while the meshes are prepared; not called when the cache is used.
 
     Raises:
         MissingDependencyError: If a source file is missing.
@@ -164,17 +161,10 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return per vertex the number of its connected part.
+    """Return per vertex the number of its connected part, shape (count,), of triangles of shape (F, 3).
 
     Every vertex takes the smallest label around it until nothing changes; following labels to their own labels halves
     the remaining distance each round.
-
-    Args:
-        count: Number of vertices.
-        faces: Triangles, shape (F, 3).
-
-    Returns:
-        Part numbers 0, 1, …, shape (count,).
     """
     labels = np.arange(count)
     while True:

@@ -26,6 +26,7 @@ import mujoco
 import numpy as np
 
 from betterbench.robots.meshes import visual_parts
+from betterbench.robots.physics import PHYSICS
 from betterbench.robots.spec import Progress, RobotSpec, register_robot
 
 VISUAL_GROUP = 2
@@ -305,7 +306,7 @@ PANDA = RobotSpec(
     gripper_speed_m_s=0.1,
     gripper_force_n=_GRIPPER_FORCE_N,
     gripper_lead_m=0.012,
-    control_rate_hz=20.0,
+    control_rate_hz=PHYSICS.control_rate_hz,
     reach_m=0.855,
 )
 
@@ -346,24 +347,16 @@ def _paint(link: str, rank: int) -> str:
 
 
 def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of the Panda.
+    """Return a fresh MuJoCo description of the Panda, without visual meshes if asked; physics is the same.
 
-    Args:
-        visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Told about the one-time preparation of the meshes.
-
-    Returns:
-        Description with the base at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those
-        of group 3 collide.
+    The base is at the origin, ``z = 0`` being the mounting flange; geoms of group 2 are seen, those of group 3 collide.
 
     Raises:
         MissingDependencyError: If the package that holds the meshes is not installed.
     """
     spec = mujoco.MjSpec()
     spec.modelname = PANDA.name
-    spec.compiler.degree = False
-    spec.compiler.autolimits = True
-    _set_physics(spec)
+    PHYSICS.set_solver(spec)
     for name, rgba in _PAINTS.items():
         spec.add_material(name=f"panda_{name}", rgba=rgba, specular=0.35, shininess=0.35)
 
@@ -391,15 +384,6 @@ def build_panda(*, visuals: bool = True, progress: Progress | None = None) -> mu
     if visuals:
         _add_visuals(bodies, spec, progress)
     return spec
-
-
-def _set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the physics that all scenes of the benchmark share (design, section 4)."""
-    spec.option.timestep = 0.002
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
-    spec.option.noslip_iterations = 3
 
 
 def _add_link(parent: mujoco.MjsBody, link: _Link, name: str, *, mirrored: bool = False) -> mujoco.MjsBody:
@@ -441,7 +425,7 @@ def _add_shape(body: mujoco.MjsBody, shape: _Shape, name: str) -> None:
     body.add_geom(name=name, type=kind, fromto=(*shape.start, *shape.end), size=(shape.radius, 0.0, 0.0), **_COLLIDES)
 
 
-_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": 4, "rgba": (0.9, 0.4, 0.1, 0.5)}
+_COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "rgba": (0.9, 0.4, 0.1, 0.5)}
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:

@@ -110,8 +110,7 @@ class RobotSpec:
     def contact_name(self, body: str) -> str | None:
         """Return what a contact of this body is recorded as, or None for a body that is not part of the robot.
 
-        Args:
-            body: Body name in the robot's own model, without the prefix of the scene.
+        The body is named as in the robot's own model, without the prefix of the scene.
         """
         if body == self.finger_bodies[0]:
             return "left_finger"
@@ -165,15 +164,12 @@ def robot(name: str) -> RobotSpec:
 
 
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
-    """Return a fresh MuJoCo description of a robot, to be attached to a scene or compiled alone.
+    """Return a fresh MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
     Args:
         name: Name of the robot.
         visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Told about the one-time preparation of the meshes.
-
-    Returns:
-        The description. Its base is at the origin of its world body.
+        progress: Called during the one-time preparation of the meshes.
 
     Raises:
         UnknownNameError: If no robot of this name is registered.

@@ -2,7 +2,8 @@
 
 from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
 from betterbench.scenes.clearance import Clearance
-from betterbench.scenes.rendering import Images, Renderer, gl_backend, renderer_fingerprint
+from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
+from betterbench.scenes.rendering import Images, Renderer
 from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
 from betterbench.scenes.stored import StoredView, load_model
 

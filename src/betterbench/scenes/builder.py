@@ -14,11 +14,13 @@ import numpy as np
 
 from betterbench.assets import Asset, build, looks
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import Pose, Vector, from_yaw, rotate
+from betterbench.geometry import Pose, Vector, from_yaw
 from betterbench.robots import RobotSpec, build_robot_spec, robot
 from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
 from betterbench.tasks import Condition, ObjectSpec, TargetRegion, Task, stream
+from betterbench.tasks.relations import RestingPlace
+from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.closed import MOUNTS
 from betterbench.tasks.relations.layer import LAYERS
 
@@ -118,17 +120,17 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
     shut: dict[str, Pose] = {}
     for o in condition.objects:
         if o.mount is not None:
-            mount = chosen[o.mount.target].region(o.mount.at)
+            mount = chosen[o.mount.target].region(o.mount.region)
             shut[o.name] = poses[o.mount.target] @ mount.pose
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
     for name, place in condition.preplaced.items():
-        below = _below(condition, place) or place.target
-        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], at=place.at)
+        below = _below(condition, place)
+        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], region=place.region)
     placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
         there = condition.preplaced.get(p.spec.name) or p.spec.mount
-        where = condition.layout.get(p.spec.name, "" if there is None else f"~{there.at}")
+        where = condition.layout.get(p.spec.name, "" if there is None else f"~{there.region}")
         return (p.spec.role, p.asset.identity, where)
 
     return tuple(sorted(placements, key=order))
@@ -146,45 +148,41 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
     return opening
 
 
-def _below(condition: Condition, place: TargetRegion) -> str | None:
-    """Return what lies under a preplaced layer, if that is not the base of the stack."""
+def _below(condition: Condition, place: TargetRegion) -> str:
+    """Return what a pre-placed object rests on: the layer below it where the stack has one, else the target itself."""
     for name, other in condition.preplaced.items():
-        if other.target == place.target and place.at in LAYERS[1:] and other.at == LAYERS[LAYERS.index(place.at) - 1]:
+        if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
-    return None
+    return place.target
 
 
-def preplaced_pose(task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose, *, at: str = "") -> Pose:
+def _under(layer: str) -> str:
+    return LAYERS[LAYERS.index(layer) - 1]
+
+
+def preplaced_pose(
+    task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose, *, region: str = ""
+) -> Pose:
     """Return where an object rests that is at its target from the start, well inside the tolerance of the goal.
 
     Args:
         task: The task.
         seed: Seed of the trial.
         asset: The object.
-        target: What it rests in or on: a container, a ring, a hole, a plate, or the thing below it in a stack.
+        target: What it rests in or on: a container, a ring, a hole, a plate, or the layer below it in a stack.
         T_world_target: Where that is.
-        at: TargetRegion of the target, where it offers several.
+        region: Target region, where the target offers several.
+
+    Raises:
+        InvalidInputError: If nothing can be pre-placed in the relation that the task asks for.
     """
-    dx, dy, dyaw = stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3)
-    names = {r.name for r in target.regions}
-    if at in names:
-        x, y, z = target.region(at).position
-        turned = Pose((x + 0.001 * float(dx), y + 0.001 * float(dy), z), from_yaw(float(dyaw)))
-    elif "floor" in names or at in LAYERS:
-        x, y, z = target.region("floor" if "floor" in names else "top").position
-        turned = Pose((x + 0.003 * float(dx), y + 0.003 * float(dy), z), from_yaw(float(dyaw)))
-    elif "ring" in names:
-        turn = from_yaw(0.1 * float(dyaw))
-        foot = next((r.position for r in asset.regions if r.name == "base"), (0.0, 0.0, 0.0))
-        fx, fy, fz = rotate(turn, foot)
-        x, y, z = target.region("ring").position
-        turned = Pose((x - fx + 0.003 * float(dx), y - fy + 0.003 * float(dy), z - fz), turn)
-    else:
-        inner = target.region("inside")
-        x, y, z = inner.position
-        place = Pose((x + 0.02 * float(dx), y + 0.02 * float(dy), z - inner.half_size[2]))
-        turned = Pose(place.position, from_yaw(float(dyaw)))
-    return T_world_target @ turned @ rest_pose(asset)
+    relation = relation_named(task.template.relation)
+    if relation.preplace is None:
+        problem = f"nothing can rest {relation.name!r} its target from the start"
+        raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a preplace function")
+    dx, dy, dyaw = (float(v) for v in stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3))
+    mine, its = ({r.name: (r.position, r.half_size) for r in a.regions} for a in (asset, target))
+    return T_world_target @ relation.preplace(RestingPlace((dx, dy, dyaw), mine, its, region)) @ rest_pose(asset)
 
 
 _CACHE: OrderedDict[str, CompiledScene] = OrderedDict()
@@ -197,14 +195,8 @@ def compile_scene(
 ) -> CompiledScene:
     """Return the compiled model of a set of objects, from a cache where possible.
 
-    Only what a model holds decides: assets, fixed poses, robot and render quality. Names, slots and start poses of free
-    objects do not, so trials that differ in layout or language share one model.
-
-    Args:
-        placements: The objects.
-        quality: Render quality.
-        robot_name: Name of the robot.
-        stage_look: Look of the table and the room.
+    Only what a model holds decides: assets, fixed poses, robot, render quality and the look of table and room. Names,
+    slots and start poses of free objects do not, so trials that differ in layout or language share one model.
     """
     digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
     for p in placements:

@@ -27,9 +27,7 @@ _Vector = tuple[float, float, float]
 class Culling:
     """Knows what a perspective camera of a model, which looks through the middle of its image, cannot see.
 
-    Args:
-        model: Compiled model.
-        scene: The scene that the images are drawn from; filled anew for each image.
+    The scene is the one that the images are drawn from; it is filled anew for each image.
     """
 
     def __init__(self, model: mujoco.MjModel, scene: mujoco.MjvScene) -> None:
@@ -44,7 +42,7 @@ class Culling:
         self._learn()
 
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
-        """Take geoms out of the scene that a camera does not see, and tell whether it may see the sky.
+        """Take geoms out of the scene that a camera does not see, and return whether it may see the sky.
 
         Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
         world looks at all of the table, and nearly nothing could be left out.
@@ -54,9 +52,6 @@ class Culling:
             camera: Number of the camera.
             aspect: Width of the image by its height.
             geoms: True to take geoms out; not for images with shadows, which may fall into the view from outside.
-
-        Returns:
-            True unless the floor fills the view.
         """
         if self._scene.ngeom != self._filled:
             self._learn()

@@ -10,7 +10,7 @@ import numpy as np
 
 from betterbench.assets import Asset, CollisionPart
 from betterbench.geometry import Pose, normalize
-from betterbench.scenes.stage import set_physics
+from betterbench.robots.physics import PHYSICS
 
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
 
@@ -48,7 +48,7 @@ def rail_of(asset: Asset) -> DrawerRail:
 def add_asset(
     spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
 ) -> mujoco.MjsBody:
-    """Add an asset to a model.
+    """Add an asset to a model and return its new body.
 
     Args:
         spec: The model to add it to.
@@ -56,9 +56,6 @@ def add_asset(
         asset: The asset.
         pose: Fixed pose ``T_world_object``, or None for an object that moves freely.
         slide: For an object that slides from ``pose``, how it does.
-
-    Returns:
-        The new body.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -132,7 +129,7 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
         pos=part.position,
         quat=part.quaternion,
         friction=part.friction,
-        condim=4,
+        condim=PHYSICS.condim,
         mass=0.0,
         group=COLLISION_GROUP,
     )
@@ -146,20 +143,15 @@ def _add_collision(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, part: C
 
 @functools.lru_cache(maxsize=512)
 def rest_pose(asset: Asset) -> Pose:
-    """Return the pose in which an asset rests on a flat surface through the origin of its frame.
+    """Return the pose ``T_surface_object`` in which an asset rests on a flat surface through the origin of its frame.
 
-    It is found by letting the asset, alone in the world, settle from its nominal pose. The result depends on nothing
-    but the asset, so that no neighbor can change where an object stands.
-
-    Args:
-        asset: The asset.
-
-    Returns:
-        ``T_surface_object``: a fraction of a millimeter of contact depth, and a tilt below a tenth of a degree.
+    It is found by letting the asset, alone in the world, settle from its nominal pose: a fraction of a millimeter of
+    contact depth, and a tilt below a tenth of a degree. The result depends on nothing but the asset, so that no
+    neighbor can change where an object stands.
     """
     spec = mujoco.MjSpec()
-    set_physics(spec)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02], condim=4)
+    PHYSICS.set_scene(spec)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[1, 1, 0.02], pos=[0, 0, -0.02])
     add_asset(spec, "asset", asset)
     model = spec.compile()
     data = mujoco.MjData(model)

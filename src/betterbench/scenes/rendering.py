@@ -7,35 +7,24 @@ where that gives the same depth (no multisampling, nothing transparent), otherwi
 on the quality.
 
 All images are upright: row 0 is the top. Every returned array belongs to the caller.
-
-Contexts. A process holds one OpenGL context, made on first use and shared by all renderers of that process; each
-:class:`Renderer` keeps its own meshes, textures and buffers in it. Rendering belongs to the thread that made the first
-renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a context is refused.
 """
 
 from __future__ import annotations
 
-import atexit
-import ctypes
-import ctypes.util
-import functools
-import importlib
 import logging
-import math
 import os
-import threading
-import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self, cast
+from typing import Self
 
 import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
-from betterbench.geometry import Pose, Quaternion, normalize
+from betterbench.scenes.cameras import check_size
 from betterbench.scenes.culling import Culling
+from betterbench.scenes.gl_context import CONTEXT, INSTALL_HINT, RENDERERS, as_upright, make_current
 from betterbench.scenes.stage import Quality
 
 logger = logging.getLogger(__name__)
@@ -43,25 +32,12 @@ logger = logging.getLogger(__name__)
 NO_BODY = -1
 """Value of a mask where the image shows no body: the sky."""
 
-INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
-"""The line that brings an OpenGL back end to a Debian or Ubuntu machine, with or without a graphics card."""
-
-_MAX_SIZE = 4096
-_OFF_VALUES = ("disable", "disabled", "off", "false", "0")
 # Room for everything that a scene draws besides its geoms; nothing is drawn besides them, so a small margin is enough.
 _SPARE_GEOMS = 16
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
 # The smallest font that MuJoCo offers: no text is ever drawn, and a larger one takes longer to upload.
 _FONT_SCALE = 50
-
-
-class _GLContext(Protocol):
-    """What the classes of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw`` have in common."""
-
-    def make_current(self) -> None: ...
-
-    def free(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,73 +55,6 @@ class Images:
     rgb: np.ndarray | None
     depth: np.ndarray | None
     masks: np.ndarray | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraMatrices:
-    """A pinhole camera in the conventions of OpenCV.
-
-    The camera frame has x to the right of the image, y down and z forward along the optical axis. Pixel (u, v) counts
-    columns from the left and rows from the top, and whole numbers are the centers of pixels: the image spans u from
-    -0.5 to width - 0.5.
-
-    Attributes:
-        K: (3, 3) intrinsic matrix [pixel].
-        T_world_camera: Pose of the camera frame in the world.
-        width: Image width [pixel].
-        height: Image height [pixel].
-    """
-
-    K: np.ndarray
-    T_world_camera: Pose
-    width: int
-    height: int
-
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points into the image.
-
-        Args:
-            points: (n, 3) points in the world frame [m].
-
-        Returns:
-            (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
-            [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
-
-        Raises:
-            InvalidInputError: If the points have another shape.
-        """
-        array = np.asarray(points, dtype=np.float64)
-        if array.ndim != 2 or array.shape[1] != 3:
-            raise InvalidInputError("points", f"has shape {array.shape}", "Give an array of shape (n, 3)")
-        R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
-        local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
-        depth = local[:, 2]
-        pixels = np.full((len(array), 2), np.nan)
-        seen = depth > 0.0
-        scaled = local[seen] @ self.K.T
-        pixels[seen] = scaled[:, :2] / scaled[:, 2:]
-        return pixels, depth
-
-    def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points that a depth image shows.
-
-        Args:
-            depth: (height, width) distances along the optical axis [m].
-
-        Returns:
-            (height, width, 3) float64 points in the world frame [m]; not finite where the depth is infinite.
-
-        Raises:
-            InvalidInputError: If the image has another size.
-        """
-        if depth.shape != (self.height, self.width):
-            raise InvalidInputError("depth", f"has shape {depth.shape}", f"Give {(self.height, self.width)}")
-        v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
-        x, y = (u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1]
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ _rotation_matrix(self.T_world_camera.quaternion).T
-        seen = np.isfinite(depth)[..., None]
-        origin = np.asarray(self.T_world_camera.position)
-        return np.where(seen, rays * np.where(seen, depth[..., None], 1.0) + origin, np.inf)
 
 
 class Renderer:
@@ -167,11 +76,11 @@ class Renderer:
 
     def __init__(self, model: mujoco.MjModel, *, width: int = 256, height: int = 256, quality: Quality) -> None:
         """Upload the model."""
-        _check_size(width, height)
+        check_size(width, height)
         self.model, self.width, self.height, self.quality = model, width, height, quality
         self._buffer_size = (width, height)
         self._context: mujoco.MjrContext | None = None
-        _make_current()
+        make_current()
         self._context = _upload(model, quality, width, height)
         self._plain_fbo = (int(self._context.offFBO_r), 0)
         self._color_fbo = (int(self._context.offFBO), int(self._context.offSamples))
@@ -194,7 +103,7 @@ class Renderer:
         self._pixels: dict[tuple[int, int], tuple[mujoco.MjrRect, np.ndarray, np.ndarray]] = {}
         self._bound = False
         self._geometry: bool | None = None  # the pass that flags and buffer are set up for
-        _RENDERERS.add(self)
+        RENDERERS.add(self)
 
     def __enter__(self) -> Self:
         """Return the renderer itself."""
@@ -222,7 +131,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Draw one view.
+        """Draw one view; :meth:`render_views` says more.
 
         Args:
             data: State to show; positions must be up to date (``mj_forward`` or a step).
@@ -232,14 +141,6 @@ class Renderer:
             masks: True to get body numbers.
             width: Image width [pixel]; the renderer's own unless given.
             height: Image height [pixel]; the renderer's own unless given.
-
-        Returns:
-            The images that were asked for.
-
-        Raises:
-            UnknownNameError: If the model has no such camera.
-            InvalidInputError: If the size is out of range, the renderer is closed, or another thread or a forked
-                process uses it.
         """
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
@@ -262,9 +163,6 @@ class Renderer:
             depth: True to get distances.
             masks: True to get body numbers.
 
-        Returns:
-            The images that were asked for, in the order of ``views``.
-
         Raises:
             UnknownNameError: If the model has no such camera.
             InvalidInputError: If a size is out of range, the renderer is closed, or another thread or a forked process
@@ -272,7 +170,7 @@ class Renderer:
         """
         if self._context is None:
             raise InvalidInputError("renderer", "it is closed", "Create a new Renderer")
-        _make_current()
+        make_current()
         self._bound = False
         return [self._view(self._context, data, *view, rgb=rgb, depth=depth, masks=masks) for view in views]
 
@@ -305,7 +203,7 @@ class Renderer:
             self._draw(context, view, geometry=False, sky=sky)
             rgb_out = np.empty((rows, columns, 3), np.uint8)
             mujoco.mjr_readPixels(rgb_out, distances if depth and not geometry_pass else None, view, context)
-            if not _CONTEXT.from_top:
+            if not CONTEXT.from_top:
                 rgb_out = rgb_out[::-1].copy()
         if geometry_pass:
             self._draw(context, view, geometry=True)
@@ -319,16 +217,16 @@ class Renderer:
         context, self._context = self._context, None
         if context is None:
             return
-        _RENDERERS.discard(self)
-        if _CONTEXT.pid == os.getpid() and _CONTEXT.gl is not None:
-            _CONTEXT.gl.make_current()
+        RENDERERS.discard(self)
+        if CONTEXT.pid == os.getpid() and CONTEXT.gl is not None:
+            CONTEXT.gl.make_current()
             context.offFBO, context.offSamples = self._color_fbo
             context.free()
 
     def _fit(self, context: mujoco.MjrContext, columns: int, rows: int) -> None:
-        """Make the buffers large enough for a image of the given size [pixel]."""
+        """Make the buffers large enough for an image of the given size [pixel]."""
         if columns > self._buffer_size[0] or rows > self._buffer_size[1]:
-            _check_size(columns, rows)
+            check_size(columns, rows)
             self._buffer_size = (max(columns, self._buffer_size[0]), max(rows, self._buffer_size[1]))
             context.offFBO, context.offSamples = self._color_fbo
             mujoco.mjr_resizeOffscreen(*self._buffer_size, context)
@@ -336,7 +234,7 @@ class Renderer:
             self._color_fbo = (int(context.offFBO), int(context.offSamples))
             self._geometry = None
         elif columns < 1 or rows < 1:
-            _check_size(columns, rows)
+            check_size(columns, rows)
 
     def _buffers(self, columns: int, rows: int) -> tuple[mujoco.MjrRect, np.ndarray, np.ndarray]:
         """Return the part of the buffer, and the reused arrays that its pixels are read into: colors, raw depths."""
@@ -382,15 +280,12 @@ class Renderer:
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Return the body number of each pixel of a geometry pass, turned upright.
+        """Return the (height, width) int32 body number of each pixel of a geometry pass, turned upright.
 
         Args:
             colors: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
-
-        Returns:
-            (height, width) int32 body numbers.
         """
-        upright = _upright(colors)
+        upright = as_upright(colors)
         segments = upright[:, :, 0].astype(np.int32)
         if self._scene.ngeom >= 0xFF:
             segments |= upright[:, :, 1].astype(np.int32) << 8
@@ -417,225 +312,19 @@ class Renderer:
         return table
 
     def _meters(self, raw: np.ndarray) -> np.ndarray:
-        """Return upright distances along the optical axis [m] from raw depths.
+        """Return upright (height, width) distances along the optical axis [m], infinite where nothing was drawn.
 
         Args:
-            raw: (height, width) float32 values of the reversed depth buffer, 1 at the near and 0 at the far plane,
-                as they were read.
-
-        Returns:
-            (height, width) float32 distances, infinite where nothing was drawn.
+            raw: (height, width) float32 values of the reversed depth buffer as they were read: 1 at the near and 0 at
+                the far plane.
         """
         near, far = self._near_m, self._far_m
-        upright = _upright(raw)
+        upright = as_upright(raw)
         distances: np.ndarray = np.multiply(upright, np.float32(far - near))
         distances += np.float32(near)
         np.divide(np.float32(near * far), distances, out=distances)
         distances[upright <= 0.0] = np.inf
         return distances
-
-
-def camera_matrices(
-    model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
-) -> CameraMatrices:
-    """Return intrinsics and pose of a camera, as they are in a state.
-
-    Args:
-        model: Compiled model.
-        data: State with positions up to date.
-        camera: Name of a camera of the model.
-        width: Image width [pixel].
-        height: Image height [pixel].
-
-    Returns:
-        The camera in the conventions of OpenCV.
-
-    Raises:
-        UnknownNameError: If the model has no such camera.
-        InvalidInputError: If the size is out of range.
-    """
-    _check_size(width, height)
-    number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
-    if number < 0:
-        raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
-    focal = 0.5 * height / math.tan(0.5 * math.radians(float(model.cam_fovy[number])))
-    K = np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
-    # MuJoCo's camera looks along its -z with y up; OpenCV's looks along z with y down: half a turn about x.
-    R_world_camera = data.cam_xmat[number].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
-    x, y, z = (float(value) for value in data.cam_xpos[number])
-    return CameraMatrices(K, Pose((x, y, z), normalize(quaternion.tolist())), width, height)
-
-
-@functools.cache
-def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end that images are made with: "egl", "osmesa" or "glfw".
-
-    The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
-    is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
-    :func:`renderer_fingerprint` tries them.
-
-    Returns:
-        The name, or None if rendering is switched off or no library is installed.
-    """
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if asked in {"egl", "osmesa", "glfw"}:
-        return asked
-    if asked in _OFF_VALUES:
-        return None
-    # PyOpenGL takes the functions of OpenGL from one of these beside EGL's own library.
-    if _loads("libEGL.so.1") and any(_loads(name) for name in ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2")):
-        return "egl"
-    if _loads("libOSMesa.so.8") or _loads(ctypes.util.find_library("OSMesa")):
-        return "osmesa"
-    return None
-
-
-def renderer_fingerprint() -> dict[str, str]:
-    """Return what decides about pixels besides the scene: images of two machines are equal if this is.
-
-    Returns:
-        ``backend``, ``vendor``, ``renderer`` and ``version`` of OpenGL, and ``mujoco``'s version.
-
-    Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
-    """
-    _make_current()
-    gl = importlib.import_module("OpenGL.GL")
-    names = {"vendor": gl.GL_VENDOR, "renderer": gl.GL_RENDERER, "version": gl.GL_VERSION}
-    strings = {key: cast("bytes", gl.glGetString(name)).decode("utf-8", "replace") for key, name in names.items()}
-    return {"backend": gl_backend() or "", **strings, "mujoco": mujoco.__version__}
-
-
-@dataclass(slots=True)
-class _ProcessContext:
-    """The OpenGL context of this process, and who may use it."""
-
-    gl: _GLContext | None = None
-    pid: int = 0
-    thread: int = 0
-    handle: int | None = None
-    query: Callable[[], int | None] | None = None
-    from_top: bool = False
-
-
-_CONTEXT = _ProcessContext()
-_RENDERERS: weakref.WeakSet[Renderer] = weakref.WeakSet()
-
-
-def _make_current() -> None:
-    """Make this process's OpenGL context current, creating it on first use."""
-    known = _CONTEXT.query
-    if known is not None and _CONTEXT.thread == threading.get_ident() and _CONTEXT.pid == os.getpid():
-        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of a image of the fast preset.
-        if known() != _CONTEXT.handle and _CONTEXT.gl is not None:
-            _CONTEXT.gl.make_current()
-        return
-    if _CONTEXT.gl is None:
-        _CONTEXT.gl = _create_context()
-        _CONTEXT.from_top = _read_from_top(wanted=True)
-        _CONTEXT.pid, _CONTEXT.thread = os.getpid(), threading.get_ident()
-        atexit.register(_free_all)
-    if os.getpid() != _CONTEXT.pid:
-        raise InvalidInputError(
-            "worker process", "it was forked from a process that had rendered", "Start workers with the 'spawn' method"
-        )
-    if threading.get_ident() != _CONTEXT.thread:
-        raise InvalidInputError(
-            "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
-        )
-    _CONTEXT.gl.make_current()
-    if gl_backend() == "egl":
-        _CONTEXT.query = _egl_current_context()
-        _CONTEXT.handle = _CONTEXT.query()
-
-
-@functools.cache
-def _egl_current_context() -> Callable[[], int | None]:
-    """Return EGL's own function; PyOpenGL's wrapper of it is slower than what it saves."""
-    function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
-    function.restype = ctypes.c_void_p
-    function.argtypes = ()
-    current: Callable[[], int | None] = function
-    return current
-
-
-def _create_context() -> _GLContext:
-    """Create an OpenGL context with the chosen back end.
-
-    Raises:
-        MissingDependencyError: If there is none, or it does not work.
-    """
-    backend = gl_backend()
-    if backend is None:
-        raise MissingDependencyError(
-            f"No off-screen OpenGL: MUJOCO_GL is {os.environ.get('MUJOCO_GL', '')!r} and neither EGL nor OSMesa can be "
-            f"used. Run: {INSTALL_HINT}"
-        )
-    # Threads of Mesa's software renderer gain nothing at these sizes and take cores from other workers.
-    os.environ.setdefault("LP_NUM_THREADS", "0")
-    # A context's size is that of a window, which nothing is drawn into.
-    try:
-        context = cast("_GLContext", importlib.import_module(f"mujoco.{backend}").GLContext(16, 16))
-        context.make_current()
-    except _context_errors() as error:
-        raise MissingDependencyError(
-            f"The OpenGL back end {backend!r} does not work here ({error}). Run: {INSTALL_HINT}"
-        ) from error
-    return context
-
-
-_PACK_INVERT_MESA = 0x8758
-"""Setting of the OpenGL extension MESA_pack_invert: pixels are read with the top row first."""
-
-
-def _read_from_top(*, wanted: bool) -> bool:
-    """Choose whether pixels are read with the top row first, which saves turning each image, and tell what is so.
-
-    Mesa can do that; with another OpenGL rows are always read from the bottom, and images are turned afterward.
-    """
-    gl = importlib.import_module("OpenGL.GL")
-    names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
-    if b"GL_MESA_pack_invert" not in names:
-        return False
-    gl.glPixelStorei(_PACK_INVERT_MESA, int(wanted))
-    return wanted
-
-
-def _upright(pixels: np.ndarray) -> np.ndarray:
-    """Return pixels as they were read, top row first."""
-    return pixels if _CONTEXT.from_top else pixels[::-1]
-
-
-def _context_errors() -> tuple[type[Exception], ...]:
-    """Return what the creation of a context raises where libraries or devices are missing."""
-    known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
-    try:
-        return (*known, importlib.import_module("OpenGL.error").Error)
-    except (ImportError, AttributeError):
-        return known
-
-
-def _free_all() -> None:
-    """Free renderers and context before the interpreter takes OpenGL away from them."""
-    for renderer in list(_RENDERERS):
-        renderer.close()
-    if _CONTEXT.gl is not None and _CONTEXT.pid == os.getpid():
-        _CONTEXT.gl.free()
-        _CONTEXT.gl = _CONTEXT.handle = _CONTEXT.query = None
-        _CONTEXT.from_top = False
-
-
-def _loads(library: str | None) -> bool:
-    """Return True if a shared library can be loaded."""
-    if library is None:
-        return False
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True
 
 
 def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) -> mujoco.MjrContext:
@@ -666,16 +355,3 @@ def _visible_things() -> mujoco.MjvOption:
     option.geomgroup[:] = (1, 1, 1, 0, 0, 0)
     option.sitegroup[:] = 0
     return option
-
-
-def _check_size(width: int, height: int) -> None:
-    """Raise an InvalidInputError unless both sides [pixel] are in range."""
-    if not (1 <= width <= _MAX_SIZE and 1 <= height <= _MAX_SIZE):
-        raise InvalidInputError("image size", f"{width} x {height} pixels", f"Use 1 to {_MAX_SIZE} pixels a side")
-
-
-def _rotation_matrix(quaternion: Quaternion | Sequence[float]) -> np.ndarray:
-    """Return the (3, 3) rotation matrix of a unit quaternion (w, x, y, z)."""
-    matrix: np.ndarray[Any, np.dtype[np.float64]] = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, dtype=np.float64))
-    return matrix.reshape(3, 3)

@@ -11,18 +11,18 @@ from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
+from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
 
-TIMESTEP_S = 0.002
-CONTROL_RATE_HZ = 20.0
+TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
 
 
 class Scene:
-    """One trial's world. It is alive: everything else in the project is a frozen value.
+    """One trial's world; everything else in the project is a frozen value.
 
     The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
     that no object's start depends on another one.
@@ -138,13 +138,10 @@ class Scene:
         return scene_files(self.model, self.compiled.content_hash)
 
     def reset(self, *, check_premise: bool = True) -> WorldState:
-        """Put everything back to the start of the trial.
+        """Put everything back to the start of the trial and return the state.
 
         Args:
             check_premise: True to refuse a scene that does not show what its instruction presupposes.
-
-        Returns:
-            The state at reset.
 
         Raises:
             PremiseError: If the premise does not hold.
@@ -169,13 +166,7 @@ class Scene:
         return state
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Execute one action for one control step.
-
-        Args:
-            action: Action in the scene's action space.
-
-        Returns:
-            The action that was really applied, after clipping.
+        """Execute one action for one control step and return it as it was applied, after clipping.
 
         Raises:
             InvalidActionError: If the action is not finite or has the wrong shape.
@@ -245,11 +236,7 @@ class Scene:
         return contacts, self._held(total)
 
     def _held(self, touching: dict[int, float]) -> str | None:
-        """Return the object that both fingers touch and nothing else supports.
-
-        Args:
-            touching: Numbers of the pairs that touch.
-        """
+        """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
         for i, (left, right, supports) in enumerate(self._holds):
             if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]

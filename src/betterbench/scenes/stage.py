@@ -32,9 +32,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
-
-PHYSICS_TIMESTEP_S = 0.002
-"""Duration of one physics step [s] (500 Hz)."""
+from betterbench.robots.physics import PHYSICS
 
 FLOOR_HEIGHT_M = -0.75
 """Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
@@ -57,9 +55,6 @@ WRIST_CAMERA = "wrist"
 # Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
-
-CONTACT_TIME_CONSTANT_S = 0.005
-"""Time constant of contacts, critically damped [s]."""
 
 _TEXTURE_SIZE = 512
 _MAX_SAMPLES = 16
@@ -136,10 +131,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def quality_preset(name: str) -> Quality:
-    """Return a quality preset by name.
-
-    Args:
-        name: "fast", "standard" or "high".
+    """Return a quality preset by name: "fast", "standard" or "high".
 
     Raises:
         UnknownNameError: If there is no such preset.
@@ -180,17 +172,14 @@ LOOKS: tuple[Look, ...] = (
 
 
 def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
-    """Return the empty world: options, table, pedestal, floor, lights and fixed cameras.
+    """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles. The returned spec shares nothing with other calls, and two
+    The caller attaches the robot, adds objects and compiles. The description shares nothing with other calls, and two
     calls with equal arguments describe the same model.
 
     Args:
         quality: Written into the model's visual settings, so that other viewers show it as the renderer does.
         look: Number of an entry in :data:`LOOKS`.
-
-    Returns:
-        A new specification; angles in it are radians.
 
     Raises:
         InvalidInputError: If there is no such look.
@@ -201,7 +190,7 @@ def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
     tint = LOOKS[look]
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
-    set_physics(spec)
+    PHYSICS.set_scene(spec)
     _set_visuals(spec, quality)
     _add_materials(spec, tint)
     _add_furniture(spec)
@@ -211,38 +200,15 @@ def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
 
 
 def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
-    """Add the ``wrist`` camera to a hand, like a depth camera screwed to the flange.
+    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera screwed to the flange.
 
-    The hand frame is that of the Franka hand: z out of the hand between the fingers (finger tips at about 0.11 m), y
-    the direction in which the fingers open, x the side that faces away from the robot when the hand points down. The
-    camera looks past the fingers at what is about to be grasped; the image's up direction is the hand's +x, so that
-    with the hand pointing down, up is away from the robot and left is the robot's left.
-
-    Args:
-        hand_body: Body of the hand in the stage's spec or in a robot's spec that is attached later.
-
-    Returns:
-        The new camera.
+    In the frame of the hand z points out between the fingers (finger tips at about 0.11 m), y is the direction in which
+    the fingers open, and x points away from the robot when the hand points down. The camera looks past the fingers at
+    what is about to be grasped; the image's up direction is the hand's +x, so that with the hand pointing down, up is
+    away from the robot and left is the robot's left.
     """
     position, target = (0.075, 0.0, 0.02), (0.012, 0.0, 0.16)
     return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
-
-
-def set_physics(spec: mujoco.MjSpec) -> None:
-    """Set the solver and compiler options of the whole benchmark."""
-    spec.compiler.degree = False
-    spec.compiler.autolimits = True
-    option = spec.option
-    option.timestep = PHYSICS_TIMESTEP_S
-    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = 10.0
-    option.noslip_iterations = 3
-    # Torsional friction (condim 4) keeps a flat thing from turning between two finger pads.
-    spec.default.geom.condim = 4
-    # An object dropped 5 cm arrives at 1 m/s. MuJoCo's default time constant of 20 ms lets it sink 7 mm, through the
-    # floor of a box; 5 ms keeps it below 2 mm and is still 2.5 time steps.
-    spec.default.geom.solref = [CONTACT_TIME_CONSTANT_S, 1.0]
 
 
 def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
@@ -258,8 +224,8 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of a
-    # image).
+    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # an image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
@@ -417,9 +383,6 @@ def _add_camera(
         target: Point in the body frame that appears in the middle of the image [m].
         up: Direction in the body frame that points upward in the image; not parallel to the line of sight.
         fovy_deg: Vertical field of view [degree], the unit that MuJoCo keeps whatever the compiler's angle unit.
-
-    Returns:
-        The new camera.
     """
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
@@ -433,15 +396,9 @@ def _add_camera(
 
 
 def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:
-    """Return periodic smooth noise: random values on a coarse grid, blended by cosine weights.
+    """Return periodic smooth noise in [-1, 1], shape (size, size): values on a coarse grid, blended by cosine weights.
 
-    Args:
-        rng: Source of the values.
-        size: Side of the result [pixel].
-        cells: Number of grid cells along the rows and the columns.
-
-    Returns:
-        (size, size) float64 values in [-1, 1].
+    ``cells`` is the number of grid cells along the rows and the columns.
     """
     grid = rng.uniform(-1.0, 1.0, size=cells)
     for axis, count in enumerate(cells):
@@ -461,14 +418,9 @@ def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
 
 
 def _wood(color: np.ndarray, size: int) -> np.ndarray:
-    """Return glued wooden staves that run along the texture's columns, low in contrast.
+    """Return (size, size, 3) uint8 pixels of glued wooden staves along the texture's columns, low in contrast.
 
-    Args:
-        color: (3,) mean color, each in [0, 1].
-        size: Side of the image [pixel].
-
-    Returns:
-        (size, size, 3) uint8 pixels.
+    ``color`` is the (3,) mean color, each in [0, 1].
     """
     rng = np.random.default_rng(20_011)
     staves = 8
@@ -484,14 +436,14 @@ def _wood(color: np.ndarray, size: int) -> np.ndarray:
 
 
 def _laminate(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a plain laminate with a fine speckle; arguments and result as for :func:`_wood`."""
+    """Return a plain laminate with a fine speckle; as :func:`_wood`."""
     rng = np.random.default_rng(20_012)
     speckle = 0.6 * _smooth_noise(rng, size, (256, 256)) + 0.4 * _smooth_noise(rng, size, (24, 24))
     return _to_pixels(color, 1.0 + 0.035 * speckle)
 
 
 def _cloth(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a woven cloth: two crossed threads; arguments and result as for :func:`_wood`."""
+    """Return a woven cloth of two crossed threads; as :func:`_wood`."""
     rng = np.random.default_rng(20_013)
     place = np.arange(size) * (2.0 * math.pi * 64 / size)
     weave = np.sin(place)[:, None] * np.sin(place)[None, :]

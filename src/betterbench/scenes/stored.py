@@ -16,15 +16,7 @@ MODEL_FILE, INDEX_FILE = "model.mjb", "scene.json"
 
 
 def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
-    """Return the files of a compiled scene.
-
-    Args:
-        model: The compiled model.
-        content_hash: Hash of what went into it.
-
-    Returns:
-        The model in MuJoCo's binary form, and a small index that names the version that can read it.
-    """
+    """Return the files of a compiled scene: the model in MuJoCo's binary form, and an index with MuJoCo's version."""
     buffer = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, buffer)
     index = {"mujoco": mujoco.__version__, "hash": content_hash, "bodies": int(model.nbody), "geoms": int(model.ngeom)}
@@ -32,10 +24,7 @@ def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
 
 
 def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
-    """Return the model of a stored scene.
-
-    Args:
-        files: What :func:`scene_files` returned.
+    """Return the model of a stored scene, from what :func:`scene_files` returned.
 
     Raises:
         RecordError: If a file is missing or malformed, or another version of MuJoCo wrote it.

@@ -18,6 +18,19 @@ class Axis(StrEnum):
         """Letter that begins the ids of this axis' variations: L, R, O or T."""
         return {"s": "L", "p": "R", "a": "O", "t": "T"}[self.value[0]]
 
+    @classmethod
+    def of(cls, variation: str) -> Axis:
+        """Return the axis that the name of a variation begins with.
+
+        Raises:
+            ValueError: If it begins with another letter than L, R, O or T.
+        """
+        for axis in cls:
+            if variation[:1] == axis.letter:
+                return axis
+        letters = ", ".join(f"{axis.letter} ({axis.value})" for axis in cls)
+        raise ValueError(f"the name of variation {variation!r} must begin with the letter of its axis: {letters}")
+
 
 class Expected(StrEnum):
     """What a policy that understood the instruction does."""

@@ -15,15 +15,15 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 @dataclass(frozen=True, slots=True)
 class TargetRegion:
-    """A place of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
+    """Where on a target something belongs: in a container, a hole of a rack, a layer of a stack, the mount of a drawer.
 
     Attributes:
         target: Scene name of the target.
-        at: Name of the place, where the target offers several.
+        region: Name of the target region, "" where the target offers one alone.
     """
 
     target: str
-    at: str = ""
+    region: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -232,13 +232,13 @@ def _watches(goals: tuple[Subgoal, ...], info: SceneInfo) -> tuple[_Watch, ...]:
     for name, target in tuple(targets):
         like = info.object(target)
         for o in info.objects:
-            if o.role == like.role and relation(name).places(o):
+            if o.role == like.role and relation(name).regions(o):
                 targets.setdefault((name, o.name))
     watches = []
     for name, target in targets:
         kind = relation(name)
         subjects = tuple(o.name for o in info.objects if o.role in kind.roles and not o.fixed and o.name != target)
-        watches.append(_Watch(kind, target, subjects, kind.places(info.object(target))))
+        watches.append(_Watch(kind, target, subjects, kind.regions(info.object(target))))
     return tuple(watches)
 
 

@@ -1,12 +1,18 @@
-"""Outcome labels (suite, section 5). They stand below tasks and diagnosis, so that both name them as values."""
+"""Outcome labels. They stand below tasks and diagnosis, so that both name them as values and nobody types them.
+
+What a label means, how it is found and how reports speak of it stands in its file in ``diagnosis/modes``.
+"""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import ClassVar
+
+from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """What sort of failure a label is."""
+    """What sort of outcome a label is."""
 
     NONE = "none"
     REASONING = "reasoning"
@@ -14,30 +20,102 @@ class Kind(StrEnum):
     SYSTEM = "system"
 
 
-class Label(StrEnum):
-    """The one outcome of a trial (suite, section 5)."""
+_LABELS: dict[str, Label] = {}
 
-    SUCCESS = "success"
-    CORRECT_FREEZE = "correct_freeze"
-    CORRECT_REFUSAL = "correct_refusal"
-    LEXICAL_KINEMATIC_SHORTCUT = "lexical_kinematic_shortcut"
-    VISUAL_LAYOUT_BIAS = "visual_layout_bias"
-    BEHAVIORAL_INERTIA = "behavioral_inertia"
-    CAUSAL_CONFUSION = "causal_confusion"
-    SEMANTIC_FEATURE_COLLAPSE = "semantic_feature_collapse"
-    ORDER_VIOLATION = "order_violation"
-    PHASE_CONFLICT = "phase_conflict"
-    EARLY_HALT = "early_halt"
-    WRONG_OBJECT = "wrong_object"
-    EXECUTION_FAILURE = "execution_failure"
-    TIMEOUT = "timeout"
-    POLICY_ERROR = "policy_error"
+
+class Label(str):
+    """The one outcome of a trial (suite, section 5): a text with a kind, one object per name.
+
+    The order of all labels decides between pieces of evidence of the same moment.
+
+    Args:
+        name: Name of a label that exists; :func:`new_label` makes another one.
+
+    Raises:
+        UnknownNameError: If there is no such label.
+    """
+
+    __slots__ = ("kind",)
+
+    kind: Kind
+
+    SUCCESS: ClassVar[Label]
+    CORRECT_FREEZE: ClassVar[Label]
+    CORRECT_REFUSAL: ClassVar[Label]
+    LEXICAL_KINEMATIC_SHORTCUT: ClassVar[Label]
+    VISUAL_LAYOUT_BIAS: ClassVar[Label]
+    BEHAVIORAL_INERTIA: ClassVar[Label]
+    CAUSAL_CONFUSION: ClassVar[Label]
+    SEMANTIC_FEATURE_COLLAPSE: ClassVar[Label]
+    ORDER_VIOLATION: ClassVar[Label]
+    PHASE_CONFLICT: ClassVar[Label]
+    EARLY_HALT: ClassVar[Label]
+    WRONG_OBJECT: ClassVar[Label]
+    EXECUTION_FAILURE: ClassVar[Label]
+    TIMEOUT: ClassVar[Label]
+    POLICY_ERROR: ClassVar[Label]
+
+    def __new__(cls, name: str) -> Label:  # noqa: PYI034 -- one object per name
+        """Return the label of a name."""
+        try:
+            return _LABELS[name]
+        except KeyError:
+            raise UnknownNameError("label", name, _LABELS) from None
+
+    def __reduce__(self) -> tuple[type[Label], tuple[str]]:
+        """Copies and what another process unpacks are the same object."""
+        return Label, (self.value,)
 
     @property
-    def kind(self) -> Kind:
-        """What sort of failure the label is."""
-        if self in (Label.SUCCESS, Label.CORRECT_FREEZE, Label.CORRECT_REFUSAL):
-            return Kind.NONE
-        if self in (Label.EXECUTION_FAILURE, Label.TIMEOUT):
-            return Kind.EXECUTION
-        return Kind.SYSTEM if self is Label.POLICY_ERROR else Kind.REASONING
+    def value(self) -> str:
+        """The plain text."""
+        return str(self)
+
+
+def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
+    """Return a new label.
+
+    Args:
+        name: Its name, words joined by underscores.
+        kind: What sort of outcome it is.
+        after: The label that it follows in the order; the last one if not given.
+
+    Raises:
+        InvalidInputError: If the name is taken.
+    """
+    if name in _LABELS:
+        raise InvalidInputError("label", f"{name!r} exists already", "Choose another name")
+    label = str.__new__(Label, name)
+    label.kind = kind
+    ordered = list(_LABELS.values())
+    ordered.insert(len(ordered) if after is None else ordered.index(after) + 1, label)
+    _LABELS.clear()
+    _LABELS.update((known.value, known) for known in ordered)
+    return label
+
+
+def remove_label(label: Label) -> None:
+    """Take a label out again, as tests do."""
+    del _LABELS[label.value]
+
+
+def all_labels() -> tuple[Label, ...]:
+    """Return all labels in their order: ``wrong_object``, which is general, comes after all other reasoning labels."""
+    return tuple(_LABELS.values())
+
+
+Label.SUCCESS = new_label("success", Kind.NONE)
+Label.CORRECT_FREEZE = new_label("correct_freeze", Kind.NONE)
+Label.CORRECT_REFUSAL = new_label("correct_refusal", Kind.NONE)
+Label.LEXICAL_KINEMATIC_SHORTCUT = new_label("lexical_kinematic_shortcut", Kind.REASONING)
+Label.VISUAL_LAYOUT_BIAS = new_label("visual_layout_bias", Kind.REASONING)
+Label.BEHAVIORAL_INERTIA = new_label("behavioral_inertia", Kind.REASONING)
+Label.CAUSAL_CONFUSION = new_label("causal_confusion", Kind.REASONING)
+Label.SEMANTIC_FEATURE_COLLAPSE = new_label("semantic_feature_collapse", Kind.REASONING)
+Label.ORDER_VIOLATION = new_label("order_violation", Kind.REASONING)
+Label.PHASE_CONFLICT = new_label("phase_conflict", Kind.REASONING)
+Label.EARLY_HALT = new_label("early_halt", Kind.REASONING)
+Label.WRONG_OBJECT = new_label("wrong_object", Kind.REASONING)
+Label.EXECUTION_FAILURE = new_label("execution_failure", Kind.EXECUTION)
+Label.TIMEOUT = new_label("timeout", Kind.EXECUTION)
+Label.POLICY_ERROR = new_label("policy_error", Kind.SYSTEM)

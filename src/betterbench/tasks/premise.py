@@ -7,7 +7,7 @@ from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import RELATIONS, at_rest, relation, upright
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.relations.closed import GAP
 
 SLOT_TOLERANCE_M = 0.04
 """Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
@@ -34,10 +34,10 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
             problems.append(f"{o.name} does not stand still and upright")
     for name, place in condition.preplaced.items():
         if not any(
-            kind.places(info.object(place.target)) and kind.holds(state, name, place.target, place.at)
+            kind.regions(info.object(place.target)) and kind.holds(state, name, place.target, place.region)
             for kind in RELATIONS.values()
         ):
-            where = " ".join(part for part in (place.target, place.at) if part)
+            where = " ".join(part for part in (place.target, place.region) if part)
             problems.append(f"{name} is not at {where} although it was placed there")
     problems += _drawers_not_as_asked(condition, state)
     if condition.premise_broken:
@@ -63,7 +63,7 @@ def _drawers_not_as_asked(condition: Condition, state: WorldState) -> list[str]:
         if spec.mount is None:
             continue
         mount, opening = spec.mount, condition.opened.get(spec.name, 0.0)
-        shut = state.pose(mount.target).apply(state.info.object(mount.target).region(mount.at).position)
-        if abs(distance(state.pose(spec.name).position, shut) - opening) > THRESHOLDS.closed_gap:
+        shut = state.pose(mount.target).apply(state.info.object(mount.target).region(mount.region).position)
+        if abs(distance(state.pose(spec.name).position, shut) - opening) > GAP:
             problems.append(f"{spec.name} is not drawn out by {opening:.3f} m")
     return problems

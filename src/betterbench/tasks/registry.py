@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable
@@ -14,9 +15,25 @@ _BUILDERS: dict[str, Callable[[], Task]] = {}
 
 
 def task(build: Callable[[], Task]) -> Callable[[], Task]:
-    """Register a function that returns a task under the function's name."""
-    _BUILDERS[build.__name__] = functools.cache(registered("task", build.__name__, build, _BUILDERS))
-    return build
+    """Register a function that returns a task, under the function's name.
+
+    Raises:
+        InvalidInputError: If another file has registered a task of that name.
+    """
+    name = build.__name__
+    explained = registered("task", name, build, _BUILDERS)
+
+    @functools.cache
+    def complete() -> Task:
+        made = explained()
+        training = tuple(
+            dataclasses.replace(c, task=name, name=f"train{i}") for i, c in enumerate(made.training, start=1)
+        )
+        description = (inspect.getdoc(build) or made.title).partition("\n")[0]
+        return dataclasses.replace(made, id=name, description=description, training=training)
+
+    _BUILDERS[name] = functools.wraps(build)(complete)
+    return _BUILDERS[name]
 
 
 def get_task(name: str) -> Task:
@@ -66,8 +83,7 @@ SUITES: dict[str, tuple[str, ...]] = {
         "dinner_plates",
     )
 }
-"""Suites by name: which tasks belong to them, in the order of the suite's table. A"
-" further task joins none by itself."""
+"""Suites by name: their tasks in the order of the table. A new task belongs to a suite only when the suite lists it."""
 
 
 def suite_tasks(name: str) -> tuple[str, ...]:

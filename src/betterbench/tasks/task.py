@@ -10,29 +10,29 @@ from betterbench.tasks.template import Template
 from betterbench.tasks.variation import Variation
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
     """A base task.
 
     Attributes:
-        id: Identifier ("fast_food").
-        version: Version of its behavior: a changed goal, tolerance or sentence moves it.
+        version: Version of its behavior: a changed goal, tolerance or instruction moves it.
         title: Name for people.
         template: The constraint template it fills in.
         slots: Named places on the table.
-        training: The training regime.
+        training: The training regime; the registry names its conditions train1, train2, ... in this order.
         variations: The test variations.
-        description: What is to be done, one sentence.
+        id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
+        description: What is to be done; the registry sets it to the first line of that function's docstring.
     """
 
-    id: str
     version: int
     title: str
     template: Template
     slots: tuple[Slot, ...]
     training: tuple[Condition, ...]
     variations: tuple[Variation, ...]
-    description: str
+    id: str = ""
+    description: str = ""
 
     def slot(self, name: str) -> Slot:
         """Return a slot by name.

@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, Literal, get_args
+from dataclasses import asdict, dataclass, fields
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_form, strict_form
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition, Role
-from betterbench.tasks.relations import RELATIONS
-from betterbench.tasks.thresholds import THRESHOLDS, Thresholds
+from betterbench.tasks.relations import RELATIONS, Relation
+from betterbench.tasks.thresholds import THRESHOLDS
 
 SCHEMA_VERSION = 1
 """Version of the JSON form of templates."""
 
 Order = Literal["free", "named", "built"]
-"""Whether the order of the subgoals is part of the goal: never, where the sentence says so, or by construction."""
+"""Whether the order of the subgoals is part of the goal: never, where the instruction says so, or by construction."""
+
+Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
+Positive = Annotated[float, Field(ge=0.0, lt=1e6)]
+Steps = Annotated[int, Field(ge=0, lt=10**6)]
+Count = Annotated[int, Field(ge=0)]
 
 
+def _ascending(span: tuple[int, int]) -> tuple[int, int]:
+    if span[0] > span[1]:
+        raise ValueError(f"{list(span)} does not begin with the smaller number")
+    return span
+
+
+@strict_form
 @dataclass(frozen=True, slots=True)
 class ObjectGroup:
     """An abstract group of objects of a template, as a scenario has to fill it.
@@ -31,58 +46,86 @@ class ObjectGroup:
         role: Role that its objects play in a scene.
     """
 
-    group_id: str
-    description: str
-    allowed_types: tuple[str, ...]
-    count_range: tuple[int, int]
+    group_id: Text
+    description: Text
+    allowed_types: tuple[Text, ...]
+    count_range: Annotated[tuple[Count, Count], AfterValidator(_ascending)]
     role: Role
 
 
-@dataclass(frozen=True, slots=True)
-class Template:
-    """An interaction pattern: its groups, its relations and the protocol that goes with them.
+@strict_form
+@dataclass(frozen=True, kw_only=True)
+class Meta:
+    """What a template is, in words.
 
     Attributes:
         name: Identifier ("loose_packing").
         title: Name for people.
         description: What is done.
         challenge: What is hard about it (paper, table of the taxonomy).
-        goal: What has to hold at the end, in words.
-        premise: What has to hold at the start, in words.
-        groups: Object groups.
-        relation: Name of the relation that a subgoal of this template asks for.
-        exclusive: True if nothing that was not asked for may satisfy the relation at the end.
-        order: Whether the order of the subgoals is part of the goal.
-        regions: Regions that the asset of a target has, by any of these names.
-        tolerances: Names of the thresholds that decide about the relation.
-        also: Further relations that its subgoals may ask for.
-        jitter_m: Half width of the uniform position jitter of a slot, unless the slot says otherwise [m].
-        yaw_jitter: Half width of the uniform heading jitter of a slot, unless the slot says otherwise [rad].
+        goal: What has to hold at the end.
+        premise: What has to hold at the start.
+    """
+
+    name: Text
+    title: Text
+    description: Text
+    challenge: Text
+    goal: Text
+    premise: Text
+
+
+@strict_form
+@dataclass(frozen=True, kw_only=True)
+class Protocol:
+    """How long an episode takes.
+
+    Attributes:
         dwell_s: Time for which the goal has to hold [s].
         base_steps: Control steps allowed for an episode, besides those per subgoal.
         steps_per_subgoal: Control steps allowed for each subgoal.
         still_steps: Control steps for which a policy is watched where the right answer is to stay still.
     """
 
-    name: str
-    title: str
-    description: str
-    challenge: str
-    goal: str
-    premise: str
+    dwell_s: Positive = 0.5
+    base_steps: Steps = 150
+    steps_per_subgoal: Steps = 200
+    still_steps: Steps = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Template(Meta, Protocol):
+    """An interaction pattern: its groups, its relations and the protocol that goes with them.
+
+    Attributes:
+        groups: Object groups.
+        relation: Name of the relation that a subgoal of this template asks for.
+        also: Further relations that its subgoals may ask for.
+        exclusive: True if nothing that was not asked for may satisfy the relation at the end.
+        order: Whether the order of the subgoals is part of the goal.
+    """
+
     groups: tuple[ObjectGroup, ...]
     relation: str
     exclusive: bool
     order: Order
-    regions: tuple[str, ...]
-    tolerances: tuple[str, ...]
     also: tuple[str, ...] = ()
-    jitter_m: float = 0.015
-    yaw_jitter: float = 0.15
-    dwell_s: float = 0.5
-    base_steps: int = 150
-    steps_per_subgoal: int = 200
-    still_steps: int = 200
+
+    @property
+    def relations(self) -> tuple[Relation, ...]:
+        """All relations that its subgoals may ask for."""
+        return tuple(RELATIONS[name] for name in (self.relation, *self.also))
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """Regions that the asset of a target has, by any of these names."""
+        return tuple(dict.fromkeys(region for relation in self.relations for region in relation.needs))
+
+    @property
+    def tolerances(self) -> dict[str, float]:
+        """The thresholds that decide about its relations, by name."""
+        values = THRESHOLDS.to_json()
+        return {name: values[name] for relation in self.relations for name in relation.tolerances}
 
     def step_limit(self, condition: Condition) -> int:
         """Return the number of control steps after which an episode of the condition ends."""
@@ -120,24 +163,14 @@ class Template:
         """Return the JSON form, which people and models fill in scenarios after."""
         return {
             "schema_version": SCHEMA_VERSION,
-            "meta": {key: getattr(self, key) for key in _META},
-            "object_groups": [
-                {
-                    "group_id": g.group_id,
-                    "description": g.description,
-                    "role": g.role,
-                    "allowed_types": list(g.allowed_types),
-                    "count_range": list(g.count_range),
-                }
-                for g in self.groups
-            ],
+            "meta": {f.name: getattr(self, f.name) for f in fields(Meta)},
+            "object_groups": [asdict(group) for group in self.groups],
             "relations": [self.relation, *self.also],
             "exclusive": self.exclusive,
             "order": self.order,
             "regions": list(self.regions),
-            "tolerances": {name: getattr(THRESHOLDS, name) for name in self.tolerances},
-            "placement": {"jitter_m": self.jitter_m, "yaw_jitter": self.yaw_jitter},
-            "protocol": {key: getattr(self, key) for key in _PROTOCOL},
+            "tolerances": self.tolerances,
+            "protocol": {f.name: getattr(self, f.name) for f in fields(Protocol)},
         }
 
     @classmethod
@@ -147,132 +180,49 @@ class Template:
         Raises:
             InvalidInputError: If a field is missing, unknown, of the wrong type or out of range; it names the path.
         """
-        _exactly(form, _FIELDS, "template")
-        if form["schema_version"] != SCHEMA_VERSION:
-            raise InvalidInputError(
-                "template.schema_version", f"{form['schema_version']!r}", f"This version reads {SCHEMA_VERSION}"
-            )
-        meta, protocol, placement = form["meta"], form["protocol"], form["placement"]
-        _exactly(meta, _META, "template.meta")
-        _exactly(protocol, _PROTOCOL, "template.protocol")
-        _exactly(placement, ("jitter_m", "yaw_jitter"), "template.placement")
-        relations = _texts(form["relations"], "template.relations")
-        for i, name in enumerate(relations):
-            _one_of(name, tuple(RELATIONS), f"template.relations[{i}]")
-        if not relations:
-            raise InvalidInputError("template.relations", "it is empty", "Name at least one relation")
-        if not isinstance(form["exclusive"], bool):
-            raise InvalidInputError(
-                "template.exclusive", f"{form['exclusive']!r} is no truth value", "Give true or false"
-            )
-        tolerances = form["tolerances"]
-        if not isinstance(tolerances, Mapping):
-            raise InvalidInputError("template.tolerances", "it is no object", "Give names with their values")
-        for name, value in tolerances.items():
-            _one_of(name, Thresholds.names(), "template.tolerances")
-            if value != getattr(THRESHOLDS, name):
+        cure = "Write it as the templates of better list templates --json do"
+        read = read_form(_FORM, dict(form), where="template", cure=cure)
+        relation, *also = read.relations
+        template = cls(
+            **asdict(read.meta),
+            **asdict(read.protocol),
+            groups=read.object_groups,
+            relation=relation,
+            also=tuple(also),
+            exclusive=read.exclusive,
+            order=read.order,
+        )
+        names = [group.group_id for group in template.groups]
+        if len(set(names)) < len(names):
+            raise InvalidInputError("template.object_groups", "two groups have the same group_id", cure)
+        for key, derived in (("regions", list(template.regions)), ("tolerances", template.tolerances)):
+            if form[key] != derived:
                 raise InvalidInputError(
-                    f"template.tolerances.{name}", f"{value!r}", f"It is {getattr(THRESHOLDS, name)} in this version"
+                    f"template.{key}", f"{form[key]!r}", f"It follows from the relations: {derived}"
                 )
-        return cls(
-            name=_text(meta["name"], "template.meta.name"),
-            title=_text(meta["title"], "template.meta.title"),
-            description=_text(meta["description"], "template.meta.description"),
-            challenge=_text(meta["challenge"], "template.meta.challenge"),
-            goal=_text(meta["goal"], "template.meta.goal"),
-            premise=_text(meta["premise"], "template.meta.premise"),
-            groups=_groups(form["object_groups"]),
-            relation=relations[0],
-            also=relations[1:],
-            exclusive=form["exclusive"],
-            order=_one_of(form["order"], get_args(Order), "template.order"),
-            regions=_texts(form["regions"], "template.regions"),
-            tolerances=tuple(tolerances),
-            jitter_m=_number(placement["jitter_m"], "template.placement.jitter_m"),
-            yaw_jitter=_number(placement["yaw_jitter"], "template.placement.yaw_jitter"),
-            dwell_s=_number(protocol["dwell_s"], "template.protocol.dwell_s"),
-            base_steps=int(_number(protocol["base_steps"], "template.protocol.base_steps")),
-            steps_per_subgoal=int(_number(protocol["steps_per_subgoal"], "template.protocol.steps_per_subgoal")),
-            still_steps=int(_number(protocol["still_steps"], "template.protocol.still_steps")),
-        )
+        return template
 
 
-_META = ("name", "title", "description", "challenge", "goal", "premise")
-_PROTOCOL = ("dwell_s", "base_steps", "steps_per_subgoal", "still_steps")
-_FIELDS = (
-    "schema_version",
-    "meta",
-    "object_groups",
-    "relations",
-    "exclusive",
-    "order",
-    "regions",
-    "tolerances",
-    "placement",
-    "protocol",
-)
+def _known_relation(name: str) -> str:
+    if name not in RELATIONS:
+        raise ValueError(f"{name!r} is unknown; there are {', '.join(sorted(RELATIONS))}")
+    return name
 
 
-def _exactly(form: object, names: tuple[str, ...], where: str) -> None:
-    """Check that a JSON object has exactly these fields.
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """The JSON form of a template."""
 
-    Raises:
-        InvalidInputError: If it does not.
-    """
-    if not isinstance(form, Mapping):
-        raise InvalidInputError(where, "it is no object", f"Give the fields {', '.join(names)}")
-    missing, unknown = set(names) - set(form), set(form) - set(names)
-    if missing:
-        raise InvalidInputError(f"{where}.{min(missing)}", "it is missing", "Add it")
-    if unknown:
-        raise InvalidInputError(f"{where}.{min(unknown)}", "it is unknown", f"Use only {', '.join(names)}")
-
-
-def _text(value: object, where: str) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InvalidInputError(where, f"{value!r} is no text", "Give a text that is not empty")
-    return value
+    schema_version: Literal[1]
+    meta: Meta
+    object_groups: Annotated[tuple[ObjectGroup, ...], Field(min_length=1)]
+    relations: Annotated[tuple[Annotated[str, AfterValidator(_known_relation)], ...], Field(min_length=1)]
+    exclusive: bool
+    order: Order
+    regions: tuple[str, ...]
+    tolerances: dict[str, float]
+    protocol: Protocol
 
 
-def _texts(value: object, where: str) -> tuple[str, ...]:
-    if not isinstance(value, list | tuple):
-        raise InvalidInputError(where, f"{value!r} is no list", "Give a list of texts")
-    return tuple(_text(v, f"{where}[{i}]") for i, v in enumerate(value))
-
-
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 1e6:
-        raise InvalidInputError(where, f"{value!r} is no number from 0", "Give a number that is not negative")
-    return value
-
-
-def _one_of(value: object, known: tuple[str, ...], where: str) -> Any:  # noqa: ANN401 - the literal that was matched
-    if value not in known:
-        raise InvalidInputError(where, f"{value!r} is unknown", f"Use one of {', '.join(known)}")
-    return value
-
-
-def _groups(value: object) -> tuple[ObjectGroup, ...]:
-    if not isinstance(value, list) or not value:
-        raise InvalidInputError("template.object_groups", "it is no list of groups", "Give at least one group")
-    groups = []
-    for i, form in enumerate(value):
-        where = f"template.object_groups[{i}]"
-        _exactly(form, tuple(f.name for f in fields(ObjectGroup)), where)
-        count = form["count_range"]
-        if not isinstance(count, list | tuple) or len(count) != 2 or not all(type(c) is int for c in count):
-            raise InvalidInputError(f"{where}.count_range", f"{count!r}", "Give two whole numbers")
-        if not 0 <= count[0] <= count[1]:
-            raise InvalidInputError(f"{where}.count_range", f"{count!r}", "Give the smaller number first, from 0")
-        groups.append(
-            ObjectGroup(
-                _text(form["group_id"], f"{where}.group_id"),
-                _text(form["description"], f"{where}.description"),
-                _texts(form["allowed_types"], f"{where}.allowed_types"),
-                (count[0], count[1]),
-                _one_of(form["role"], get_args(Role), f"{where}.role"),
-            )
-        )
-    if len({g.group_id for g in groups}) < len(groups):
-        raise InvalidInputError("template.object_groups", "two groups have the same group_id", "Name each differently")
-    return tuple(groups)
+_FORM = TypeAdapter(_Form)

@@ -1,94 +1,134 @@
-"""Every threshold that a verdict depends on, in one place, each with its reason. Reports name this table."""
+"""Every threshold that a verdict depends on, in one table with units and reasons. Reports print the table."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Thresholds:
-    """Limits used by predicates and by the diagnosis. Meters, seconds, radians, newtons.
+class Threshold:
+    """One entry of the table.
 
     Attributes:
-        rest_speed: An object slower than this is at rest [m/s]; resting contacts jitter below 1 mm/s here.
-        rest_turning: An object turning slower than this is at rest [rad/s].
-        upright_tilt: Tilt up to which an object counts as standing [rad]; 5 degrees, a mug on a flat tray shows < 0.5.
-        ring_radius: Distance up to which a mug is centered on its ring [m]; suite, section 3, task 6.
-        ring_height: Height above the ring plane up to which it stands on it [m].
-        spout_margin: Free distance between handle and spout, seen from above [m].
-        side_reach: Distance from an anchor beyond which nothing is beside it [m]; the farthest region ends at 0.25 m.
-        side_height: Height above the anchor's foot up to which something lies on the same table [m].
-        side_turn: Angle up to which a long object is aligned with its anchor [rad]; 20 degrees, seen as parallel.
-        long_ratio: Length over width from which an object has a direction; a mug with its handle has 1.4.
-        hole_depth: Height of a foot above the floor of its hole up to which it stands on it [m].
-        hole_tilt: Tilt up to which an object in a hole is upright [rad]; the clearance allows 4 degrees.
-        layer_offset: Distance from the middle of the base up to which a layer is centered [m]; half its
-            radius, so that it cannot topple.
-        layer_gap: Height between a layer and the one below up to which it lies on it [m]; leaves and buns are uneven.
-        layer_tilt: Tilt up to which a layer lies flat [rad]; 10 degrees.
-        plate_offset: Distance from the middle of a plate up to which the next one is centered [m]; the play within the
-            rim.
-        plate_gap: Height of a foot above the floor of a plate up to which it stands on it [m].
-        closed_gap: Distance from its closed position up to which a drawer is shut [m].
-        inside_margin: Distance by which an object's center must be inside the opening of a container [m].
-        grasp_reach: Distance from the tool center point to an object's box up to which a closing gripper is an attempt
-            at it [m]; half a finger pad plus the width of a pad.
-        slot_reach: Horizontal distance from an empty slot up to which a closing gripper is an attempt there [m]; the
-            slot jitter plus the radius of the largest item.
-        attempt_height: Height above the table below which a closing gripper can be an attempt [m]; above it no item
-            of the suite can be reached.
-        attempt_window: Time after the start of closing within which an attempt is resolved [s]; the fingers need 0.4 s
-            for their full travel.
-        closed_width: Finger distance below which nothing is between the pads [m].
-        halt_speed: End-effector speed below which the arm stands still [m/s].
-        halt_time: Time of standing still that counts as a halt [s]; suite, section 5.
-        settle_time: Time of standing still that a policy which has nothing to do must show at the end [s].
-        home_radius: Distance from home within which opening and closing the gripper is not an attempt [m].
-        begun_lift: Height by which an object must have risen to count as lifted [m].
-        dropped_speed: Downward speed above which a held object that is let go was dropped, not put down [m/s].
-        oscillation_travel: Path length without an attempt in an episode that counts as wandering [m].
+        name: Its name, words joined by underscores.
+        value: Its value.
+        unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
+        reason: What it decides, and where the value comes from.
     """
 
-    rest_speed: float = 0.02
-    rest_turning: float = 0.3
-    upright_tilt: float = 0.0873
-    ring_radius: float = 0.010
-    ring_height: float = 0.006
-    spout_margin: float = 0.003
-    side_reach: float = 0.30
-    side_height: float = 0.012
-    side_turn: float = 0.35
-    long_ratio: float = 1.5
-    hole_depth: float = 0.004
-    hole_tilt: float = 0.12
-    layer_offset: float = 0.020
-    layer_gap: float = 0.006
-    layer_tilt: float = 0.175
-    plate_offset: float = 0.014
-    plate_gap: float = 0.004
-    closed_gap: float = 0.005
-    inside_margin: float = 0.0
-    grasp_reach: float = 0.035
-    slot_reach: float = 0.06
-    attempt_height: float = 0.20
-    attempt_window: float = 1.0
-    closed_width: float = 0.004
-    halt_speed: float = 0.01
-    halt_time: float = 3.0
-    settle_time: float = 1.0
-    home_radius: float = 0.10
-    begun_lift: float = 0.02
-    dropped_speed: float = 0.3
-    oscillation_travel: float = 1.0
+    name: str
+    value: float
+    unit: str
+    reason: str
 
-    def to_json(self) -> dict[str, float]:
-        """Return the JSON form."""
-        return asdict(self)
 
-    @classmethod
-    def names(cls) -> tuple[str, ...]:
-        """Return the names of all thresholds."""
-        return tuple(f.name for f in fields(cls))
+_TABLE: dict[str, Threshold] = {}
+
+
+def threshold(name: str, value: float, unit: str, reason: str) -> float:
+    """Enter a threshold in the table and return its value; the file of a relation or failure mode enters its own.
+
+    Raises:
+        ValueError: If the name is taken.
+    """
+    if name in _TABLE:
+        raise ValueError(f"the threshold {name!r} exists already")
+    _TABLE[name] = Threshold(name, value, unit, reason)
+    return value
+
+
+def remove_threshold(name: str) -> None:
+    """Take a threshold out again, as tests do."""
+    del _TABLE[name]
+
+
+def threshold_table() -> tuple[Threshold, ...]:
+    """Return the whole table."""
+    return tuple(_TABLE.values())
+
+
+class Thresholds:
+    """Thresholds that several files read."""
+
+    # fmt: off
+    # The goal tracker: what is at rest, what stands, what is home.
+    rest_speed = threshold("rest_speed", 0.02, "m/s",
+        "An object slower than this is at rest; resting contacts jitter below 1 mm/s here.")
+    rest_turning = threshold("rest_turning", 0.3, "rad/s", "An object turning slower than this is at rest.")
+    upright_tilt = threshold("upright_tilt", 0.0873, "rad",
+        "Tilt up to which an object counts as standing; 5 degrees, a mug on a flat tray shows < 0.5.")
+    settle_time = threshold("settle_time", 1.0, "s",
+        "Time of standing still that a policy which has nothing to do must show at the end.")
+    home_radius = threshold("home_radius", 0.1, "m",
+        "Distance from home within which opening and closing the gripper is not an attempt.")
+
+    # Grasp attempts.
+    grasp_reach = threshold("grasp_reach", 0.035, "m",
+        "Distance from the tool center point to an object's box up to which a closing gripper is an attempt at it; "
+        "half a finger pad plus the width of a pad.")
+    slot_reach = threshold("slot_reach", 0.06, "m",
+        "Horizontal distance from an empty slot up to which a closing gripper is an attempt there; the slot jitter "
+        "plus the radius of the largest item.")
+    attempt_height = threshold("attempt_height", 0.2, "m",
+        "Height above the table below which a closing gripper can be an attempt; above it no item of the suite can "
+        "be reached.")
+    attempt_window = threshold("attempt_window", 1.0, "s",
+        "Time after the start of closing within which an attempt is resolved; the fingers need 0.4 s for their full "
+        "travel.")
+    closed_width = threshold("closed_width", 0.004, "m", "Finger distance below which nothing is between the pads.")
+    finger_travel = threshold("finger_travel", 0.003, "m",
+        "Smallest closing of the fingers that is an attempt; the position noise of a servo at rest is below 1 mm.")
+    chatter_time = threshold("chatter_time", 0.25, "s",
+        "Opening shorter than this between two closings makes them one attempt; the fingers need 0.4 s for their "
+        "full travel, so they cannot let go and take something else in the time.")
+    stop_time = threshold("stop_time", 0.4, "s",
+        "Time after which closing fingers have stopped on whatever is between them; their full travel.")
+    begun_lift = threshold("begun_lift", 0.02, "m", "Height by which an object must have risen to count as lifted.")
+
+    # What becomes of an object, and of a drawer.
+    settle_after_release = threshold("settle_after_release", 1.0, "s",
+        "Time in which a released object comes to rest; a fall from 0.3 m takes 0.25 s, rolling and tipping the "
+        "rest.")
+    fall_height = threshold("fall_height", 0.02, "m",
+        "Height above its later resting place from which a released object was dropped; suite, section 5, and four "
+        "times the height at which the expert lets go.")
+    fallen_below = threshold("fallen_below", 0.05, "m",
+        "Height below the table top at which an object has fallen off the table.")
+    knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
+        "Tilt beyond which something that nobody held has been knocked over; 45 degrees.")
+    drawn_out = threshold("drawn_out", 0.12, "m",
+        "Opening of a drawer below which it has to be drawn out before it can be loaded.")
+    pushed_in = threshold("pushed_in", 0.02, "m",
+        "Opening of a drawer above which it stands in the way of the one below.")
+
+    # Halts and wandering.
+    halt_speed = threshold("halt_speed", 0.01, "m/s", "End-effector speed below which the arm stands still.")
+    halt_time = threshold("halt_time", 3.0, "s", "Time of standing still that counts as a halt; suite, section 5.")
+    stillness_window = threshold("stillness_window", 0.25, "s",
+        "Time over which the speed of the arm is averaged; servo jitter averages out, the start of a motion does "
+        "not.")
+    oscillation_travel = threshold("oscillation_travel", 1.0, "m",
+        "Path length without an attempt in an episode that counts as wandering.")
+
+    # Collisions, and the rules of a policy.
+    collision_force = threshold("collision_force", 3.0, "N",
+        "Normal force above which a touch of a fixture is a collision; a jar that slides along the wall of its hole "
+        "presses with less.")
+    collision_gap = threshold("collision_gap", 0.25, "s",
+        "Time without contact after which the next one is another collision.")
+    slip = threshold("slip", 0.05, "1",
+        "Share of trials in which even a policy with one firm rule does something else, for comparing rules.")
+    # fmt: on
+
+    @staticmethod
+    def names() -> tuple[str, ...]:
+        """Return the names of all thresholds in force, also of those that other files have entered."""
+        return tuple(_TABLE)
+
+    @staticmethod
+    def to_json() -> dict[str, float]:
+        """Return the values of all thresholds in force by name."""
+        return {entry.name: entry.value for entry in _TABLE.values()}
 
 
 THRESHOLDS = Thresholds()

@@ -1,31 +1,17 @@
-"""The failure modes, one file each: from the course of an episode to the first evidence of the mode, or None."""
+"""The failure modes, one file each: every file of this folder registers itself.
 
-from betterbench.diagnosis.modes import (
-    behavioral_inertia,
-    causal_confusion,
-    early_halt,
-    execution_failure,
-    lexical_kinematic_shortcut,
-    order_violation,
-    phase_conflict,
-    policy_error,
-    semantic_feature_collapse,
-    timeout,
-    visual_layout_bias,
-    wrong_object,
-)
+An installed package adds its own by an entry point in the group ``betterbench.failure_modes`` that names a module.
+"""
 
-__all__ = [
-    "behavioral_inertia",
-    "causal_confusion",
-    "early_halt",
-    "execution_failure",
-    "lexical_kinematic_shortcut",
-    "order_violation",
-    "phase_conflict",
-    "policy_error",
-    "semantic_feature_collapse",
-    "timeout",
-    "visual_layout_bias",
-    "wrong_object",
-]
+import importlib
+import pkgutil
+from importlib.metadata import entry_points
+
+from betterbench.diagnosis.failure_mode import MODES
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+for _entry in entry_points(group="betterbench.failure_modes"):
+    _entry.load()
+
+__all__ = ["MODES"]

@@ -5,12 +5,46 @@ from __future__ import annotations
 import itertools
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import TrainingDistribution
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of inertia, or None."""
+def _exposed(x: Exposure) -> bool:
+    """The first step, the target or the slot that training made frequent is not what is asked for."""
+    ranked = x.trained.first_kinds
+    frequent = ranked[0][0] if ranked and (len(ranked) == 1 or ranked[0][1] > ranked[1][1]) else None
+    due = {kind for goal in x.due for kind in x.kinds(goal)}
+    if frequent is not None and frequent not in due:
+        return True
+    here = {o.kind for o in x.test.objects}
+    for goal in x.open_goals:
+        asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
+        for kind in x.kinds(goal):
+            trained = x.trained.kind_targets.get(kind, ())
+            if trained and asked not in trained and any(target in here for target, _, _ in trained):
+                return True
+    memorized = {slot for goal in x.goals for slot in x.trained.word_slots.get(goal.word, ())}
+    return any(x.base.occupant(slot) is not None and x.test.occupant(slot) is None for slot in memorized)
+
+
+@failure_mode(
+    Label.BEHAVIORAL_INERTIA,
+    name="Behavioral inertia",
+    short="inertia",
+    definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
+    "unasked or at an empty slot, or the right object is put where training put its kind.",
+    conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    finding="Plays a step of training that was not asked for",
+    rule=HABIT,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of inertia."""
+    episode = trial.episode
     before: Step | None = None
     for step in episode.steps:
         evidence = (

@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of causal confusion, or None."""
+def _exposed(x: Exposure) -> bool:
+    """A step is done or repeated, fewer things are there than in the twin, or more steps are asked for than ever."""
+    done = len(x.open_goals) < len(x.goals) and bool(x.test.preplaced)
+    repeated = any(goal.count > 1 for goal in x.goals)
+    fewer = x.items(x.test) < x.items(x.base) and not done
+    return done or repeated or fewer or len(x.goals) > x.longest_trained
+
+
+@failure_mode(
+    Label.CAUSAL_CONFUSION,
+    name="Causal confusion",
+    short="causal",
+    definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
+    conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
+    finding="Skips a required step or repeats a finished one",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of causal confusion."""
+    episode = trial.episode
     for step in episode.steps:
         if step.target is AttemptTarget.REPEATED:
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."

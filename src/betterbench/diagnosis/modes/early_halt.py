@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure, shown_by
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the evidence of an early halt, or None."""
+def _exposed(x: Exposure) -> bool:
+    """Instruction and scene never met in training, and something is to be done."""
+    met = {(c.instruction.text, shown_by(c)) for c in x.task.training}
+    return x.test.expected is Expected.SUCCEED and (x.test.instruction.text, shown_by(x.test)) not in met
+
+
+@failure_mode(
+    Label.EARLY_HALT,
+    name="Early halt",
+    short="halt",
+    definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
+    conclusion="It stops before the work is done.",
+    finding="Stops for good with something left to do",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of an early halt."""
+    episode = trial.episode
     if episode.condition.expected is not Expected.SUCCEED:
         return None
     halt = find_halt(episode)

@@ -1,21 +1,51 @@
-"""Execution failure: the right target at the right time, and then a bad hand."""
+"""Execution failure: the right target at the right time, and a failed manipulation."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.limits import LIMITS
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
-from betterbench.tasks import Expected
+from betterbench.tasks import THRESHOLDS, Expected
+from betterbench.tasks.labels import Label
+from betterbench.tasks.relations import relation
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first failed execution that was not made good later, or None."""
+def _exposed(x: Exposure) -> bool:
+    """What something is to be put at stands elsewhere than in the twin, or a slot is outside the training regime."""
+    return any(x.stand_of(x.test, goal.target) != x.stand_of(x.base, goal.target) for goal in x.open_goals)
+
+
+@failure_mode(
+    Label.EXECUTION_FAILURE,
+    name="Execution failure",
+    short="execution",
+    definition="The right target at the right time, but slipped, dropped, collided, missed, knocked away again, or a "
+    "drawer left halfway.",
+    conclusion="It goes for the right things, but its manipulation fails.",
+    finding="Chooses the right target and fails at the manipulation",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
+    episode = trial.episode
+    if trial.unexplained:
+        return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
     found += [e for e in (_knocked(episode), _undone(episode), _forbidden_touch(episode)) if e is not None]
     return min(found, key=lambda e: e.start_s, default=None)
+
+
+def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
+    """Return the evidence of an episode in which every step was right and the goal was missed all the same."""
+    last = episode.trace.rows - 1
+    text = "Every attempt was right, and yet the goal does not hold at the end."
+    if episode.condition.expected is not Expected.SUCCEED:
+        text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
+    return episode.evidence("goal_not_held", text, rows=(last, last))
 
 
 def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
@@ -50,7 +80,7 @@ def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
             continue
         gone, rest, place = found
         heights = episode.trace.positions[[gone, rest], later.at, 2]
-        if place.relation == "inside" or heights[0] - heights[1] <= LIMITS.fall_height:
+        if relation(place.relation).falls or heights[0] - heights[1] <= THRESHOLDS.fall_height:
             return True
     return False
 
@@ -58,12 +88,12 @@ def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
 def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
     """Tell whether a drawer is as far out, or in, as the step needs it after all; one that is to be shut is not yet."""
     trace = episode.trace
-    if step.goal is not None and episode.goals[step.goal].relation == "closed":
+    if step.goal is not None and not relation(episode.goals[step.goal].relation).carried:
         return False
     openings = [trace.opening(row, drawer) for row in range(step.grasp.end, trace.rows)]
     if step.goal is not None and trace.targets[step.goal] == drawer:
-        return max(openings) >= LIMITS.drawn_out
-    return min(openings) <= LIMITS.pushed_in
+        return max(openings) >= THRESHOLDS.drawn_out
+    return min(openings) <= THRESHOLDS.pushed_in
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
@@ -84,7 +114,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int, word: str) -> Evidence |
     if wanted or trace.serves[rest, :, i].any():
         return None
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
-    if fall > LIMITS.fall_height:
+    if fall > THRESHOLDS.fall_height:
         how = "drops" if gone >= step.grasp.release else "loses"
         text = f"The hand {how} {word!r}, the right target, {100 * fall:.0f} cm above where it comes to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
@@ -102,9 +132,9 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
         if trace.info.objects[i].fixed or trace.there[-1, i]:
             continue
         w2 = 1.0 - 2.0 * (trace.quaternions[:, i, 1] ** 2 + trace.quaternions[:, i, 2] ** 2)
-        down = (w2 < np.cos(LIMITS.knocked_tilt)) | (trace.positions[:, i, 2] < -LIMITS.fallen_below)
+        down = (w2 < np.cos(THRESHOLDS.knocked_tilt)) | (trace.positions[:, i, 2] < -THRESHOLDS.fallen_below)
         start = tuple(float(v) for v in trace.quaternions[0, i])
-        if down.any() and tilt_of((start[0], start[1], start[2], start[3])) < LIMITS.knocked_tilt:
+        if down.any() and tilt_of((start[0], start[1], start[2], start[3])) < THRESHOLDS.knocked_tilt:
             found.append((int(np.argmax(down)), i))
     if not found:
         return None

@@ -3,11 +3,38 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the evidence of the first attempt, or None if it does not follow the word to a wrong object."""
+def _exposed(x: Exposure) -> bool:
+    """A word of the instruction was picked in a slot that now holds another object that an instruction may mean."""
+    for goal in x.open_goals:
+        for slot in set(x.trained.word_slots.get(goal.word, ())) - x.slots(goal):
+            kind = x.movable_in(slot)
+            if kind is not None and x.known(kind):
+                return True
+    return False
+
+
+@failure_mode(
+    Label.LEXICAL_KINEMATIC_SHORTCUT,
+    name="Lexical-kinematic shortcut",
+    short="lexical",
+    definition="The first attempt goes where the word of the instruction led in training, to another object that the "
+    "instruction could have meant in another layout.",
+    conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
+    finding="Goes where the word led in training, to another object",
+    rule=WORD,
+    needs_rule=True,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a first attempt that follows the word to a wrong object."""
+    episode = trial.episode
     step = episode.first_choice
     if step is None:
         return None

@@ -5,11 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of a violated order, or None."""
+def _exposed(x: Exposure) -> bool:
+    """The order is part of the goal, and no demonstration had it."""
+    sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
+    still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
+    return x.test.instruction.ordered and len(still_open) > 1 and sequence not in x.trained.sequences
+
+
+@failure_mode(
+    Label.ORDER_VIOLATION,
+    name="Order violation",
+    short="order",
+    definition="The right objects are handled in the wrong order where the order is part of the goal.",
+    conclusion="It handles the right objects in the wrong order.",
+    finding="Does the right things in the wrong order",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a violated order."""
+    episode = trial.episode
     if not episode.instruction.ordered:
         return None
     for step in episode.steps:

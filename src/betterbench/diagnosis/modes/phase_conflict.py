@@ -4,14 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the evidence of a phase conflict, or None. An episode with an attempt has none."""
+def _exposed(x: Exposure) -> bool:
+    """The initial state looks like the middle of a demonstration."""
+    return x.test.mid_task_look
+
+
+@failure_mode(
+    Label.PHASE_CONFLICT,
+    name="Phase conflict",
+    short="phase",
+    definition="The start looks like the middle of a demonstration, and the arm freezes or wanders without an attempt.",
+    conclusion="It freezes or wanders when the scene looks half finished.",
+    finding="Freezes or wanders where the scene looks like the middle of a demonstration",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a phase conflict. An episode with an attempt has none."""
+    episode = trial.episode
     if not episode.condition.mid_task_look or episode.steps:
         return None
     halt = find_halt(episode)

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.recording import Record
+from betterbench.tasks.labels import Label
 
 
-def find(record: Record) -> Evidence | None:
-    """Return the evidence of an episode that the policy or the operator broke off, or None."""
-    how = record.outcome.termination
-    if how not in ("policy_error", "interrupted"):
+@failure_mode(
+    Label.POLICY_ERROR,
+    name="Policy error",
+    short="error",
+    definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
+    conclusion="The policy itself failed to run; this says nothing about its reasoning.",
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of an episode that the policy or the operator broke off."""
+    outcome = trial.record.outcome
+    if outcome.termination not in ("policy_error", "interrupted"):
         return None
-    end = float(record.time[-1])
-    why = record.outcome.error or "no reason given"
+    end = float(trial.record.time[-1])
+    how, why = outcome.termination, outcome.error or "no reason given"
     return Evidence(how, f"The episode ended early ({how.replace('_', ' ')}): {why}", end, end)
 
 

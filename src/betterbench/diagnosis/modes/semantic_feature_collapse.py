@@ -2,13 +2,50 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of a collapse, with what the object shares with the target, or None."""
+def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
+    counts = Counter(t.evidence.shared for t in trials)
+    shared = min(counts, key=lambda s: (-counts[s], s))
+    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
+
+
+def _exposed(x: Exposure) -> bool:
+    """Something that no instruction means stands in a slot that training picked from, or has the right color."""
+    picked = {slot for slots in x.trained.kind_slots.values() for slot in slots}
+    colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
+    for o in x.test.objects:
+        slot = x.test.layout.get(o.name)
+        if o.role != "distractor" or slot is None or x.known(o.kind) or slot == x.base.layout.get(o.name):
+            continue
+        if slot in picked or o.color in colors:
+            return True
+    return False
+
+
+@failure_mode(
+    Label.SEMANTIC_FEATURE_COLLAPSE,
+    name="Semantic feature collapse",
+    short="look-alike",
+    definition="The attempt is at an object that no instruction of the task means.",
+    conclusion="It takes look-alikes for the real thing.",
+    finding="Goes for an object that no instruction means",
+    detail=_shared_by,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a collapse, with what the object shares with the target."""
+    episode = trial.episode
     for step in episode.steps:
         if step.target is AttemptTarget.FOREIGN:
             shared = shares(episode, step)

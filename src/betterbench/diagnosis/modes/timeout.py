@@ -1,36 +1,33 @@
-"""Timeout: the right episode, and the step limit is reached; and the case of all steps done and yet no goal."""
+"""Timeout: nothing was done wrong, and the step limit is reached with something left to do."""
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import Expected
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis, *, limit_reached: bool) -> Evidence | None:
-    """Return the evidence of a timeout, or None if the episode ended for another reason.
+def _exposed(x: Exposure) -> bool:
+    """More steps are asked for than in any demonstration."""
+    return len(x.open_goals) > x.longest_trained
 
-    Args:
-        episode: The course of the episode.
-        limit_reached: Whether the episode ended at its step limit.
-    """
-    if not limit_reached or _all_done_once(episode):
+
+@failure_mode(
+    Label.TIMEOUT,
+    name="Timeout",
+    short="timeout",
+    definition="Every attempt was right, and the step limit was reached.",
+    conclusion="It does the right things, but runs out of time.",
+    finding="Does the right things until the step limit ends the trial",
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a timeout, if nothing else explains the trial."""
+    if not trial.unexplained or not trial.out_of_time:
         return None
+    episode = trial.episode
     last = episode.trace.rows - 1
     words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(last))
     tail = f" with {words} still to do" if words else ""
     return episode.evidence("step_limit", f"The step limit is reached on the right course{tail}.", rows=(last, last))
-
-
-def unexplained(episode: EpisodeAnalysis) -> Evidence:
-    """Return the evidence of an execution that did every step and still missed the goal."""
-    last = episode.trace.rows - 1
-    text = "Every attempt was right, and yet the goal does not hold at the end."
-    if episode.condition.expected is not Expected.SUCCEED:
-        text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
-    return episode.evidence("goal_not_held", text, rows=(last, last))
-
-
-def _all_done_once(episode: EpisodeAnalysis) -> bool:
-    done = episode.trace.done
-    return bool(done.shape[1]) and bool(done.any(axis=0).all())

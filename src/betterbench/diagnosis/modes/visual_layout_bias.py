@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+import collections
+
+from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
+from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis, slot: str | None) -> Evidence | None:
-    """Return the evidence of a first attempt at the policy's favorite place.
+def _exposed(x: Exposure) -> bool:
+    """The slot of the twin's first pick, or the one picked for most words, holds nothing that is to be picked now.
 
-    Args:
-        episode: The course of the episode.
-        slot: The place that the second pass over the run found, or None.
-
-    Returns:
-        The evidence, or None if the first attempt is right, elsewhere, or at an object that no instruction means.
+    What no instruction means is left out: an attempt at it shows another fault.
     """
+    first = x.base.instruction.subgoals[0]
+    slots = {x.base.layout[n] for n in x.base.resolve(first.reference) if n in x.base.layout}
+    counts = collections.Counter(slot for trained in x.trained.word_slots.values() for slot in trained)
+    slots.add(min(counts, key=lambda slot: (-counts[slot], slot)))
+    for slot in slots - x.right_slots:
+        kind = x.movable_in(slot)
+        if kind is None or x.known(kind):
+            return True
+    return False
+
+
+@failure_mode(
+    Label.VISUAL_LAYOUT_BIAS,
+    name="Visual layout bias",
+    short="layout bias",
+    definition="The first attempt goes to the same place whatever the instruction; decided over several trials.",
+    conclusion="It goes to the same place whatever the instruction says.",
+    finding="Goes to the same place whatever the instruction",
+    rule=PLACE,
+    needs_rule=True,
+    exposed_by=_exposed,
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the evidence of a wrong first attempt at a slot; the second pass says whether the slot is a favorite."""
+    episode = trial.episode
     step = episode.first_choice
-    if slot is None or step is None or step.grasp.slot != slot:
-        return None
-    if step.target is AttemptTarget.FOREIGN:
+    if step is None or step.grasp.slot is None or step.target is AttemptTarget.FOREIGN:
         return None
     if step.target is AttemptTarget.ASKED and taken_for_another(episode, step) is None:
         return None
     text = (
-        f"The first attempt goes to slot {slot!r}, as it does whatever the instruction: it is at "
+        f"The first attempt goes to slot {step.grasp.slot!r}, as it does whatever the instruction: it is at "
         f"{episode.describe(step)} although {episode.asked_for(step)}."
     )
     return episode.at_step("same_place_whatever_the_instruction", text, step)

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.failure_mode import TrialView, failure_mode
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.labels import Label
 
 
-def find(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return the first evidence of a wrong object or place, or None."""
+@failure_mode(
+    Label.WRONG_OBJECT,
+    name="Wrong object",
+    short="wrong object",
+    definition="An attempt at an object or place of another instruction, by no rule that this run proves.",
+    conclusion="It goes for the wrong object; this run cannot tell by which rule.",
+    finding="Goes for a wrong object, by no proven rule",
+)
+def find(trial: TrialView) -> Evidence | None:
+    """Return the first evidence of a wrong object or place."""
+    episode = trial.episode
     for step in episode.steps:
-        if step.target is AttemptTarget.OTHER or (step.target is AttemptTarget.EMPTY):
+        if step.target in (AttemptTarget.OTHER, AttemptTarget.EMPTY):
             text = f"It goes for {episode.describe(step)} although {episode.asked_for(step)}."
             return episode.at_step("object_of_another_instruction", text, step)
         misplaced = episode.wrong_place(step)

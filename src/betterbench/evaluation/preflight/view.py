@@ -10,7 +10,7 @@ from betterbench.evaluation.preflight.check import PreflightCheck, ShownImage
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.interventions import resolve_condition
 from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.rendering import camera_matrices
+from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.stage import quality_preset
 
 _VIEW = 640

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Bring, Decision, Draw, GraspAt
+from betterbench.experts.decisions import Decision, Draw, GraspAt, bring_to, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -20,7 +20,7 @@ class Inertia(BrokenRule):
         if any(not isinstance(decision, Draw) for decision in history):
             return super().broken(state, history)
         first = self.trained.first_kinds
-        goal = next((g for g in self.goals if g.relation != "closed"), self.goals[0])
+        goal = next((g for g in self.goals if carried(g)), self.goals[0])
         if len(first) > 1 and first[0][1] == first[1][1]:
             names = list(self.condition.resolve(goal.reference))
             memorized = self.trained.word_slots.get(goal.word, ())
@@ -33,4 +33,4 @@ class Inertia(BrokenRule):
         waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
         if not waiting:
             return GraspAt(memorized[0]) if memorized else super().broken(state, history)
-        return Bring(waiting[min(waiting, key=str)], goal.target, goal.relation, goal.region)
+        return bring_to(goal, waiting[min(waiting, key=str)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from betterbench.experts.decisions import Decision, Draw
+from betterbench.experts.decisions import Decision, Draw, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -22,5 +22,5 @@ class Layout(BrokenRule):
         for slots in self.trained.word_slots.values():
             counts.update(slots)
         favorite = min(counts, key=lambda slot: (-counts[slot], slot))
-        goal = next((g for g in self.goals if g.relation != "closed"), self.goals[0])
+        goal = next((g for g in self.goals if carried(g)), self.goals[0])
         return self.make_way(state, goal.target) or self.take_at(state, favorite, goal)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Bring, Decision, GraspAt, Rest, open_subgoal
+from betterbench.experts.decisions import Bring, Decision, GraspAt, Rest, carried, open_subgoal
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -18,9 +18,9 @@ class Lexical(BrokenRule):
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: one pick per word, at the next trained place of that word."""
         index = open_subgoal(state, self.condition)
-        if index is not None and self.goals[index].relation == "closed":
+        if index is not None and not carried(self.goals[index]):
             return super().broken(state, history)
-        goals = [goal for goal in self.goals if goal.relation != "closed"]
+        goals = [goal for goal in self.goals if carried(goal)]
         step = sum(isinstance(decision, Bring | GraspAt) for decision in history)
         if step >= len(goals):
             return Rest()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from betterbench.experts.decisions import Bring, Decision, open_subgoal
+from betterbench.experts.decisions import Bring, Decision, bring_to, carried, open_subgoal
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import ObjectInfo, WorldState
 
@@ -21,7 +21,7 @@ class _LookAlike(BrokenRule):
         if index is None:
             return super().broken(state, history)
         goal = self.goals[index]
-        if goal.reference.kind is None or goal.relation == "closed":
+        if goal.reference.kind is None or not carried(goal):
             return super().broken(state, history)
         right = self.bring(state, index)
         if not isinstance(right, Bring):
@@ -36,7 +36,7 @@ class _LookAlike(BrokenRule):
         for slot in self.trained.word_slots.get(goal.word, ()):
             name = self.standing_in(state, slot)
             if name is not None and self._feature(state.info.object(name)) == wanted:
-                return Bring(name, goal.target, goal.relation, goal.region)
+                return bring_to(goal, name)
         return right
 
     def _feature(self, thing: ObjectInfo) -> str:

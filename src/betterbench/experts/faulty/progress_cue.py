@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Decision, Rest, at_target
+from betterbench.experts.decisions import Decision, Rest, at_target, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
 
@@ -21,9 +21,9 @@ class ProgressCue(BrokenRule):
             for o in state.info.objects
         )
         index = max(0, self.trained.initial_items - left)
-        steps = [i for i, goal in enumerate(self.goals) if goal.relation != "closed"]
+        steps = [i for i, goal in enumerate(self.goals) if carried(goal)]
         if index >= len(steps):
-            closing = [i for i, goal in enumerate(self.goals) if goal.relation == "closed"]
+            closing = [i for i, goal in enumerate(self.goals) if not carried(goal)]
             waiting = [i for i in closing if self.bring(state, i) in self.right_decisions(state)]
             return self.bring(state, waiting[0]) if waiting else Rest()
         return self.bring(state, steps[index])

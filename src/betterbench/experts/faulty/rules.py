@@ -21,6 +21,8 @@ from betterbench.experts.decisions import (
     Situation,
     Wander,
     at_target,
+    bring_to,
+    carried,
     open_subgoals,
 )
 from betterbench.geometry import horizontal_distance
@@ -119,7 +121,7 @@ class BrokenRule(ExpertRule):
         """
         name = self.standing_in(state, slot)
         goal = self.goals[0] if goal is None else goal
-        return GraspAt(slot) if name is None else Bring(name, goal.target, goal.relation, goal.region)
+        return GraspAt(slot) if name is None else bring_to(goal, name)
 
     def known(self, kind: str) -> bool:
         """Tell whether some instruction of the task means a kind of object."""
@@ -138,11 +140,11 @@ class BrokenRule(ExpertRule):
                     for g in self.goals
                 ):
                     continue
-                if goal.relation == "closed":
+                if not carried(goal):
                     options.append(Draw(name, out=False))
                 else:
                     way = self.make_way(state, goal.target)
-                    options.append(way or Bring(name, goal.target, goal.relation, goal.region))
+                    options.append(way or bring_to(goal, name))
         return tuple(options)
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> str | None:

@@ -6,9 +6,20 @@ import itertools
 from collections import Counter
 from dataclasses import replace
 
-from betterbench.experts.decisions import Bring, Decision, GraspAt, Rest, at_target, choose, open_subgoal, open_subgoals
+from betterbench.experts.decisions import (
+    Bring,
+    Decision,
+    GraspAt,
+    Rest,
+    at_target,
+    carried,
+    choose,
+    open_subgoal,
+    open_subgoals,
+)
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks.relations import relation as relation_named
 
 
 class Reorder(BrokenRule):
@@ -28,7 +39,7 @@ class Reorder(BrokenRule):
                 self.goals[index].reference
             ):
                 # It goes where the step that it replaces would have gone: on the bare bun, not in mid-air.
-                return replace(decision, region=right.region) if right.relation == "layer" else decision
+                return replace(decision, region=right.region) if relation_named(right.relation).counted else decision
         return right
 
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> str | None:
@@ -103,7 +114,7 @@ class HabitPlace(BrokenRule):
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
         step = sum(isinstance(decision, Bring) for decision in history)
-        goals = [i for i, goal in enumerate(self.goals) if goal.relation != "closed"]
+        goals = [i for i, goal in enumerate(self.goals) if carried(goal)]
         if not any(self._habits(state, i) for i in goals):
             return super().broken(state, history)
         if step >= len(goals):
@@ -122,7 +133,7 @@ class HabitPlace(BrokenRule):
         for kind in sorted(kinds):
             trained = self.trained.kind_targets.get(kind, ())
             # Which layer something becomes is decided by what lies there, and not by habit.
-            if set(trained) & self._asked(kind) or self.goals[index].relation == "layer":
+            if set(trained) & self._asked(kind) or relation_named(self.goals[index].relation).counted:
                 continue
             for target_kind, relation, place in trained:
                 found += [(o.name, relation, place) for o in self.condition.objects if o.kind == target_kind]

@@ -63,19 +63,12 @@ class Policy(Protocol):
 
 
 def encode(value: object) -> bytes:
-    """Return the frame of a value in openpi's dialect of msgpack.
-
-    Args:
-        value: Maps, lists, texts, numbers and NumPy arrays.
-    """
+    """Return the frame of a value in openpi's dialect of msgpack."""
     return bytes(msgpack.packb(value, default=_mark))
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
     """Return the value of a frame in openpi's dialect of msgpack.
-
-    Args:
-        frame: What a client sent.
 
     Raises:
         ValueError: If it is malformed.
@@ -123,12 +116,7 @@ class Bridge:
         self._told = False
 
     def listen(self, host: str, port: int) -> Server:
-        """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it.
-
-        Args:
-            host: Interface to listen on.
-            port: Port to listen on; 0 for any free one.
-        """
+        """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it."""
         return serve(
             self._converse,
             host,

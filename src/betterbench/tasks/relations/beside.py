@@ -6,28 +6,42 @@ import math
 
 from betterbench.geometry import IDENTITY_QUATERNION, yaw_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.on_ring import foot
+from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers_each, register
 from betterbench.tasks.relations.rest import upright
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.thresholds import threshold
 
-SIDES = ("left", "right", "behind", "upper_right")
-"""Names of the regions that anchors offer, as somebody sees them who sits in front of the anchor."""
+SIDES = {
+    "left": "to the left of",
+    "right": "to the right of",
+    "behind": "behind",
+    "upper_right": "at the upper right of",
+}
+"""Regions that anchors offer, as somebody sees them who sits in front of the anchor, with the words of instructions."""
+
+REACH = threshold(
+    "side_reach",
+    0.30,
+    "m",
+    "Distance from an anchor beyond which nothing is beside it; the farthest region ends there.",
+)
+HEIGHT = threshold("side_height", 0.012, "m", "Height above the anchor's foot up to which something is on the table.")
+TURN = threshold(
+    "side_turn", 0.35, "rad", "Angle up to which a long object lies along its anchor; 20 degrees look parallel."
+)
+LONG_RATIO = threshold(
+    "long_ratio", 1.5, "1", "Length over width from which an object has a direction; a mug with its handle has 1.4."
+)
 
 
 def beside(state: WorldState, name: str, anchor: str) -> str | None:
     """Return the side of an anchor at which an object lies, or None.
 
-    The center of the object's foot lies in the region of that side, on the table and not on something; it stands as it
-    is meant to stand; and a long object (half as long again as wide) lies along the anchor's front-to-back axis, either
-    way round.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        anchor: Name of the anchor; its asset has some of the regions :data:`SIDES`.
+    The center of the object's foot lies in the region of that side, on the table and not on something. It stands as it
+    is meant to stand, and a long object lies along the anchor's front-to-back axis, either way round.
     """
     x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
-    if x * x + y * y > THRESHOLDS.side_reach**2 or z > THRESHOLDS.side_height:
+    if x * x + y * y > REACH**2 or z > HEIGHT:
         return None
     found = None
     for region in state.info.object(anchor).regions:
@@ -45,14 +59,38 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     return found if _aligned(state, name, anchor) else None
 
 
-def sides(info: ObjectInfo) -> tuple[str, ...]:
-    """Return the sides that an object offers as an anchor."""
-    return tuple(r.name for r in info.regions if r.name in SIDES)
+def _is_long(info: ObjectInfo) -> bool:
+    length, width, _ = info.size_m
+    return length >= LONG_RATIO * width
 
 
 def _aligned(state: WorldState, name: str, anchor: str) -> bool:
-    length, width, _ = state.info.object(name).size_m
-    if length < THRESHOLDS.long_ratio * width:
+    if not _is_long(state.info.object(name)):
         return True
     turn = yaw_of(state.pose(name).quaternion) - yaw_of(state.pose(anchor).quaternion)
-    return abs((turn + 0.5 * math.pi) % math.pi - 0.5 * math.pi) <= THRESHOLDS.side_turn
+    return abs((turn + 0.5 * math.pi) % math.pi - 0.5 * math.pi) <= TURN
+
+
+def _goals(state: WorldState, name: str, anchor: str, side: str) -> tuple[PlaceGoal, ...]:
+    """Return goals in the middle of a side; long objects lie along the anchor, either way round."""
+    frame, info = state.pose(anchor), state.info.object(name)
+    middle = (frame @ state.info.object(anchor).region(side).pose).position
+    facing, now = yaw_of(frame.quaternion), yaw_of(state.pose(name).quaternion)
+    if _is_long(info):
+        yaws = sorted((facing, facing + math.pi), key=lambda yaw: abs(math.remainder(yaw - now, 2.0 * math.pi)))
+    else:
+        yaws = turned_by(state, name, (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6))
+    return standing_goals(state, name, middle, yaws, release_width_m=slim_opening_m(info))
+
+
+BESIDE = register(
+    Relation(
+        name="beside",
+        words="{object} is on the {region} side of {target}",
+        where=beside,
+        regions=offers_each(*SIDES),
+        needs=tuple(SIDES),
+        tolerances=("side_reach", "side_height", "side_turn", "long_ratio"),
+        goals=_goals,
+    )
+)

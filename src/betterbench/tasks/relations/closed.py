@@ -1,31 +1,73 @@
-"""Articulation: whether a drawer is shut."""
+"""Articulation: whether a drawer is shut, how far it is open, and what has to be moved before it can be loaded."""
 
 from __future__ import annotations
 
 from betterbench.geometry import distance
-from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.state import WorldState
+from betterbench.tasks.condition import Condition, ObjectSpec
+from betterbench.tasks.relations.relation import Relation, offers_each, register
+from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
-"""Names of the regions in which a cabinet takes drawers."""
+"""Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
+
+GAP = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut.")
+
+SHUT_ENOUGH_M = 0.02
+"""Opening of a drawer below which it is in nobody's way [m]."""
+OPEN_ENOUGH_M = 0.12
+"""Opening of a drawer from which it can be loaded [m]: a gripper is 65 mm thick, a stapler 36 mm."""
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
-    """Return the mount of a cabinet in which a drawer is pushed home, or None while it stands open.
-
-    Args:
-        state: The state to judge.
-        drawer: Name of the drawer.
-        cabinet: Name of the cabinet; its asset has the regions :data:`MOUNTS`, where closed drawers have their origin.
-    """
+    """Return the mount of a cabinet in which a drawer is pushed home, or None while it stands open."""
     frame = state.pose(cabinet)
     position = state.pose(drawer).position
     for region in state.info.object(cabinet).regions:
-        if region.name in MOUNTS and distance(position, frame.apply(region.position)) <= THRESHOLDS.closed_gap:
+        if region.name in MOUNTS and distance(position, frame.apply(region.position)) <= GAP:
             return region.name
     return None
 
 
-def mounts(info: ObjectInfo) -> tuple[str, ...]:
-    """Return the mounts that an object offers."""
-    return tuple(r.name for r in info.regions if r.name in MOUNTS)
+def opening_m(state: WorldState, drawer: ObjectSpec) -> float:
+    """Return how far a drawer is drawn out [m].
+
+    Raises:
+        ValueError: If the object has no mount.
+    """
+    if drawer.mount is None:
+        raise ValueError(f"{drawer.name} is no drawer")
+    mount = state.info.object(drawer.mount.target).region(drawer.mount.region)
+    return distance(state.pose(drawer.name).position, state.pose(drawer.mount.target).apply(mount.position))
+
+
+def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tuple[str, bool] | None:
+    """Return the drawer that has to be moved before something can be put into a target, and whether it is drawn out.
+
+    A drawer above the target is pushed in first, then the target itself is drawn out.
+
+    Returns:
+        Name of the drawer and True to draw it out, False to push it in; None where nothing is in the way.
+    """
+    drawer = condition.object(target)
+    if drawer.mount is None:
+        return None
+    height = state.pose(target).position[2]
+    for other in condition.objects:
+        above = other.mount is not None and state.pose(other.name).position[2] > height
+        if above and opening_m(state, other) > SHUT_ENOUGH_M:
+            return other.name, False
+    return None if opening_m(state, drawer) > OPEN_ENOUGH_M else (target, True)
+
+
+CLOSED = register(
+    Relation(
+        name="closed",
+        words="{object} is pushed home in {target}",
+        where=closed,
+        regions=offers_each(*MOUNTS),
+        needs=MOUNTS,
+        tolerances=("closed_gap",),
+        roles=("drawer",),
+    )
+)

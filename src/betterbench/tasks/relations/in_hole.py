@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from betterbench.geometry import tilt_of
+from betterbench.geometry import Pose, tilt_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.on_ring import foot
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
+from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
+"""Racks have the regions "hole_1", "hole_2", ... at the floors of their holes."""
+
+DEPTH = threshold(
+    "hole_depth", 0.004, "m", "Height of a foot above the floor of its hole up to which it stands on the floor."
+)
+TILT = threshold("hole_tilt", 0.12, "rad", "Tilt up to which an object in a hole is upright; the clearance allows 4°.")
+PLAY_M = 0.001
+"""Largest distance from the middle of its hole at which a pre-placed object stands [m]."""
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
@@ -15,27 +24,44 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
 
     The object's foot is on the floor of the hole, as near to its middle as the clearance allows, and the object is
     upright. One that leans on the rim or stands on the rack is in no hole.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        rack: Name of the rack; its asset has regions "hole_1", "hole_2", ... at the floors of its holes.
     """
-    frame = state.pose(rack)
-    inverse = frame.inverse()
-    x, y, z = inverse.apply(foot(state, name))
+    x, y, z = state.pose(rack).inverse().apply(foot(state, name))
     for region in state.info.object(rack).regions:
         if not region.name.startswith(PREFIX):
             continue
         hx, hy, hz = region.position
         if abs(x - hx) > region.half_size[0] or abs(y - hy) > region.half_size[1]:
             continue
-        seated = abs(z - hz) <= THRESHOLDS.hole_depth
-        tilted = tilt_of(state.pose(name).quaternion) > THRESHOLDS.hole_tilt
+        seated = abs(z - hz) <= DEPTH
+        tilted = tilt_of(state.pose(name).quaternion) > TILT
         return region.name if seated and not tilted else None
     return None
 
 
-def holes(info: ObjectInfo) -> tuple[str, ...]:
-    """Return the holes that an object offers."""
+def _holes(info: ObjectInfo) -> tuple[str, ...]:
     return tuple(r.name for r in info.regions if r.name.startswith(PREFIX))
+
+
+def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoal, ...]:
+    """Return goals on the floor of a hole: straight down, let go just above it."""
+    floor = state.pose(rack).apply(state.info.object(rack).region(hole).position)
+    yaws = turned_by(state, name, (0.0, 0.5, -0.5, 1.0, -1.0, 1.57, -1.57))
+    return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))
+
+
+def _preplace(place: RestingPlace) -> Pose:
+    return resting_at(place, place.region, spread_m=PLAY_M)
+
+
+IN_HOLE = register(
+    Relation(
+        name="in_hole",
+        words="{object} stands in {region} of {target}",
+        where=in_hole,
+        regions=_holes,
+        needs=("hole_1", "hole_2", "hole_3"),
+        tolerances=("hole_depth", "hole_tilt"),
+        goals=_goals,
+        preplace=_preplace,
+    )
+)

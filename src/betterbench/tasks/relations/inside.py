@@ -2,8 +2,33 @@
 
 from __future__ import annotations
 
-from betterbench.state import WorldState
-from betterbench.tasks.thresholds import THRESHOLDS
+import math
+
+from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
+from betterbench.state import ObjectInfo, Region, WorldState
+from betterbench.tasks.relations.placing import RELEASE_GAP_M
+from betterbench.tasks.relations.relation import (
+    PlaceGoal,
+    Relation,
+    RestingPlace,
+    offers,
+    register,
+    single,
+)
+from betterbench.tasks.thresholds import threshold
+
+MARGIN = threshold(
+    "inside_margin", 0.0, "m", "Distance by which an object's center must be inside the opening of a container."
+)
+
+SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
+"""Where an object can go, as fractions of the distance that its center may have from the middle of the container."""
+FINGER_ROOM_M = 0.072
+"""Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
+DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085)
+"""Heights above the floor of a container from which an object is let go [m], the lower the better."""
+SPREAD_M = 0.02
+"""Largest distance from the middle of the container at which a pre-placed object lies [m]."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
@@ -12,11 +37,6 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     The center of the object's bounding box must lie within the container's inner box: between its walls, above its
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside, one that
     sticks out at the top while its center is below the rim is. What still stands on the table is never inside.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        container: Name of the container; its asset has a region "inside".
     """
     if state.touching(name, "table"):
         return False
@@ -25,5 +45,74 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     center = state.pose(name).apply((0.0, 0.0, 0.5 * info.size_m[2]))
     x, y, z = (state.pose(container) @ region.pose).inverse().apply(center)
     hx, hy, hz = region.half_size
-    margin = THRESHOLDS.inside_margin
+    margin = MARGIN
     return abs(x) <= hx - margin and abs(y) <= hy - margin and -hz <= z <= hz
+
+
+def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
+    """Return goals over the floor of a container: where there is room, where the fingers can open, and low."""
+    frame = state.pose(container)
+    region = state.info.object(container).region("inside")
+    item = 0.5 * max(state.info.object(name).size_m[:2]) + 0.005
+    opening = rotate(multiply(conjugate(frame.quaternion), state.ee_pose.quaternion), (0.0, 1.0, 0.0))
+    floor = region.position[2] - region.half_size[2]
+    taken = _taken(state, name, container)
+    now = yaw_of(state.pose(name).quaternion)
+    goals: list[tuple[float, Pose]] = []
+    for turn in (0.0, math.pi / 2, -math.pi / 2):
+        x, y, _ = rotate(from_yaw(turn), opening)
+        room_x, room_y = _room(region, item, along_x=abs(x) > abs(y))
+        for preference, (fx, fy) in enumerate(SPOTS):
+            spot = (region.position[0] + fx * max(room_x, 0.0), region.position[1] + fy * max(room_y, 0.0))
+            gap = min((math.dist(spot, p[:2]) - 0.5 * max(o.size_m[:2]) for p, o in taken), default=1.0) - item
+            crowding = max(0.0, -gap)
+            for drop in DROPS_M:
+                place = frame.apply((spot[0], spot[1], floor + drop))
+                cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
+                goals.append((cost, Pose(place, normalize(from_yaw(now + turn)))))
+    return tuple(PlaceGoal(pose) for _, pose in sorted(goals, key=lambda g: g[0]))
+
+
+def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
+    """Return how far from the middle an item's center may be along x and y [m], with room for the opening fingers."""
+    hx, hy, _ = region.half_size
+    if along_x:
+        return min(hx - FINGER_ROOM_M, hx - item), hy - item
+    return hx - item, min(hy - FINGER_ROOM_M, hy - item)
+
+
+def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[float, float, float], ObjectInfo]]:
+    """Return what lies between the walls of a container, with its position in the container's frame [m]."""
+    region = state.info.object(container).region("inside")
+    frame = state.pose(container)
+    to_region, to_container = (frame @ region.pose).inverse(), frame.inverse()
+    found = []
+    for i, other in enumerate(state.info.objects):
+        if other.name in (name, container) or other.fixed:
+            continue
+        x, y, _ = to_region.apply(state.positions[i])
+        if abs(x) <= region.half_size[0] and abs(y) <= region.half_size[1]:
+            found.append((to_container.apply(state.positions[i]), other))
+    return found
+
+
+def _preplace(place: RestingPlace) -> Pose:
+    dx, dy, dyaw = place.draw
+    (x, y, z), half_size = place.target_regions["inside"]
+    position = (x + SPREAD_M * dx, y + SPREAD_M * dy, z - half_size[2])
+    return Pose(position, from_yaw(dyaw))
+
+
+INSIDE = register(
+    Relation(
+        name="inside",
+        words="{object} is inside {target}",
+        where=single(inside),
+        regions=offers("inside"),
+        needs=("inside",),
+        tolerances=("inside_margin",),
+        goals=_goals,
+        preplace=_preplace,
+        falls=True,
+    )
+)

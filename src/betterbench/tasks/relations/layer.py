@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from betterbench.geometry import horizontal_distance, tilt_of
+from betterbench.geometry import Pose, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.on_ring import foot
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
+from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
 """Layers that a base offers; the longest stack of the suite has three."""
+
+OFFSET = threshold(
+    "layer_offset",
+    0.020,
+    "m",
+    "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple.",
+)
+GAP = threshold(
+    "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
+)
+TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
+SPREAD_M = 0.003
+"""Largest distance from the middle at which a pre-placed layer lies [m]."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the layer of a stack that an object is, "1" being what lies on the base itself, or None.
 
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        base: Name of the base.
     """
     position = foot(state, name)
     if not _over(state, name, base) or position[2] <= state.pose(base).position[2]:
@@ -34,7 +43,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
             if o.name not in seen
             and not o.fixed
             and _over(state, o.name, base)
-            and abs(foot(state, o.name)[2] - top) <= THRESHOLDS.layer_gap
+            and abs(foot(state, o.name)[2] - top) <= GAP
             and state.touching(o.name, below)
         ]
         if len(above) != 1:
@@ -46,16 +55,15 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     return None
 
 
-def layers(info: ObjectInfo) -> tuple[str, ...]:
-    """Return the layers that an object offers as a base."""
+def _layers(info: ObjectInfo) -> tuple[str, ...]:
     return LAYERS if info.role == "container" and any(r.name == "top" for r in info.regions) else ()
 
 
 def _over(state: WorldState, name: str, base: str) -> bool:
     middle = state.pose(base).position
-    if horizontal_distance(foot(state, name), middle) > THRESHOLDS.layer_offset:
+    if horizontal_distance(foot(state, name), middle) > OFFSET:
         return False
-    return tilt_of(state.pose(name).quaternion) <= THRESHOLDS.layer_tilt
+    return tilt_of(state.pose(name).quaternion) <= TILT
 
 
 def _top(state: WorldState, name: str) -> float:
@@ -66,3 +74,36 @@ def _top(state: WorldState, name: str) -> float:
         if region.name == "top":
             return pose.apply(region.position)[2]
     return pose.position[2] + info.size_m[2]
+
+
+def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
+    """Return goals on what is below the layer that is asked for, centered over the base: offsets do not add up."""
+    beneath = {
+        where: o.name
+        for o in state.info.objects
+        if o.name != base and (where := layer(state, o.name, base)) is not None
+    }
+    below = beneath.get(str(int(region) - 1), base)
+    x, y, _ = state.pose(base).position
+    z = state.pose(below).apply(state.info.object(below).region("top").position)[2]
+    yaws = turned_by(state, name, (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6))
+    return standing_goals(state, name, (x, y, z), yaws, release_width_m=slim_opening_m(state.info.object(name)))
+
+
+def _preplace(place: RestingPlace) -> Pose:
+    return resting_at(place, "floor" if "floor" in place.target_regions else "top", spread_m=SPREAD_M)
+
+
+LAYER = register(
+    Relation(
+        name="layer",
+        words="{object} is layer {region} of the stack on {target}",
+        where=layer,
+        regions=_layers,
+        needs=("top",),
+        tolerances=("layer_offset", "layer_gap", "layer_tilt"),
+        goals=_goals,
+        preplace=_preplace,
+        counted=True,
+    )
+)

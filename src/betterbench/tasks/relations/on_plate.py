@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
-from betterbench.geometry import tilt_of
+from betterbench.geometry import Pose, tilt_of
 from betterbench.state import WorldState
-from betterbench.tasks.relations.on_ring import foot
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.relations.placing import foot, resting_at, standing_goals, turned_by
+from betterbench.tasks.relations.relation import (
+    PlaceGoal,
+    Relation,
+    RestingPlace,
+    offers,
+    register,
+    single,
+)
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+OFFSET = threshold(
+    "plate_offset",
+    0.014,
+    "m",
+    "Distance from the middle of a plate up to which the next one is centered; the play within the rim.",
+)
+GAP = threshold("plate_gap", 0.004, "m", "Height of a foot above the floor of a plate up to which it stands on it.")
+SPREAD_M = 0.003
+"""Largest distance from the middle at which a pre-placed plate stands [m]."""
+RIM_RELEASE_M = 0.03
+"""Opening of the gripper that lets go of a rim, with a finger inside and one outside it [m]."""
 
 
 def on_plate(state: WorldState, name: str, plate: str) -> bool:
@@ -13,17 +33,35 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
     Its foot is on the plate's floor, near its middle, it lies flat, and the two touch. An object that rests on the rim
     or on a third one is not on the plate.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        plate: Name of the plate; its asset has the region "floor".
     """
     if name == plate:
         return False
-    frame = state.pose(plate)
-    x, y, z = frame.inverse().apply(foot(state, name))
+    x, y, z = state.pose(plate).inverse().apply(foot(state, name))
     fx, fy, fz = state.info.object(plate).region("floor").position
-    if (x - fx) ** 2 + (y - fy) ** 2 > THRESHOLDS.plate_offset**2 or abs(z - fz) > THRESHOLDS.plate_gap:
+    if (x - fx) ** 2 + (y - fy) ** 2 > OFFSET**2 or abs(z - fz) > GAP:
         return False
     return tilt_of(state.pose(name).quaternion) <= THRESHOLDS.upright_tilt and state.touching(name, plate)
+
+
+def _goals(state: WorldState, name: str, plate: str, _region: str) -> tuple[PlaceGoal, ...]:
+    floor = state.pose(plate).apply(state.info.object(plate).region("floor").position)
+    yaws = turned_by(state, name, (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6))
+    return standing_goals(state, name, floor, yaws, release_width_m=RIM_RELEASE_M)
+
+
+def _preplace(place: RestingPlace) -> Pose:
+    return resting_at(place, "floor", spread_m=SPREAD_M)
+
+
+ON_PLATE = register(
+    Relation(
+        name="on_plate",
+        words="{object} stands on {target}",
+        where=single(on_plate),
+        regions=offers("floor"),
+        needs=("floor",),
+        tolerances=("plate_offset", "plate_gap"),
+        goals=_goals,
+        preplace=_preplace,
+    )
+)

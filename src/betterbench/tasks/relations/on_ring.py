@@ -2,10 +2,32 @@
 
 from __future__ import annotations
 
-from betterbench.geometry import Vector, horizontal_distance
+from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
+from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
+from betterbench.tasks.relations.relation import (
+    PlaceGoal,
+    Relation,
+    RestingPlace,
+    offers,
+    register,
+    single,
+)
 from betterbench.tasks.relations.rest import upright
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.thresholds import threshold
+
+RADIUS = threshold(
+    "ring_radius", 0.010, "m", "Distance up to which a mug is centered on its ring; suite, section 3, task 6."
+)
+HEIGHT = threshold("ring_height", 0.006, "m", "Height above the ring's plane up to which a mug stands on it.")
+SPOUT = threshold("spout_margin", 0.003, "m", "Free distance between handle and spout, seen from above.")
+
+ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
+"""Length and rise of the straight way in below the overhanging head of a fixture [m]."""
+TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
+"""Turns away from the heading that keeps the handle farthest from the spout [rad], the smallest first."""
+SPREAD_M, SPREAD_RAD = 0.003, 0.1
+"""Largest distance from the middle and largest turn of a pre-placed object [m], [rad]."""
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
@@ -13,29 +35,15 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
     Its base is centered within 10 mm of the ring, at the height of the ring's plane; it stands upright; and its handle,
     if it has one, is nowhere under the spout.
-
-    Args:
-        state: The state to judge.
-        name: Name of the object.
-        fixture: Name of the fixture; its asset has the regions "ring" and "spout".
     """
     target = state.info.object(fixture)
-    frame = state.pose(fixture)
-    ring = frame.apply(target.region("ring").position)
+    ring = state.pose(fixture).apply(target.region("ring").position)
     position = foot(state, name)
-    if horizontal_distance(position, ring) > THRESHOLDS.ring_radius:
+    if horizontal_distance(position, ring) > RADIUS:
         return False
-    if abs(position[2] - ring[2]) > THRESHOLDS.ring_height or not upright(state, name):
+    if abs(position[2] - ring[2]) > HEIGHT or not upright(state, name):
         return False
     return handle_clear(state, name, fixture)
-
-
-def foot(state: WorldState, name: str) -> Vector:
-    """Return the center of an object's foot: of its region "base" if it has one, else of its bounding box [m]."""
-    for region in state.info.object(name).regions:
-        if region.name == "base":
-            return state.pose(name).apply(region.position)
-    return state.pose(name).position
 
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
@@ -44,7 +52,7 @@ def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
     handles = [r for r in info.regions if r.name == "handle"]
     spout = state.info.object(fixture).region("spout")
     to_spout = (state.pose(fixture) @ spout.pose).inverse()
-    hx, hy = spout.half_size[0] + THRESHOLDS.spout_margin, spout.half_size[1] + THRESHOLDS.spout_margin
+    hx, hy = spout.half_size[0] + SPOUT, spout.half_size[1] + SPOUT
     for handle in handles:
         to_world = state.pose(name) @ handle.pose
         sx, sy, sz = handle.half_size
@@ -54,3 +62,43 @@ def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
                 if abs(x) < hx and abs(y) < hy:
                     return False
     return True
+
+
+def _goals(state: WorldState, name: str, fixture: str, _region: str) -> tuple[PlaceGoal, ...]:
+    """Return goals on the ring; the object slides in from the front of the fixture, below its overhanging head."""
+    frame, info = state.pose(fixture), state.info.object(name)
+    x, y, z = frame.apply(state.info.object(fixture).region("ring").position)
+    facing = yaw_of(frame.quaternion)
+    has_handle = any(r.name == "handle" for r in info.regions)
+    base = 0.0 if has_handle else yaw_of(state.pose(name).quaternion) - facing
+    front = rotate(frame.quaternion, (ENTRY_M, 0.0, 0.0))
+    approach = (front[0], front[1], ENTRY_RISE_M)
+    goals = []
+    for turn in TURNS_RAD:
+        turned = from_yaw(facing + base + turn)
+        fx, fy, fz = rotate(turned, foot_offset(info))
+        goals.append(PlaceGoal(Pose((x - fx, y - fy, z - fz + RELEASE_GAP_M), turned), approach))
+    return tuple(goals)
+
+
+def _preplace(place: RestingPlace) -> Pose:
+    dx, dy, dyaw = place.draw
+    turn = from_yaw(SPREAD_RAD * dyaw)
+    foot_at = place.object_regions["base"][0] if "base" in place.object_regions else (0.0, 0.0, 0.0)
+    fx, fy, fz = rotate(turn, foot_at)
+    x, y, z = place.target_regions["ring"][0]
+    return Pose((x - fx + SPREAD_M * dx, y - fy + SPREAD_M * dy, z - fz), turn)
+
+
+ON_RING = register(
+    Relation(
+        name="on_ring",
+        words="{object} stands on the ring of {target}",
+        where=single(on_ring),
+        regions=offers("ring", "spout"),
+        needs=("ring", "spout"),
+        tolerances=("ring_radius", "ring_height", "spout_margin"),
+        goals=_goals,
+        preplace=_preplace,
+    )
+)

@@ -1,41 +1,138 @@
-"""The form of a relation: where an object is with respect to a target."""
+"""What a relation between an object and a target is, and the registry of all relations."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from betterbench.errors import PlanningError, UnknownNameError
+from betterbench.geometry import Pose, Vector
 from betterbench.state import ObjectInfo, WorldState
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceGoal:
+    """A pose at which an object is to be let go, and the side from which it comes there.
+
+    Attributes:
+        pose: Pose ``T_world_object`` to let go at.
+        approach: Displacement [m], world frame, from that pose to where the straight approach begins.
+        release_width_m: How far the gripper opens to let go [m]; None for all the way.
+    """
+
+    pose: Pose
+    approach: Vector = (0.0, 0.0, 0.08)
+    release_width_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RestingPlace:
+    """Where an object that is pre-placed rests, in the frame of what it rests on; its own settling comes on top.
+
+    Attributes:
+        draw: Three numbers in [-1, 1) from the trial's own stream: x, y and heading.
+        object_regions: Regions of the object by name, as (position [m], half size [m]) in its frame.
+        target_regions: Likewise of what it rests in or on.
+        region: Name of the target region, "" where the target offers one alone.
+    """
+
+    draw: Vector
+    object_regions: dict[str, tuple[Vector, Vector]]
+    target_regions: dict[str, tuple[Vector, Vector]]
+    region: str
+
+
+Where = Callable[[WorldState, str, str], str | None]
+Regions = Callable[[ObjectInfo], tuple[str, ...]]
+Goals = Callable[[WorldState, str, str, str], tuple[PlaceGoal, ...]]
+Preplace = Callable[[RestingPlace], Pose]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Relation:
-    """A relation between an object and a target that may offer several places.
+    """Everything that the program has to know of a relation between an object and a target.
 
     Attributes:
         name: Identifier ("inside", "beside").
-        where: ``where(state, object, target)`` returns the name of the place of the target at which the object is,
-            "" if the target offers just one, or None if the object is at none.
-        places: Places that an object offers as a target of this relation; none if it cannot be one.
+        words: How documents say it: "{object} is inside {target}"; ``{region}`` where the target offers several.
+        where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
+            target offers one alone, or None if the object is at none.
+        regions: Names of the target regions that an object offers; none if it cannot be a target of this relation.
+        needs: Regions that the asset of a target has: all of them, or for several target regions any of them.
+        tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
+        goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
+            the best first. None where the object is not carried: it slides in its mount.
+        preplace: Pose ``T_support_object`` of an object that is there from the start, where that makes sense.
         roles: Roles of the objects that can stand in this relation.
+        counted: True if the target region is decided by what lies there already, as the layer of a stack is.
+        falls: True if an object may be dropped into the target.
     """
 
     name: str
-    where: Callable[[WorldState, str, str], str | None]
-    places: Callable[[ObjectInfo], tuple[str, ...]]
+    words: str
+    where: Where
+    regions: Regions
+    needs: tuple[str, ...]
+    tolerances: tuple[str, ...] = ()
+    goals: Goals | None = None
+    preplace: Preplace | None = None
     roles: tuple[str, ...] = ("item", "distractor")
+    counted: bool = False
+    falls: bool = False
+
+    @property
+    def carried(self) -> bool:
+        """Whether a gripper brings it about by carrying the object; otherwise by moving it along its rail."""
+        return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
-        """Tell whether an object is at a place of a target."""
+        """Tell whether an object is at a target region."""
         return self.where(state, name, target) == region
 
     def label(self, name: str, target: str, region: str = "") -> str:
         """Return the name of a predicate: "inside(burger_1, box)", "in_hole(salt, rack.hole_1)"."""
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
 
+    def place_goals(self, state: WorldState, name: str, target: str, region: str) -> tuple[PlaceGoal, ...]:
+        """Return the poses at which an object satisfies the relation, the best first.
 
-def one_place(test: Callable[[WorldState, str, str], bool]) -> Callable[[WorldState, str, str], str | None]:
-    """Return the ``where`` of a relation whose targets offer a single place."""
+        Raises:
+            PlanningError: If nothing is carried to bring this relation about.
+        """
+        if self.goals is None:
+            raise PlanningError(f"{self.name} is not brought about by carrying an object")
+        return self.goals(state, name, target, region)
+
+
+RELATIONS: dict[str, Relation] = {}
+
+
+def register(relation: Relation) -> Relation:
+    """Add a relation to the registry.
+
+    Raises:
+        ValueError: If another one has the same name.
+    """
+    if relation.name in RELATIONS:
+        raise ValueError(f"there is a relation {relation.name!r} already: {RELATIONS[relation.name].words}")
+    RELATIONS[relation.name] = relation
+    return relation
+
+
+def relation(name: str) -> Relation:
+    """Return a relation by name.
+
+    Raises:
+        UnknownNameError: If there is no such relation.
+    """
+    try:
+        return RELATIONS[name]
+    except KeyError:
+        raise UnknownNameError("relation", name, RELATIONS) from None
+
+
+def single(test: Callable[[WorldState, str, str], bool]) -> Where:
+    """Return the ``where`` of a relation whose targets offer one region alone."""
 
     def where(state: WorldState, name: str, target: str) -> str | None:
         return "" if test(state, name, target) else None
@@ -43,10 +140,19 @@ def one_place(test: Callable[[WorldState, str, str], bool]) -> Callable[[WorldSt
     return where
 
 
-def offers(*regions: str) -> Callable[[ObjectInfo], tuple[str, ...]]:
-    """Return the ``places`` of a relation whose targets offer a single place and have all of these regions."""
+def offers(*names: str) -> Regions:
+    """Return the ``regions`` of a relation whose targets offer one region alone and have all of these asset regions."""
 
-    def places(info: ObjectInfo) -> tuple[str, ...]:
-        return ("",) if set(regions) <= {r.name for r in info.regions} else ()
+    def regions(info: ObjectInfo) -> tuple[str, ...]:
+        return ("",) if set(names) <= {r.name for r in info.regions} else ()
 
-    return places
+    return regions
+
+
+def offers_each(*names: str) -> Regions:
+    """Return the ``regions`` of a relation whose targets offer whichever of these asset regions they have."""
+
+    def regions(info: ObjectInfo) -> tuple[str, ...]:
+        return tuple(r.name for r in info.regions if r.name in names)
+
+    return regions

@@ -1,27 +1,7 @@
-"""The tasks of the suite, one short file each, in the order of the suite's table."""
+"""The tasks of the suite, one short file each. A new file in this folder is found by itself."""
 
-from betterbench.tasks.suite import (  # isort: skip - the order is that of the suite's table
-    desk_meeting,
-    breakfast_table,
-    fruit_lunch,
-    fast_food,
-    tidy_desk,
-    morning_coffee,
-    office_drawer,
-    cheeseburger,
-    seasoning_rack,
-    dinner_plates,
-)
+import importlib
+import pkgutil
 
-__all__ = [
-    "breakfast_table",
-    "cheeseburger",
-    "desk_meeting",
-    "dinner_plates",
-    "fast_food",
-    "fruit_lunch",
-    "morning_coffee",
-    "office_drawer",
-    "seasoning_rack",
-    "tidy_desk",
-]
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")

@@ -1,136 +1,55 @@
 """Preparing morning coffee: the instructed mug goes onto the marked ring of the coffee machine."""
 
-from __future__ import annotations
+from betterbench.tasks import authoring as a
 
-from betterbench.tasks.axes import Axis, Expected
-from betterbench.tasks.condition import Condition, ObjectSpec, Slot
-from betterbench.tasks.registry import task
-from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
-from betterbench.tasks.task import Task
-from betterbench.tasks.templates import CONSTRAINED_POSITIONING
-from betterbench.tasks.variation import Variation, do
+RED_MUG, BLUE_MUG = a.item("red_mug", category="mug", color="red"), a.item("blue_mug", category="mug", color="blue")
+RED_CAN = a.distractor("red_can", category="can", color="red")
+MACHINE = a.fixture("coffee_machine", fixed=True)
 
-NEAR, FAR, STAND = "near", "far", "machine"
-RED_MUG = ObjectSpec("red_mug", "red mug", "mug", "red")
-BLUE_MUG = ObjectSpec("blue_mug", "blue mug", "mug", "blue")
-RED_CAN = ObjectSpec("red_can", "red can", "can", "red", role="distractor")
-MACHINE = ObjectSpec("coffee_machine", "coffee machine", "coffee_machine", role="fixture", fixed=True)
+NEAR, FAR = a.Slot("near", 0.60, -0.12, yaw=-1.5708), a.Slot("far", 0.40, -0.12, yaw=-1.5708)
+STAND = a.Slot("machine", 0.50, 0.25, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
+LAYOUT_1 = {RED_MUG: NEAR, BLUE_MUG: FAR, MACHINE: STAND}
+LAYOUT_2 = {RED_MUG: FAR, BLUE_MUG: NEAR, MACHINE: STAND}
 
 
-def place(word: str, reference: Reference) -> Instruction:
+def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
     """Return the instruction to put the mug that ``word`` picks out onto the ring."""
-    return Instruction(
-        f"Put the {word} mug on the ring of the coffee machine.",
-        (Subgoal("place_mug", "on_ring", reference, MACHINE.name, word),),
-    )
+    step = a.subgoal("place_mug", a.ON_RING, mug, MACHINE, word=word)
+    return a.Instruction(f"Put the {word} mug on the ring of the coffee machine.", (step,))
 
 
-RED = place("red", Reference(kind=RED_MUG.kind))
-BLUE = place("blue", Reference(kind=BLUE_MUG.kind))
-TOP = place("top", Reference(slot=FAR))
-BOTTOM = place("bottom", Reference(slot=NEAR))
+RED, BLUE = place("red", RED_MUG), place("blue", BLUE_MUG)
+TOP, BOTTOM = place("top", a.Reference(slot=FAR.name)), place("bottom", a.Reference(slot=NEAR.name))
 
-LAYOUT_1 = {RED_MUG.name: NEAR, BLUE_MUG.name: FAR, MACHINE.name: STAND}
-LAYOUT_2 = {RED_MUG.name: FAR, BLUE_MUG.name: NEAR, MACHINE.name: STAND}
-
-
-def _train(name: str, layout: dict[str, str], instruction: Instruction) -> Condition:
-    return Condition("morning_coffee", name, (RED_MUG, BLUE_MUG, MACHINE), layout, instruction)
+PLACE_WORD = "A place word is understood although it was never heard in this layout."
+COLOR_WORD = "A color word means the object and not the place where that object stood in training."
+LOOK_ALIKE = "The red mug is told from another red thing that stands in its place."
+DONE = "What is done already is seen, and nothing is done again."
 
 
-@task
-def morning_coffee() -> Task:
+@a.task
+def morning_coffee() -> a.Task:
     """Put the instructed mug on the marked ring under the spout.
 
     "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
-    Success: the mug stands within 10 mm of the ring's center, upright, handle clear of the spout, released, for 0.5 s.
-    Premise: the instructed mug stands in its slot and the ring is free; for T1 the red mug already stands on the ring.
+    Success: the handle is clear of the spout. For T1, whose red mug already stands on the ring, nothing is touched.
     """
-    shift, perturb, extrapolate = (
-        Axis.SPATIAL_LAYOUT_SHIFT,
-        Axis.ADVERSARIAL_OBJECT_PERTURBATION,
-        Axis.TEMPORAL_EXTRAPOLATION,
-    )
-    fooled = ("lexical_kinematic_shortcut", "visual_layout_bias", "early_halt")
-    return Task(
-        id="morning_coffee",
+    look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
+    done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL
+    return a.Task(
         version=1,
         title="Preparing Morning Coffee",
-        template=CONSTRAINED_POSITIONING,
-        description="Put the instructed mug on the marked ring of the coffee machine.",
-        slots=(
-            Slot(NEAR, 0.60, -0.12, yaw=-1.5708),
-            Slot(FAR, 0.40, -0.12, yaw=-1.5708),
-            Slot(STAND, 0.50, 0.25, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0),
-        ),
-        training=(
-            _train("train1", LAYOUT_1, RED),
-            _train("train2", LAYOUT_1, BLUE),
-            _train("train3", LAYOUT_2, TOP),
-            _train("train4", LAYOUT_2, BOTTOM),
-        ),
+        template=a.CONSTRAINED_POSITIONING,
+        slots=(NEAR, FAR, STAND),
+        training=a.conditions([LAYOUT_1], [RED, BLUE]) + a.conditions([LAYOUT_2], [TOP, BOTTOM]),
         variations=(
-            Variation(
-                "L1",
-                shift,
-                "train2",
-                (do("instruct", instruction=TOP),),
-                "layout 1, top",
-                "A place word is understood although it was never heard in this layout.",
-                fooled,
-            ),
-            Variation(
-                "L2",
-                shift,
-                "train1",
-                (do("instruct", instruction=BOTTOM),),
-                "layout 1, bottom",
-                "A place word is understood although it was never heard in this layout.",
-                fooled,
-            ),
-            Variation(
-                "L3",
-                shift,
-                "train3",
-                (do("instruct", instruction=RED),),
-                "layout 2, red",
-                "A color word means the object and not the place where that object stood in training.",
-                fooled,
-            ),
-            Variation(
-                "L4",
-                shift,
-                "train4",
-                (do("instruct", instruction=BLUE),),
-                "layout 2, blue",
-                "A color word means the object and not the place where that object stood in training.",
-                fooled,
-            ),
-            Variation(
-                "O1",
-                perturb,
-                "train1",
-                (
-                    do("remove", object=BLUE_MUG.name),
-                    do("move", object=RED_MUG.name, slot=FAR),
-                    do("add", object=RED_CAN, slot=NEAR),
-                ),
-                "red can where the red mug stood",
-                "The red mug is told from another red thing that stands in its place.",
-                ("semantic_feature_collapse", "early_halt"),
-            ),
-            Variation(
-                "T1",
-                extrapolate,
-                "train1",
-                (do("preplace", object=RED_MUG.name, target=MACHINE.name),),
-                "red mug already on the ring",
-                "What is done already is seen, and nothing is done again.",
-                ("behavioral_inertia", "causal_confusion", "semantic_feature_collapse"),
-                expected=Expected.STAY_STILL,
-                mid_task_look=True,
-            ),
+            a.Variation("L1", (a.instruct(TOP),), "layout 1, top", PLACE_WORD, "train2"),
+            a.Variation("L2", (a.instruct(BOTTOM),), "layout 1, bottom", PLACE_WORD),
+            a.Variation("L3", (a.instruct(RED),), "layout 2, red", COLOR_WORD, "train3"),
+            a.Variation("L4", (a.instruct(BLUE),), "layout 2, blue", COLOR_WORD, "train4"),
+            a.Variation("O1", look_alike, "red can where the red mug stood", LOOK_ALIKE),
+            a.Variation("T1", done, "red mug already on the ring", DONE, expected=still, mid_task_look=True),
         ),
     )

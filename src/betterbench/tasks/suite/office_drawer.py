@@ -1,156 +1,69 @@
 """Filing office supplies: stapler and tape go into their drawers, and the drawers are closed."""
 
-from __future__ import annotations
+from betterbench.tasks import authoring as a
 
-from collections.abc import Mapping
+STAPLER = a.item("stapler", color="red")
+TAPE = a.item("tape", category="tape_roll", color="blue")
+BLOCK = a.distractor("stapler_block", "stapler-shaped block", "stapler_block", "red")
+CABINET = a.fixture("cabinet", category="drawer_cabinet", fixed=True)
+UPPER, LOWER = a.drawer("upper", "upper_drawer", CABINET), a.drawer("lower", "lower_drawer", CABINET)
 
-from betterbench.tasks.axes import Axis
-from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
-from betterbench.tasks.registry import task
-from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
-from betterbench.tasks.task import Task
-from betterbench.tasks.templates import CONTAINER_LOADING
-from betterbench.tasks.variation import Variation, do
-
-STAPLER = ObjectSpec("stapler", "stapler", "stapler", "red")
-TAPE = ObjectSpec("tape", "tape", "tape_roll", "blue")
-BLOCK = ObjectSpec("stapler_block", "stapler-shaped block", "stapler_block", "red", role="distractor")
-CABINET = ObjectSpec("cabinet", "cabinet", "drawer_cabinet", role="fixture", fixed=True)
-UPPER = ObjectSpec("upper", "upper drawer", "upper_drawer", role="drawer", mount=TargetRegion(CABINET.name, "upper"))
-LOWER = ObjectSpec("lower", "lower drawer", "lower_drawer", role="drawer", mount=TargetRegion(CABINET.name, "lower"))
-
+LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.42, -0.28), a.Slot("left_front", 0.60, -0.28)
+RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.42, -0.14), a.Slot("right_front", 0.60, -0.14)
+CABINET_BACK, CABINET_FRONT = (
+    a.Slot(f"cabinet_{name}", x, 0.345, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
+    for name, x in (("back", 0.46), ("front", 0.56))
+)
 OPEN_M = 0.15
 LAYOUTS = (
-    {STAPLER.name: "left_back", TAPE.name: "left_front", CABINET.name: "cabinet_back"},
-    {TAPE.name: "right_back", STAPLER.name: "right_front", CABINET.name: "cabinet_front"},
+    {STAPLER: LEFT_BACK, TAPE: LEFT_FRONT, CABINET: CABINET_BACK},
+    {STAPLER: RIGHT_FRONT, TAPE: RIGHT_BACK, CABINET: CABINET_FRONT},
 )
 
 
-def load(*steps: tuple[ObjectSpec, ObjectSpec]) -> Instruction:
+def load(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
     """Return the instruction to put things into drawers and to close these."""
-    parts = [f"the {thing.kind} into the {drawer.kind}" for thing, drawer in steps]
-    close = "close it" if len(steps) == 1 else "close both"
-    goals: list[Subgoal] = []
-    for thing, drawer in steps:
-        word = thing.kind
-        goals.append(Subgoal(f"load_{thing.name}", "inside", Reference(kind=thing.kind), drawer.name, word))
-        goals.append(
-            Subgoal(
-                f"close_{drawer.name}",
-                "closed",
-                Reference(kind=drawer.kind),
-                CABINET.name,
-                drawer.kind,
-                region=drawer.name,
-            )
-        )
-    return Instruction(f"Put {' and '.join(parts)}, then {close}.", tuple(goals))
+    parts = [f"the {thing.kind} into the {into.kind}" for thing, into in steps]
+    goals: list[a.Subgoal] = []
+    for thing, into in steps:
+        goals.append(a.subgoal(f"load_{thing.name}", a.INSIDE, thing, into, word=thing.kind))
+        goals.append(a.subgoal(f"close_{into.name}", a.CLOSED, into, CABINET, into.name, word=into.kind))
+    return a.Instruction(f"Put {' and '.join(parts)}, then close {'it' if len(steps) == 1 else 'both'}.", tuple(goals))
 
 
-STAPLER_UP, TAPE_DOWN = load((STAPLER, UPPER)), load((TAPE, LOWER))
-STAPLER_DOWN = load((STAPLER, LOWER))
-EVERYTHING = load((STAPLER, UPPER), (TAPE, LOWER))
+BY_KIND = "Things are found by what they are and not by where they stood in training."
+BY_CABINET = "A drawer is found where the cabinet is and not where it was."
+NEW_PAIR = "Thing and drawer, each known, are put together in a new way."
+LOOK_ALIKE = "A stapler is told from a block of its shape that stands in its place."
+IN_THE_WAY = "What stands in the way is seen and put right first."
+LONGER = "A longer chain of known steps is carried to its end."
 
 
-def _train(name: str, layout: Mapping[str, str], instruction: Instruction, opened: ObjectSpec | None) -> Condition:
-    objects = (STAPLER, TAPE, CABINET, UPPER, LOWER)
-    drawn = {} if opened is None else {opened.name: OPEN_M}
-    return Condition("office_drawer", name, objects, layout, instruction, opened=drawn)
-
-
-def _training() -> tuple[Condition, ...]:
-    demonstrations = ((STAPLER_UP, None), (STAPLER_UP, UPPER), (TAPE_DOWN, None), (TAPE_DOWN, LOWER))
-    settings = [(layout, *d) for layout in LAYOUTS for d in demonstrations]
-    return tuple(_train(f"train{i}", *setting) for i, setting in enumerate(settings, start=1))
-
-
-@task
-def office_drawer() -> Task:
+@a.task
+def office_drawer() -> a.Task:
     """Put the named thing into the named drawer of the cabinet and close the drawer.
 
-    The drawers run on rails with friction and stops. While the upper drawer stands open nothing can be put into the
-    lower one.
+    While the upper drawer stands open nothing can be put into the lower one.
 
     Randomizations: each thing within 15 mm and 9 degrees of its slot; the look of everything.
-    Success: the named thing is in the named drawer, nothing else is in either, and the drawer is pushed home, all at
-    rest and released for 0.5 s.
-    Premise: the named thing stands in its slot and the drawers are empty.
     """
-    shift, recompose, perturb, extrapolate = Axis
-    return Task(
-        id="office_drawer",
+    steps = ((STAPLER, UPPER), (TAPE, LOWER))
+    demonstrations = tuple((load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))
+    look_alike = (a.remove(TAPE), a.move(STAPLER, LEFT_FRONT), a.add(BLOCK, LEFT_BACK))
+    cabinet, block = "cabinet at its other position", "stapler-shaped block where the stapler stood"
+    blocked, stapler_down = "open upper drawer blocks the lower one", a.instruct(load((STAPLER, LOWER)))
+    return a.Task(
         version=1,
         title="Filing Office Supplies",
-        template=CONTAINER_LOADING,
-        description="Put the named thing into the named drawer and close it.",
-        slots=(
-            Slot("left_back", 0.42, -0.28),
-            Slot("left_front", 0.60, -0.28),
-            Slot("right_back", 0.42, -0.14),
-            Slot("right_front", 0.60, -0.14),
-            Slot("cabinet_back", 0.46, 0.345, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0),
-            Slot("cabinet_front", 0.56, 0.345, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0),
-        ),
-        training=_training(),
+        template=a.CONTAINER_LOADING,
+        slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, CABINET_BACK, CABINET_FRONT),
+        training=tuple(a.condition(at, asked, UPPER, LOWER, opened=o) for at in LAYOUTS for asked, o in demonstrations),
         variations=(
-            Variation(
-                "L1",
-                shift,
-                "train2",
-                (do("swap", a=STAPLER.name, b=TAPE.name),),
-                "stapler and tape exchanged",
-                "Things are found by what they are and not by where they stood in training.",
-                ("lexical_kinematic_shortcut", "visual_layout_bias"),
-            ),
-            Variation(
-                "L2",
-                shift,
-                "train1",
-                (do("move", object=CABINET.name, slot="cabinet_front"),),
-                "cabinet at its other position",
-                "A drawer is found where the cabinet is and not where it was.",
-                ("visual_layout_bias", "execution_failure"),
-            ),
-            Variation(
-                "R1",
-                recompose,
-                "train1",
-                (do("instruct", instruction=STAPLER_DOWN),),
-                "stapler into the lower drawer",
-                "Thing and drawer, each known, are put together in a new way.",
-                ("behavioral_inertia", "lexical_kinematic_shortcut"),
-            ),
-            Variation(
-                "O1",
-                perturb,
-                "train2",
-                (
-                    do("remove", object=TAPE.name),
-                    do("move", object=STAPLER.name, slot="left_front"),
-                    do("add", object=BLOCK, slot="left_back"),
-                ),
-                "stapler-shaped block where the stapler stood",
-                "A stapler is told from a block of its shape that stands in its place.",
-                ("semantic_feature_collapse",),
-            ),
-            Variation(
-                "T1",
-                extrapolate,
-                "train3",
-                (do("draw_out", drawer=UPPER.name, distance_m=OPEN_M),),
-                "open upper drawer blocks the lower one",
-                "What stands in the way is seen and put right first.",
-                ("behavioral_inertia", "execution_failure", "phase_conflict"),
-                mid_task_look=True,
-            ),
-            Variation(
-                "T2",
-                extrapolate,
-                "train1",
-                (do("chain", instruction=EVERYTHING),),
-                "load both drawers and close them",
-                "A longer chain of known steps is carried to its end.",
-                ("early_halt", "causal_confusion", "timeout"),
-            ),
+            a.Variation("L1", (a.swap(STAPLER, TAPE),), "stapler and tape exchanged", BY_KIND, "train2"),
+            a.Variation("L2", (a.move(CABINET, CABINET_FRONT),), cabinet, BY_CABINET),
+            a.Variation("R1", (stapler_down,), "stapler into the lower drawer", NEW_PAIR),
+            a.Variation("O1", look_alike, block, LOOK_ALIKE, "train2"),
+            a.Variation("T1", (a.draw_out(UPPER, OPEN_M),), blocked, IN_THE_WAY, "train3", mid_task_look=True),
+            a.Variation("T2", (a.chain(load(*steps)),), "load both drawers and close them", LONGER),
         ),
     )

@@ -1,165 +1,70 @@
 """Tidying the desk: trash goes into the waste bin, valuables stay."""
 
-from __future__ import annotations
+from betterbench.tasks import authoring as a
 
-from collections.abc import Mapping
+NAPKIN, NAPKIN_2 = a.item("napkin", "crumpled napkin"), a.item("napkin_2", "crumpled napkin")
+CAN, FULL_CAN = a.item("crushed_can", color="red"), a.distractor("full_can", category="can", color="red")
+MOUSE, MUG = a.distractor("mouse", category="computer_mouse"), a.distractor("mug", color="white")
+KEYBOARD, STAPLER = a.distractor("keyboard"), a.distractor("stapler")
+TAPE = a.distractor("tape", "tape roll")
+BIN = a.container("bin", "waste bin")
 
-from betterbench.tasks.axes import Axis, Support
-from betterbench.tasks.condition import Condition, ObjectSpec, Slot
-from betterbench.tasks.registry import task
-from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
-from betterbench.tasks.task import Task
-from betterbench.tasks.templates import LOOSE_PACKING
-from betterbench.tasks.variation import Variation, do
-
-NAPKIN = ObjectSpec("napkin", "crumpled napkin", "crumpled_napkin")
-NAPKIN_2 = ObjectSpec("napkin_2", "crumpled napkin", "crumpled_napkin")
-CAN = ObjectSpec("crushed_can", "crushed can", "crushed_can", "red")
-MOUSE = ObjectSpec("mouse", "mouse", "computer_mouse", role="distractor")
-MUG = ObjectSpec("mug", "mug", "mug", "white", role="distractor")
-KEYBOARD = ObjectSpec("keyboard", "keyboard", "keyboard", role="distractor")
-BIN = ObjectSpec("bin", "waste bin", "waste_bin", role="container")
-FULL_CAN = ObjectSpec("full_can", "full can", "can", "red", role="distractor")
-TAPE = ObjectSpec("tape", "tape roll", "tape_roll", role="distractor")
-STAPLER = ObjectSpec("stapler", "stapler", "stapler", role="distractor")
-
-VALUABLES = {MOUSE.name: "place_1", MUG.name: "place_2", KEYBOARD.name: "place_3", BIN.name: "floor"}
-# Over all three layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this trained.
-LAYOUTS = (
-    {NAPKIN.name: "trash_1", CAN.name: "trash_2"},
-    {NAPKIN.name: "trash_3", CAN.name: "trash_4"},
-    {NAPKIN.name: "trash_1", CAN.name: "trash_4"},
-)
-KINDS = (NAPKIN, CAN)
+TRASH_1, TRASH_2 = a.Slot("trash_1", 0.42, -0.31), a.Slot("trash_2", 0.60, -0.31)
+TRASH_3, TRASH_4 = a.Slot("trash_3", 0.42, -0.18), a.Slot("trash_4", 0.60, -0.18)
+PLACE_1, PLACE_2, PLACE_3 = (a.Slot(f"place_{i}", x, 0.04) for i, x in ((1, 0.35), (2, 0.51), (3, 0.67)))
+FLOOR = a.Slot("floor", 0.46, 0.31, jitter_m=0.005, yaw_jitter=0.0)
+UNSEEN_1, UNSEEN_2 = a.Slot("unseen_1", 0.51, -0.33), a.Slot("unseen_2", 0.51, -0.16)
+VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
 
 
-def throw(text: str, *kinds: str) -> Instruction:
-    """Return the instruction to throw things away, in any order; a kind that is named twice is thrown twice."""
-    goals = []
-    for i, kind in enumerate(kinds):
-        count = kinds[: i + 1].count(kind)
-        name = f"throw_{kind.replace(' ', '_')}" + (f"_{count}" if count > 1 else "")
-        goals.append(Subgoal(name, "inside", Reference(kind=kind), BIN.name, kind.split()[-1], count))
-    return Instruction(text, tuple(goals))
+def throw(text: str, *things: a.ObjectSpec) -> a.Instruction:
+    """Return the instruction to throw things away, in any order."""
+    return a.Instruction(f"Throw {text} into the waste bin.", a.packed("throw", BIN, *things))
 
 
-BOTH = throw("Throw the crumpled napkin and the crushed can into the waste bin.", NAPKIN.kind, CAN.kind)
-NAPKIN_ONLY = throw("Throw the crumpled napkin into the waste bin.", NAPKIN.kind)
-CAN_ONLY = throw("Throw the crushed can into the waste bin.", CAN.kind)
-THREE = throw("Throw both crumpled napkins and the crushed can into the waste bin.", NAPKIN.kind, NAPKIN.kind, CAN.kind)
+BOTH = throw("the crumpled napkin and the crushed can", NAPKIN, CAN)
+NAPKIN_ONLY, CAN_ONLY = throw("the crumpled napkin", NAPKIN), throw("the crushed can", CAN)
+THREE = throw("both crumpled napkins and the crushed can", NAPKIN, NAPKIN_2, CAN)
+
+BY_KIND = "Trash is found by what it is and not by where it lay in training."
+NEW_PLACE = "Trash is found at places that training never showed."
+VALUABLE = "A valuable in the place of trash is not thrown away."
+FULL_OR_CRUSHED = "A crushed can is told from a full one of its color."
+WHITE = "A white mug is told from a white napkin among more things than usual."
+LONGER = "A longer chain of known steps, one of them repeated, is carried to its end."
 
 
-def _train(name: str, layout: Mapping[str, str], instruction: Instruction) -> Condition:
-    asked = {goal.reference.kind for goal in instruction.subgoals}
-    trash = tuple(t for t in KINDS if t.kind in asked)
-    places = {t.name: layout[t.name] for t in trash}
-    return Condition("tidy_desk", name, (*trash, MOUSE, MUG, KEYBOARD, BIN), {**places, **VALUABLES}, instruction)
+@a.task
+def tidy_desk() -> a.Task:
+    """Throw the named trash into the waste bin; mouse, mug and keyboard stay.
 
-
-@task
-def tidy_desk() -> Task:
-    """Throw the named trash into the waste bin and leave the valuables where they are.
+    Over all layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this regime.
 
     Randomizations: each thing within 15 mm and 9 degrees of its slot; the look of everything.
-    Success: the named trash is in the waste bin, nothing else is, at rest and released for 0.5 s.
-    Premise: the named trash lies in its slot and the bin is empty.
     """
-    shift, _, perturb, extrapolate = Axis
-    return Task(
-        id="tidy_desk",
+    layouts = ({NAPKIN: TRASH_1, CAN: TRASH_2}, {NAPKIN: TRASH_3, CAN: TRASH_4}, {NAPKIN: TRASH_1, CAN: TRASH_4})
+    alone = (({NAPKIN: TRASH_1}, NAPKIN_ONLY), ({CAN: TRASH_4}, CAN_ONLY))
+    settings = (*((trash, BOTH) for trash in layouts), *alone)
+    permuted = (a.swap(NAPKIN, CAN), a.swap(MOUSE, MUG), a.swap(MUG, KEYBOARD))
+    mouse = (a.move(NAPKIN, TRASH_3), a.move(MOUSE, TRASH_1))
+    mug = (a.move(NAPKIN, TRASH_3), a.move(MUG, TRASH_1), a.add(TAPE, PLACE_2), a.add(STAPLER, TRASH_4))
+    unseen = (a.move(NAPKIN, UNSEEN_1), a.move(CAN, UNSEEN_2))
+    three = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE))
+    novel = a.Support.NOVEL
+    return a.Task(
         version=1,
         title="Tidying the Desk",
-        template=LOOSE_PACKING,
-        description="Throw the named trash into the waste bin; mouse, mug and keyboard stay.",
-        slots=(
-            Slot("trash_1", 0.42, -0.31),
-            Slot("trash_2", 0.60, -0.31),
-            Slot("trash_3", 0.42, -0.18),
-            Slot("trash_4", 0.60, -0.18),
-            Slot("place_1", 0.35, 0.04),
-            Slot("place_2", 0.51, 0.04),
-            Slot("place_3", 0.67, 0.04),
-            Slot("floor", 0.46, 0.31, jitter_m=0.005, yaw_jitter=0.0),
-            Slot("unseen_1", 0.51, -0.33),
-            Slot("unseen_2", 0.51, -0.16),
-        ),
-        training=(
-            _train("train1", LAYOUTS[0], BOTH),
-            _train("train2", LAYOUTS[1], BOTH),
-            _train("train3", LAYOUTS[2], BOTH),
-            _train("train4", LAYOUTS[0], NAPKIN_ONLY),
-            _train("train5", LAYOUTS[1], CAN_ONLY),
-        ),
+        template=a.LOOSE_PACKING,
+        slots=(TRASH_1, TRASH_2, TRASH_3, TRASH_4, PLACE_1, PLACE_2, PLACE_3, FLOOR, UNSEEN_1, UNSEEN_2),
+        training=tuple(a.condition({**trash, **VALUABLES}, asked) for trash, asked in settings),
         variations=(
-            Variation(
-                "L1",
-                shift,
-                "train1",
-                (
-                    do("swap", a=NAPKIN.name, b=CAN.name),
-                    do("swap", a=MOUSE.name, b=MUG.name),
-                    do("swap", a=MUG.name, b=KEYBOARD.name),
-                ),
-                "kinds of trash exchanged, valuables permuted",
-                "Trash is found by what it is and not by where it lay in training.",
-                ("visual_layout_bias", "lexical_kinematic_shortcut"),
+            a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND),
+            a.Variation("L2", unseen, "trash at places never seen", NEW_PLACE, support=novel),
+            a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train4"),
+            a.Variation(
+                "O2", (a.add(FULL_CAN, TRASH_2),), "full can beside the crushed can", FULL_OR_CRUSHED, "train5"
             ),
-            Variation(
-                "L2",
-                shift,
-                "train1",
-                (
-                    do("move", object=NAPKIN.name, slot="unseen_1"),
-                    do("move", object=CAN.name, slot="unseen_2"),
-                ),
-                "trash at places never seen",
-                "Trash is found at places that training never showed.",
-                ("visual_layout_bias", "behavioral_inertia"),
-                support=Support.NOVEL,
-            ),
-            Variation(
-                "O1",
-                perturb,
-                "train4",
-                (
-                    do("move", object=NAPKIN.name, slot="trash_3"),
-                    do("move", object=MOUSE.name, slot="trash_1"),
-                ),
-                "computer mouse where the napkin lay",
-                "A valuable in the place of trash is not thrown away.",
-                ("semantic_feature_collapse", "visual_layout_bias"),
-            ),
-            Variation(
-                "O2",
-                perturb,
-                "train5",
-                (do("add", object=FULL_CAN, slot="trash_2"),),
-                "full can beside the crushed can",
-                "A crushed can is told from a full one of its color.",
-                ("semantic_feature_collapse",),
-            ),
-            Variation(
-                "O3",
-                perturb,
-                "train4",
-                (
-                    do("move", object=NAPKIN.name, slot="trash_3"),
-                    do("move", object=MUG.name, slot="trash_1"),
-                    do("add", object=TAPE, slot="place_2"),
-                    do("add", object=STAPLER, slot="trash_4"),
-                ),
-                "white mug where the napkin lay, in clutter",
-                "A white mug is told from a white napkin among more things than usual.",
-                ("semantic_feature_collapse", "visual_layout_bias"),
-            ),
-            Variation(
-                "T1",
-                extrapolate,
-                "train1",
-                (do("add", object=NAPKIN_2, slot="trash_3"), do("chain", instruction=THREE)),
-                "three pieces of trash",
-                "A longer chain of known steps, one of them repeated, is carried to its end.",
-                ("early_halt", "causal_confusion", "timeout"),
-            ),
+            a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train4"),
+            a.Variation("T1", three, "three pieces of trash", LONGER),
         ),
     )

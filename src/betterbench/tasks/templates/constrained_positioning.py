@@ -21,6 +21,4 @@ CONSTRAINED_POSITIONING = Template(
     relation="on_ring",
     exclusive=True,
     order="free",
-    regions=("ring", "spout"),
-    tolerances=("ring_radius", "ring_height", "upright_tilt", "spout_margin"),
 )

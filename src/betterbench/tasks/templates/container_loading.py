@@ -31,8 +31,6 @@ CONTAINER_LOADING = Template(
     relation="inside",
     exclusive=True,
     order="free",
-    regions=("inside", "upper", "lower"),
-    tolerances=("inside_margin", "closed_gap"),
     also=("closed",),
     steps_per_subgoal=260,
 )

@@ -26,6 +26,4 @@ LOGICAL_ASSEMBLY = Template(
     relation="layer",
     exclusive=True,
     order="built",
-    regions=("top",),
-    tolerances=("layer_offset", "layer_gap", "layer_tilt"),
 )

@@ -11,7 +11,7 @@ LOOSE_PACKING = Template(
     challenge="Free-form containment while tracking which of several alike objects are already packed.",
     goal=(
         "The named objects are inside the container, at rest and let go, packed in the named order "
-        "where the sentence gives one; nothing else is inside."
+        "where the instruction gives one; nothing else is inside."
     ),
     premise="The named objects stand in their slots; what is inside already was put there on purpose.",
     groups=(
@@ -30,6 +30,4 @@ LOOSE_PACKING = Template(
     relation="inside",
     exclusive=True,
     order="named",
-    regions=("inside",),
-    tolerances=("inside_margin",),
 )

@@ -28,6 +28,4 @@ PATTERNED_ARRANGEMENT = Template(
     relation="beside",
     exclusive=True,
     order="free",
-    regions=("left", "right", "behind", "upper_right"),
-    tolerances=("side_reach", "side_height", "side_turn", "long_ratio", "upright_tilt"),
 )

@@ -22,6 +22,4 @@ PRECISION_INSERTION = Template(
     relation="in_hole",
     exclusive=True,
     order="free",
-    regions=("hole_1", "hole_2", "hole_3"),
-    tolerances=("hole_depth", "hole_tilt"),
 )

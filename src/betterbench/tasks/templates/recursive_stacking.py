@@ -27,6 +27,4 @@ RECURSIVE_STACKING = Template(
     relation="on_plate",
     exclusive=True,
     order="built",
-    regions=("floor",),
-    tolerances=("plate_offset", "plate_gap", "upright_tilt"),
 )

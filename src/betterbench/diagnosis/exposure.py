@@ -1,0 +1,110 @@
+"""What a variation can bring out: it follows from its test condition and from what training taught.
+
+Each failure mode says, by a function of an :class:`Exposure`, whether the variation puts a policy with that fault to
+the test. What this denies, a variation does not claim.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.interventions import resolve_condition
+from betterbench.tasks import (
+    Condition,
+    Subgoal,
+    Task,
+    TrainingDistribution,
+    get_task,
+    training_distribution_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """A test condition beside its twin's condition and the regularities of training.
+
+    Attributes:
+        task: The task.
+        base: Training condition that the variation is derived from.
+        test: Test condition.
+        trained: Regularities of the training regime.
+    """
+
+    task: Task
+    base: Condition
+    test: Condition
+    trained: TrainingDistribution
+
+    @classmethod
+    def of(cls, task_id: str, variation: str) -> Exposure:
+        """Return the exposure of a variation.
+
+        Raises:
+            UnknownNameError: If there is no such task or variation.
+        """
+        task = get_task(task_id)
+        found = resolve_condition(task_id, variation)
+        return cls(task, task.train(found.base), found.condition, training_distribution_of(task))
+
+    @property
+    def goals(self) -> tuple[Subgoal, ...]:
+        """All subgoals of the test condition."""
+        return self.test.instruction.subgoals
+
+    def slots(self, goal: Subgoal) -> set[str]:
+        """Return the slots in which what a subgoal means stands at the start."""
+        return {self.test.layout[n] for n in self.test.resolve(goal.reference) if n in self.test.layout}
+
+    @property
+    def open_goals(self) -> tuple[Subgoal, ...]:
+        """Subgoals for which something is left to be picked up, in order."""
+        return tuple(goal for goal in self.goals if self.slots(goal))
+
+    @property
+    def due(self) -> tuple[Subgoal, ...]:
+        """Subgoals that may rightly be worked on first."""
+        return self.open_goals[:1] if self.test.instruction.ordered else self.open_goals
+
+    @property
+    def right_slots(self) -> set[str]:
+        """Slots of everything that may rightly be picked first."""
+        return {slot for goal in self.due for slot in self.slots(goal)}
+
+    def movable_in(self, slot: str) -> str | None:
+        """Return the kind of the movable object that stands in a slot at the start, or None."""
+        name = self.test.occupant(slot)
+        if name is None or self.test.object(name).role not in ("item", "distractor"):
+            return None
+        return self.test.object(name).kind
+
+    def known(self, kind: str) -> bool:
+        """Tell whether some instruction of the task means a kind of object."""
+        asked = {self.test.object(n).kind for g in self.goals for n in self.test.resolve(g.reference)}
+        return kind in asked or kind in self.trained.kind_slots
+
+    def kinds(self, goal: Subgoal) -> set[str]:
+        """Return the kinds of object that a subgoal means."""
+        return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
+
+    def items(self, condition: Condition) -> int:
+        """Return the number of movable objects on the table at the start of a condition."""
+        return sum(o.role in ("item", "distractor") and o.name in condition.layout for o in condition.objects)
+
+    @property
+    def longest_trained(self) -> int:
+        """Largest number of subgoals of a training condition."""
+        return max(len(c.instruction.subgoals) for c in self.task.training)
+
+    def stand_of(self, condition: Condition, name: str) -> str | None:
+        """Return the slot in which a target, or the cabinet of a drawer, stands in a condition, or None."""
+        if name not in {o.name for o in condition.objects}:
+            return None
+        mount = condition.object(name).mount
+        return condition.layout.get(name if mount is None else mount.target)
+
+
+def shown_by(condition: Condition) -> frozenset[tuple[str, str]]:
+    """Return what an initial scene shows: which kind stands where, and which drawers are open."""
+    places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
+    places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
+    return frozenset(places | {(n, f"open {distance}") for n, distance in condition.opened.items()})

@@ -1,0 +1,135 @@
+"""Failure modes: what a file of ``modes`` registers, and what it may look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.recording import Record
+from betterbench.tasks.labels import Kind, Label, all_labels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialView:
+    """What a failure mode may look at.
+
+    Attributes:
+        record: The record of the trial, with its outcome.
+        episode: The record seen against what was asked for: every grasp attempt, subgoal and place.
+        unexplained: True when every mode has been asked once and none has found anything.
+    """
+
+    record: Record
+    episode: EpisodeAnalysis
+    unexplained: bool = False
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the episode ended at its step limit with a subgoal that was never done."""
+        done = self.episode.trace.done
+        all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
+        return self.record.outcome.termination == "step_limit" and not all_done_once
+
+
+Finder = Callable[[TrialView], Evidence | None]
+"""Returns the first evidence of a mode in a trial, or None."""
+
+
+@dataclass(frozen=True, slots=True)
+class FailureMode:
+    """One outcome label: how it is found, and how tables and reports speak of it.
+
+    Attributes:
+        label: The label.
+        find: Its finder.
+        name: Full name.
+        short: Name of one or two words for a segment of a bar.
+        definition: What the record has to show, one sentence (suite, section 5).
+        conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
+        finding: Beginning of the sentence that counts such trials; empty if none is said.
+        detail: Returns what the trials of one such sentence have in common, to go on with it.
+        rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
+        needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
+        exposed_by: Tells whether a variation puts policies with this fault to the test; None where it shows anywhere.
+    """
+
+    label: Label
+    find: Finder
+    name: str
+    short: str
+    definition: str
+    conclusion: str = ""
+    finding: str = ""
+    detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
+    rule: str | None = None
+    needs_rule: bool = False
+    exposed_by: Callable[[Exposure], bool] | None = None
+
+    @property
+    def family(self) -> str:
+        """Color family: "right", "reasoning", "execution" or "system"."""
+        return "right" if self.label.kind is Kind.NONE else self.label.kind.value
+
+
+_MODES: dict[Label, FailureMode] = {}
+
+MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
+"""All modes by label, in the order of the labels; ``diagnosis.modes`` fills it when it is imported."""
+
+
+def failure_mode(
+    label: Label,
+    *,
+    name: str,
+    short: str,
+    definition: str,
+    conclusion: str = "",
+    finding: str = "",
+    detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None,
+    rule: str | None = None,
+    needs_rule: bool = False,
+    exposed_by: Callable[[Exposure], bool] | None = None,
+) -> Callable[[Finder], Finder]:
+    """Register the decorated function as the finder of a label; the arguments are those of :class:`FailureMode`.
+
+    Raises:
+        InvalidInputError: If the label has a mode.
+    """
+
+    def register(find: Finder) -> Finder:
+        if label in _MODES:
+            raise InvalidInputError("failure mode", f"{label} is registered already", "Make a new label")
+        _MODES[label] = FailureMode(
+            label, find, name, short, definition, conclusion, finding, detail, rule, needs_rule, exposed_by
+        )
+        ordered = [_MODES[known] for known in all_labels() if known in _MODES]
+        _MODES.clear()
+        _MODES.update((mode.label, mode) for mode in ordered)
+        return find
+
+    return register
+
+
+def remove_mode(label: Label) -> None:
+    """Take a mode out again, as tests do."""
+    del _MODES[label]
+
+
+def labels_of_second_pass() -> tuple[Label, ...]:
+    """Return the labels that no trial gets by itself."""
+    return tuple(mode.label for mode in MODES.values() if mode.needs_rule)
+
+
+def exposed_labels(task_id: str, variation: str) -> tuple[Label, ...]:
+    """Return the labels of the failure modes that a variation can bring out, in the order of the labels.
+
+    Raises:
+        UnknownNameError: If there is no such task or variation.
+    """
+    exposure = Exposure.of(task_id, variation)
+    return tuple(m.label for m in MODES.values() if m.exposed_by is not None and m.exposed_by(exposure))

@@ -1,0 +1,68 @@
+"""Versions: what the records of a run were made with, which must not be mixed silently."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from betterbench.diagnosis.trial import resolved_of
+from betterbench.errors import RunConflictError
+from betterbench.recording import RecordMetadata
+
+_SCENE_KEYS = ("model", "scene", "hash")
+"""Words in the names of those parts of an engine fingerprint that differ from scene to scene by design."""
+
+
+class RecordVersions:
+    """The versions found in the records of a run."""
+
+    def __init__(self, *, allow_mixed: bool) -> None:
+        """Begin without any."""
+        self._allow_mixed = allow_mixed
+        self._seen: dict[str, dict[str, str]] = {}
+
+    @property
+    def found(self) -> dict[str, str]:
+        """All versions by name; several values of one name are joined by " | ". The policy is checked, but is none."""
+        return {
+            name: " | ".join(values)
+            for name, values in sorted(self._seen.items())
+            if name != "policy" or len(values) > 1
+        }
+
+    def add(self, metadata: RecordMetadata) -> None:
+        """Take in the versions of one record.
+
+        Raises:
+            RunConflictError: If one differs from those before and mixing is not allowed.
+        """
+        trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
+        for name, value in _versions(metadata):
+            known = self._seen.setdefault(name, {})
+            if known and value not in known and not self._allow_mixed:
+                other, at = next(iter(known.items()))
+                raise RunConflictError(
+                    f"{name} is {value!r} in the record of {trial} and {other!r} in that of {at}. "
+                    "Run one of them again, or allow mixed versions and read the numbers with care."
+                )
+            known.setdefault(value, trial)
+        wanted = resolved_of(metadata).task.version
+        if metadata.task_version != wanted and not self._allow_mixed:
+            raise RunConflictError(
+                f"{trial} was recorded with version {metadata.task_version} of its task and is judged with version "
+                f"{wanted}. Judge it with the betterbench that recorded it, or record it again."
+            )
+
+
+def _versions(metadata: RecordMetadata) -> Iterator[tuple[str, str]]:
+    yield "policy", metadata.policy
+    yield "package_version", metadata.package_version
+    yield "suite_version", metadata.suite_version
+    yield "schema_version", str(metadata.schema_version)
+    yield f"task_version:{metadata.task}", str(metadata.task_version)
+    yield "action_space", metadata.action_space
+    yield "control_rate_hz", f"{metadata.control_rate_hz:g}"
+    yield "camera_preset", str(metadata.camera_preset)
+    yield "render_quality", str(metadata.render_quality)
+    for name, value in sorted(metadata.engine.items()):
+        if not any(word in name for word in _SCENE_KEYS):
+            yield f"engine:{name}", value

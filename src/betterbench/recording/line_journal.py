@@ -1,0 +1,107 @@
+"""An append-only file of JSON lines that survives a killed process and a full disk."""
+
+from __future__ import annotations
+
+import logging
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.recording.durable import sync_folder
+from betterbench.recording.lock import RunLock
+from betterbench.recording.metadata import dump_json
+
+logger = logging.getLogger(__name__)
+
+LOCK_NAME = ".lock"
+"""File beside the journal that carries the lock of the folder."""
+
+
+class LineJournal:
+    """A file of JSON lines, open for appending by one process at a time.
+
+    Opening locks the folder, hands all complete lines to :meth:`_take_in` and cuts off a last line that a killed
+    process left unfinished. Each line that is appended is on disk when :meth:`_append_line` returns.
+
+    Args:
+        path: The file; it is made if missing.
+
+    Raises:
+        RunConflictError: If another process holds the lock.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the journal."""
+        self._path = path
+        self._lock = RunLock(path.parent / LOCK_NAME)
+        self._handle: int | None = None
+        try:
+            lines, self._length = complete_lines(path)
+            self._take_in(lines)
+            self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            if os.fstat(self._handle).st_size > self._length:
+                logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
+                os.ftruncate(self._handle, self._length)
+            os.fsync(self._handle)
+            sync_folder(path.parent)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def is_empty(self) -> bool:
+        """True if the file holds no complete line."""
+        return self._length == 0
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        """Read the lines that the file holds when it is opened."""
+        raise NotImplementedError
+
+    def _append_line(self, form: object) -> None:
+        """Append a JSON value and force it to disk.
+
+        Raises:
+            OSError: If the disk is full; the file is then as it was before.
+            ValueError: If the journal is closed.
+        """
+        if self._handle is None:
+            msg = f"{self._path}: the journal is closed"
+            raise ValueError(msg)
+        line = dump_json(form) + b"\n"
+        try:
+            written = 0
+            while written < len(line):
+                written += os.pwrite(self._handle, line[written:], self._length + written)
+            os.fsync(self._handle)
+        except OSError:
+            os.ftruncate(self._handle, self._length)
+            raise
+        self._length += len(line)
+
+    def close(self) -> None:
+        """Close the file and release the lock; harmless when closed."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        """Return the open journal."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the journal."""
+        self.close()
+
+
+def complete_lines(path: Path) -> tuple[list[bytes], int]:
+    """Return the complete lines of a file, a missing one being empty, and how many bytes they take."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return [], 0
+    length = data.rfind(b"\n") + 1
+    return data[:length].split(b"\n")[:-1], length

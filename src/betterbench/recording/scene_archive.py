@@ -1,0 +1,99 @@
+"""The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger."""
+
+from __future__ import annotations
+
+import io
+import stat
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.recording.durable import write_durably
+
+MAX_SCENE_BYTES = 256 * 1024 * 1024
+"""Largest size of a stored scene after decompression."""
+
+MAX_SCENE_FILES = 10_000
+"""Largest number of files of a stored scene."""
+
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
+_READ_BLOCK = 1 << 20
+
+
+def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
+    """Store the files of a scene; the same files give the same bytes.
+
+    Raises:
+        InvalidInputError: If a name could leave the archive's folder or the scene is too large.
+    """
+    for name in files:
+        problem = _member_problem(name)
+        if problem:
+            raise InvalidInputError(f"scene file {name!r}", problem, "Give a relative name with forward slashes")
+    total = sum(len(data) for data in files.values())
+    if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
+        problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"
+        raise InvalidInputError("scene", problem, "Reduce its meshes and textures")
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            member = zipfile.ZipInfo(name, _ZIP_EPOCH)
+            member.compress_type = zipfile.ZIP_DEFLATED
+            member.create_system = 3  # Unix, whatever the machine
+            member.external_attr = (stat.S_IFREG | 0o644) << 16
+            archive.writestr(member, files[name])
+    write_durably(path, buffer.getvalue())
+
+
+def read_scene(path: Path) -> dict[str, bytes]:
+    """Return the files of a stored scene by name, without writing any of them.
+
+    Raises:
+        RecordError: If the scene is missing, damaged or too large, or a name could leave a folder.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return _read_members(path, archive)
+    except FileNotFoundError:
+        raise RecordError(f"{path}: the scene is not stored. Run the trial again to store it.") from None
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, OSError) as error:
+        raise RecordError(f"{path}: is damaged ({error}). Delete it and run the trial again.") from error
+
+
+def _member_problem(name: str) -> str | None:
+    """Return why a name must not stand in an archive, or None."""
+    if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
+        return "is no portable file name"
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or str(path) != name:
+        return "could lead out of its folder"
+    return None
+
+
+def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
+    """Return the content of an archive within the limits.
+
+    Raises:
+        RecordError: If it exceeds them, or holds a name that could lead out of a folder or stands there twice.
+    """
+    members = archive.infolist()
+    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is no scene of a run.")
+    if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
+        raise too_large
+    files: dict[str, bytes] = {}
+    left = MAX_SCENE_BYTES
+    for member in members:
+        problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
+        if problem:
+            raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is no scene of a run.")
+        blocks: list[bytes] = []
+        with archive.open(member) as stream:
+            while block := stream.read(_READ_BLOCK):
+                left -= len(block)
+                if left < 0:
+                    raise too_large
+                blocks.append(block)
+        files[member.filename] = b"".join(blocks)
+    return files

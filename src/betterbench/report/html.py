@@ -1,0 +1,40 @@
+"""How pages are made and written: one way to fill templates, to put data into a page and to write a file."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from importlib import resources
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+
+def environment() -> Environment:
+    """Return the environment of all templates; every value is escaped, and an unknown one is an error."""
+    return Environment(
+        loader=PackageLoader("betterbench.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def asset(name: str) -> str:
+    """Return a text file that stands beside the templates."""
+    return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def data_uri(data: bytes | str, media_type: str) -> str:
+    """Return data as a URI, so that a page needs no other file."""
+    if isinstance(data, str):
+        data, media_type = data.encode(), f"{media_type};charset=utf-8"
+    return f"data:{media_type};base64,{b64encode(data).decode('ascii')}"
+
+
+def write(path: Path, data: bytes | str) -> Path:
+    """Write a file beside its place, rename it and return its path, so that no reader sees half of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_bytes(data.encode() if isinstance(data, str) else data)
+    return beside.replace(path)

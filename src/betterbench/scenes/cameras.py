@@ -1,0 +1,120 @@
+"""Where the cameras of a model are and how they project: pinhole cameras in the conventions of OpenCV."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.geometry import Pose, Quaternion, normalize
+
+MAX_SIDE_PX = 4096
+"""Largest side of an image [pixel]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraMatrices:
+    """A pinhole camera in the conventions of OpenCV.
+
+    The camera frame has x to the right of the image, y down and z forward along the optical axis. Pixel (u, v) counts
+    columns from the left and rows from the top, and whole numbers are the centers of pixels: the image spans u from
+    -0.5 to width - 0.5.
+
+    Attributes:
+        K: (3, 3) intrinsic matrix [pixel].
+        T_world_camera: Pose of the camera frame in the world.
+        width: Image width [pixel].
+        height: Image height [pixel].
+    """
+
+    K: np.ndarray
+    T_world_camera: Pose
+    width: int
+    height: int
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Project points into the image.
+
+        Args:
+            points: (n, 3) points in the world frame [m].
+
+        Returns:
+            (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
+            [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
+
+        Raises:
+            InvalidInputError: If the points have another shape.
+        """
+        array = np.asarray(points, dtype=np.float64)
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise InvalidInputError("points", f"has shape {array.shape}", "Give an array of shape (n, 3)")
+        R_world_camera = _rotation_matrix(self.T_world_camera.quaternion)
+        local = (array - np.asarray(self.T_world_camera.position)) @ R_world_camera
+        depth = local[:, 2]
+        pixels = np.full((len(array), 2), np.nan)
+        seen = depth > 0.0
+        scaled = local[seen] @ self.K.T
+        pixels[seen] = scaled[:, :2] / scaled[:, 2:]
+        return pixels, depth
+
+    def unproject(self, depth: np.ndarray) -> np.ndarray:
+        """Return the points that a depth image shows.
+
+        Args:
+            depth: (height, width) distances along the optical axis [m].
+
+        Returns:
+            (height, width, 3) float64 points in the world frame [m]; not finite where the depth is infinite.
+
+        Raises:
+            InvalidInputError: If the image has another size.
+        """
+        if depth.shape != (self.height, self.width):
+            raise InvalidInputError("depth", f"has shape {depth.shape}", f"Give {(self.height, self.width)}")
+        v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
+        x, y = (u - self.K[0, 2]) / self.K[0, 0], (v - self.K[1, 2]) / self.K[1, 1]
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ _rotation_matrix(self.T_world_camera.quaternion).T
+        seen = np.isfinite(depth)[..., None]
+        origin = np.asarray(self.T_world_camera.position)
+        return np.where(seen, rays * np.where(seen, depth[..., None], 1.0) + origin, np.inf)
+
+
+def camera_matrices(
+    model: mujoco.MjModel, data: mujoco.MjData, camera: str, *, width: int = 256, height: int = 256
+) -> CameraMatrices:
+    """Return intrinsics and pose of a camera of the model in a state with positions up to date.
+
+    Raises:
+        UnknownNameError: If the model has no such camera.
+        InvalidInputError: If the size is out of range.
+    """
+    check_size(width, height)
+    number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
+    if number < 0:
+        raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
+    focal = 0.5 * height / math.tan(0.5 * math.radians(float(model.cam_fovy[number])))
+    K = np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
+    # MuJoCo's camera looks along its -z with y up; OpenCV's looks along z with y down: half a turn about x.
+    R_world_camera = data.cam_xmat[number].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
+    x, y, z = (float(value) for value in data.cam_xpos[number])
+    return CameraMatrices(K, Pose((x, y, z), normalize(quaternion.tolist())), width, height)
+
+
+def check_size(width: int, height: int) -> None:
+    """Raise an InvalidInputError unless both sides [pixel] are in range."""
+    if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
+        raise InvalidInputError("image size", f"{width} x {height} pixels", f"Use 1 to {MAX_SIDE_PX} pixels a side")
+
+
+def _rotation_matrix(quaternion: Quaternion | Sequence[float]) -> np.ndarray:
+    """Return the (3, 3) rotation matrix of a unit quaternion (w, x, y, z)."""
+    matrix: np.ndarray[Any, np.dtype[np.float64]] = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, dtype=np.float64))
+    return matrix.reshape(3, 3)

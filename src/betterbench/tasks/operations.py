@@ -1,0 +1,197 @@
+"""The operations of interventions, as typed values: ``swap(APPLE, ORANGE)`` is data that can be carried out.
+
+An operation is a pure function from a condition to a changed condition, with a declaration of what it changes.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Concatenate, ParamSpec
+
+from betterbench.errors import InvalidInputError
+from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
+from betterbench.tasks.subgoal import Instruction
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """What an operation declares to change; everything else stays bit-identical between a trial and its twin.
+
+    Attributes:
+        objects: Names of objects whose presence, identity or start changes.
+        language: True if the instruction and what it asks for change.
+    """
+
+    objects: frozenset[str] = frozenset()
+    language: bool = False
+
+    def __or__(self, other: Changes) -> Changes:
+        """Return the changes of both."""
+        return Changes(self.objects | other.objects, self.language or other.language)
+
+
+Result = tuple[Condition, Changes]
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation with its arguments; equal arguments make equal operations.
+
+    Attributes:
+        name: Name of the operation ("swap").
+        arguments: Its arguments by name.
+        carry_out: Returns the changed condition and what was declared to change.
+    """
+
+    name: str
+    arguments: Mapping[str, Any]
+    carry_out: Callable[[Condition], Result] = field(compare=False, repr=False)
+
+    def __str__(self) -> str:
+        """Return the form ``do(swap a=burger_1 b=fries)``."""
+        shown = (f"{k}={getattr(v, 'text', getattr(v, 'name', v))}" for k, v in self.arguments.items())
+        return f"do({' '.join((self.name, *shown))})"
+
+
+_NAMES: set[str] = set()
+
+
+def operation_names() -> tuple[str, ...]:
+    """Return the names of all operations, sorted."""
+    return tuple(sorted(_NAMES))
+
+
+def operation(function: Callable[Concatenate[Condition, P], Result]) -> Callable[P, Operation]:
+    """Make a function on conditions a constructor of operations: it takes the function's further arguments."""
+    signature = inspect.signature(function)
+    name = function.__name__
+    _NAMES.add(name)
+
+    @functools.wraps(function)
+    def make(*args: P.args, **kwargs: P.kwargs) -> Operation:
+        given = signature.bind(None, *args, **kwargs).arguments
+        arguments = {key: value for key, value in given.items() if key != "condition"}
+        return Operation(name, arguments, lambda condition: function(condition, *args, **kwargs))
+
+    return make
+
+
+@operation
+def swap(condition: Condition, a: ObjectSpec, b: ObjectSpec) -> Result:
+    """Let two objects exchange their slots."""
+    layout = dict(condition.layout)
+    for o in (a, b):
+        _require_slot(condition, o)
+    layout[a.name], layout[b.name] = layout[b.name], layout[a.name]
+    return condition.with_(layout=layout), Changes(frozenset({a.name, b.name}))
+
+
+@operation
+def move(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002 - the word of do()
+    """Put an object into another, free slot."""
+    _require_slot(condition, object)
+    _require_free(condition, slot.name)
+    return condition.with_(layout={**condition.layout, object.name: slot.name}), Changes(frozenset({object.name}))
+
+
+@operation
+def preplace(condition: Condition, object: ObjectSpec, target: ObjectSpec, region: str = "") -> Result:  # noqa: A002
+    """Let an object rest at its target from the start; ``region`` is given where the target offers several."""
+    _require_slot(condition, object)
+    condition.object(target.name)
+    layout = {name: slot for name, slot in condition.layout.items() if name != object.name}
+    preplaced = {**condition.preplaced, object.name: TargetRegion(target.name, region)}
+    return condition.with_(layout=layout, preplaced=preplaced), Changes(frozenset({object.name}))
+
+
+@operation
+def draw_out(condition: Condition, drawer: ObjectSpec, distance_m: float) -> Result:
+    """Let a drawer stand open by ``distance_m`` at the start; 0 shuts it."""
+    if condition.object(drawer.name).mount is None:
+        raise _refused(condition, drawer, "it is no drawer", "Name one that has a mount")
+    if not distance_m >= 0.0:
+        raise InvalidInputError(f"{condition.id} distance_m", f"{distance_m} m", "Give 0 or more; 0 shuts the drawer")
+    return condition.with_(opened={**condition.opened, drawer.name: distance_m}), Changes(frozenset({drawer.name}))
+
+
+@operation
+def remove(condition: Condition, object: ObjectSpec) -> Result:  # noqa: A002
+    """Take an object out of the scene; nothing may rest at it or slide in it."""
+    name = condition.object(object.name).name
+    guests = [o.name for o in condition.objects if o.mount is not None and o.mount.target == name]
+    guests += [guest for guest, place in condition.preplaced.items() if place.target == name]
+    if guests:
+        raise _refused(condition, object, f"it holds {guests[0]}", "Remove that first")
+    changed = condition.with_(
+        objects=tuple(o for o in condition.objects if o.name != name),
+        layout={n: slot for n, slot in condition.layout.items() if n != name},
+        preplaced={n: place for n, place in condition.preplaced.items() if n != name},
+        opened={n: opening for n, opening in condition.opened.items() if n != name},
+    )
+    return changed, Changes(frozenset({name}))
+
+
+@operation
+def add(condition: Condition, object: ObjectSpec, slot: Slot) -> Result:  # noqa: A002
+    """Put a further object into a free slot."""
+    return _added(condition, object, slot.name)
+
+
+@operation
+def replace(condition: Condition, object: ObjectSpec, by: ObjectSpec) -> Result:  # noqa: A002
+    """Put another object into the slot of an object that is taken away."""
+    _require_slot(condition, object)
+    removed, first = remove(object).carry_out(condition)
+    added, second = _added(removed, by, condition.layout[object.name])
+    return added, first | second
+
+
+@operation
+def instruct(condition: Condition, instruction: Instruction) -> Result:
+    """Ask for something else in the same scene."""
+    return condition.with_(instruction=instruction), Changes(language=True)
+
+
+@operation
+def repeat(condition: Condition, instruction: Instruction) -> Result:
+    """Ask for a trained step more often than in training: some subgoal occurs twice."""
+    if len({goal.reference for goal in instruction.subgoals}) == len(instruction.subgoals):
+        raise InvalidInputError(f"{condition.id} repeat", "no subgoal is repeated", "Use chain or instruct")
+    return condition.with_(instruction=instruction), Changes(language=True)
+
+
+@operation
+def chain(condition: Condition, instruction: Instruction) -> Result:
+    """Ask for more steps than the training condition does."""
+    if len(instruction.subgoals) <= len(condition.instruction.subgoals):
+        raise InvalidInputError(f"{condition.id} chain", "the new instruction is not longer", "Use instruct instead")
+    return condition.with_(instruction=instruction), Changes(language=True)
+
+
+def _added(condition: Condition, spec: ObjectSpec, slot: str) -> Result:
+    _require_free(condition, slot)
+    if any(o.name == spec.name for o in condition.objects):
+        raise _refused(condition, spec, "the name is in use", "Choose another name")
+    layout = {**condition.layout, spec.name: slot}
+    return condition.with_(objects=(*condition.objects, spec), layout=layout), Changes(frozenset({spec.name}))
+
+
+def _require_free(condition: Condition, slot: str) -> None:
+    occupant = condition.occupant(slot)
+    if occupant is not None:
+        what = f"{occupant} already stands there"
+        raise InvalidInputError(f"{condition.id} slot {slot!r}", what, "Remove or move it first")
+
+
+def _require_slot(condition: Condition, spec: ObjectSpec) -> None:
+    condition.object(spec.name)
+    if spec.name not in condition.layout:
+        raise _refused(condition, spec, "it starts in no slot", "Name one that does")
+
+
+def _refused(condition: Condition, spec: ObjectSpec, problem: str, cure: str) -> InvalidInputError:
+    return InvalidInputError(f"{condition.id} object {spec.name!r}", problem, cure)

@@ -1,0 +1,68 @@
+"""Where the foot of an object is, and how a gripper lets go of an object that it has set down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from betterbench.geometry import Pose, Vector, from_yaw, rotate, yaw_of
+from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks.relations.relation import PlaceGoal, RestingPlace
+
+RELEASE_GAP_M = 0.002
+"""Height above its resting place at which an object is let go [m]."""
+SLIM_M, SLIM_OPENING_M = 0.05, 0.022
+"""Width below which an object is slim [m], and how much wider than it the gripper opens beside neighbors [m]."""
+
+
+def foot_offset(info: ObjectInfo) -> Vector:
+    """Return the center of an object's foot in its own frame [m]: of its region "base", else of its bounding box."""
+    return next((r.position for r in info.regions if r.name == "base"), (0.0, 0.0, 0.0))
+
+
+def foot(state: WorldState, name: str) -> Vector:
+    """Return the center of an object's foot in the world [m]."""
+    for region in state.info.object(name).regions:
+        if region.name == "base":
+            return state.pose(name).apply(region.position)
+    return state.pose(name).position
+
+
+def slim_opening_m(info: ObjectInfo) -> float | None:
+    """Return how far the gripper opens to let go of a slim object among others [m]; None for all the way."""
+    least = min(info.size_m[0], info.size_m[1])
+    return least + SLIM_OPENING_M if least < SLIM_M else None
+
+
+def standing_goals(
+    state: WorldState, name: str, point: Vector, yaws: Iterable[float], *, release_width_m: float | None
+) -> tuple[PlaceGoal, ...]:
+    """Return the goals to let go of an object with its foot just above a point, one per heading.
+
+    Args:
+        state: State now.
+        name: Name of the object.
+        point: Where its foot goes, world frame [m].
+        yaws: Headings of the object [rad], the best first.
+        release_width_m: How far the gripper opens [m]; None for all the way.
+    """
+    offset = foot_offset(state.info.object(name))
+    goals = []
+    for yaw in yaws:
+        turned = from_yaw(yaw)
+        fx, fy, fz = rotate(turned, offset)
+        pose = Pose((point[0] - fx, point[1] - fy, point[2] - fz + RELEASE_GAP_M), turned)
+        goals.append(PlaceGoal(pose, release_width_m=release_width_m))
+    return tuple(goals)
+
+
+def turned_by(state: WorldState, name: str, turns: Iterable[float]) -> list[float]:
+    """Return the headings that an object has after small turns of the gripper [rad]."""
+    now = yaw_of(state.pose(name).quaternion)
+    return [now + turn for turn in turns]
+
+
+def resting_at(place: RestingPlace, region: str, *, spread_m: float) -> Pose:
+    """Return the pose of an object that was set down within ``spread_m`` of the middle of a region, turned at will."""
+    dx, dy, dyaw = place.draw
+    x, y, z = place.target_regions[region][0]
+    return Pose((x + spread_m * dx, y + spread_m * dy, z), from_yaw(dyaw))

@@ -1,0 +1,227 @@
+"""A task and an asset in a user's own file: run, resumed, diagnosed, reported, and refused where that is not safe."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+MINE = '''
+"""Morning coffee with enamel mugs."""
+
+from dataclasses import replace
+
+from betterbench.assets.procedural.mug import mug
+from betterbench.assets.procedural.registry import generator
+from betterbench.tasks import get_task
+from betterbench.tasks.registry import task
+
+
+@generator("enamel_mug", colors=("red", "blue"), looks=2)
+def enamel_mug(rng, color):
+    """Make an enamel mug."""
+    return mug(rng, color)
+
+
+@task
+def my_coffee():
+    """Put the instructed enamel mug on the marked ring.
+
+    Randomizations: those of morning_coffee.
+    """
+    base = get_task("morning_coffee")
+
+    def mine(spec):
+        return replace(spec, category="enamel_mug") if spec.category == "mug" else spec
+
+    training = tuple(replace(c, task="my_coffee", objects=tuple(map(mine, c.objects))) for c in base.training)
+    return replace(base, id="my_coffee", title="My Coffee", training=training, variations=base.variations[:1])
+'''
+
+
+def better(*arguments, cwd=None, **environment):
+    """Run the command in a process of its own: what a file registers stays there."""
+    inherited = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
+    done = subprocess.run(
+        [sys.executable, "-m", "betterbench.cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env={**inherited, "COLUMNS": "1000", **environment},
+        check=False,
+    )
+    return done.returncode, done.stdout, " ".join(done.stderr.split())
+
+
+@pytest.fixture(scope="module")
+def mine(tmp_path_factory):
+    file = tmp_path_factory.mktemp("mine") / "my_tasks.py"
+    file.write_text(MINE, encoding="utf-8")
+    return file
+
+
+EVAL = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "--uncertified")
+
+
+@pytest.fixture(scope="module")
+def run(mine):
+    out = mine.parent / "run"
+    status, _, err = better(*EVAL, "--task-file", mine, "--workers", "2", "--out", out)
+    assert status == 0, err
+    return out
+
+
+def test_lists_show_the_users_names(mine):
+    for what, name in (("tasks", "my_coffee"), ("variations", "my_coffee/L1"), ("assets", "enamel_mug")):
+        key = what.removesuffix("s")
+        for arguments, environment in ((("--task-file", mine), {}), ((), {"BETTERBENCH_TASK_FILES": str(mine)})):
+            _, out, _ = better("list", what, "--json", *arguments, **environment)
+            assert name in [row[key] for row in json.loads(out)]
+
+
+def test_the_run_knows_its_file_and_keeps_a_copy(run, mine):
+    form = json.loads((run / "run.json").read_text())
+    (planned,) = form["plan"]["task_files"]
+    assert planned["name"] == "my_tasks.py"
+    assert form["context"]["task_files"] == [{"path": str(mine), "sha256": planned["sha256"]}]
+    assert [copy.read_text() for copy in (run / "task_files").iterdir()] == [MINE]
+
+
+def test_every_trial_was_solved_and_the_run_is_resumed(run, mine):
+    done = [json.loads(line) for line in (run / "journal.jsonl").read_text().splitlines()]
+    trials = [line for line in done if "task" in line]
+    assert {(t["task"], t["status"]) for t in trials} == {("my_coffee", "done")}
+    first = trials[0]
+    record = run / "records" / first["task"] / first["condition"] / f"{first['seed']}.parquet"
+    before = record.read_bytes()
+    lines = (run / "journal.jsonl").read_text().splitlines()
+    kept = [line for line in lines if line != lines[-1]]
+    (run / "journal.jsonl").write_text("\n".join(kept) + "\n")
+    status, out, err = better(*EVAL, "--task-file", mine, "--workers", "1", "--out", run, "--json")
+    assert status == 0, err
+    counts = json.loads(out)
+    assert counts["variations"]["k"] == counts["variations"]["n"] == 1
+    assert counts["training"]["k"] == counts["training"]["n"]
+    assert len((run / "journal.jsonl").read_text().splitlines()) == len(lines)
+    assert record.read_bytes() == before
+
+
+def test_diagnosis_and_report_want_the_file(run, mine, tmp_path):
+    for arguments in (("diagnose", run), ("report", run, "--films", "0"), ("compare", run, tmp_path)):
+        status, _, err = better(*arguments)
+        assert status == 2
+        assert "my_tasks.py (sha256 " in err
+        assert "not executed by itself" in err
+        assert str(run / "task_files") in err
+    (copy,) = (run / "task_files").iterdir()
+    for file in (mine, copy):
+        status, out, err = better("diagnose", run, "--json", "--task-file", file)
+        assert status == 0, err
+        assert {t["label"] for t in json.loads(out)["trials"]} == {"success"}
+    status, _, err = better("report", run, "--films", "0", "--out", tmp_path, "--task-file", copy)
+    assert status == 0, err
+    assert "My Coffee" in (tmp_path / "index.html").read_text()
+
+
+def test_another_text_is_another_file(run, tmp_path):
+    changed = tmp_path / "my_tasks.py"
+    changed.write_text(MINE + "\n# changed\n", encoding="utf-8")
+    status, _, err = better("diagnose", run, "--task-file", changed)
+    assert status == 2
+    assert "which is not loaded" in err
+    status, _, err = better(*EVAL, "--task-file", changed, "--out", run)
+    assert status == 2
+
+
+def test_a_replay_is_the_same_bit_for_bit(run, mine):
+    record = next((run / "records").rglob("*.parquet"))
+    status, out, err = better("replay", record, "--check", "--json", "--task-file", mine)
+    assert status == 0, err
+    assert json.loads(out)["identical"] is True
+
+
+def test_without_a_certificate_the_error_names_both_cures(mine, tmp_path):
+    arguments = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "--out", tmp_path / "run")
+    status, _, err = better(*arguments, "--task-file", mine)
+    assert status == 2
+    assert f"better certify --task-file {mine} --tasks my_coffee" in err
+    assert "--uncertified" in err
+
+
+@pytest.mark.slow
+def test_the_cure_works(mine, tmp_path):
+    chosen = ("--task-file", mine, "--tasks", "my_coffee", "--trials", "1")
+    status, _, err = better("certify", *chosen, "--workers", "2", "--out", tmp_path / "certificate")
+    assert status == 0, err
+    certificate = ("--certificate", tmp_path / "certificate")
+    status, _, err = better("eval", "--policy", "expert", *chosen, *certificate, "--out", tmp_path / "run")
+    assert status == 0, err
+
+
+ERRORS = {
+    "syntax": ("x = 1\nx = = 2\n", ", line 2: SyntaxError: invalid syntax."),
+    "import": ("\nimport no_such_module\n", ", line 2: ModuleNotFoundError: No module named 'no_such_module'."),
+    "build": (MINE.replace('get_task("morning_coffee")', "1 / 0"), ": ZeroDivisionError: division by zero."),
+    "unknown": (MINE.replace('get_task("morning_coffee")', 'get_task("morning_cofee")'), "Did you mean 'morning_"),
+    "built in": (MINE.replace("def my_coffee", "def fast_food"), "task 'fast_food': "),
+    "asset": (MINE.replace('"enamel_mug", colors', '"mug", colors'), "asset 'mug': "),
+}
+
+
+@pytest.mark.parametrize("name", ERRORS)
+def test_an_error_in_the_file_is_one_line_with_its_place(name, tmp_path):
+    source, text = ERRORS[name]
+    file = tmp_path / "wrong.py"
+    file.write_text(source, encoding="utf-8")
+    status, out, err = better("list", "tasks", "--task-file", file)
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert "Traceback" not in err
+    assert str(file) in err
+    assert text in err
+
+
+def test_a_name_in_two_files_names_both(mine, tmp_path):
+    other = tmp_path / "other.py"
+    other.write_text(MINE + "\n# other\n", encoding="utf-8")
+    status, _, err = better("list", "tasks", "--task-file", mine, "--task-file", other)
+    assert status == 2
+    assert str(mine) in err
+    assert str(other) in err
+    status, _, _ = better("list", "tasks", "--task-file", mine, "--task-file", mine)
+    assert status == 0
+
+
+def test_a_missing_file_is_named(tmp_path):
+    status, _, err = better("list", "tasks", "--task-file", tmp_path / "nowhere.py")
+    assert status == 2
+    assert "nowhere.py" in err
+
+
+def test_an_installed_package_adds_its_tasks(tmp_path):
+    (tmp_path / "enamel.py").write_text(MINE, encoding="utf-8")
+    info = tmp_path / "enamel-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: enamel\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[betterbench.plugins]\nmugs = enamel\n")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    out = tmp_path / "run"
+    status, _, err = better(*EVAL, "--workers", "1", "--out", out, PYTHONPATH=path)
+    assert status == 0, err
+    assert json.loads((out / "run.json").read_text())["plan"]["plugins"] == [{"name": "enamel", "version": "1.2"}]
+    status, _, err = better("diagnose", out)
+    assert status == 2
+    assert "the package enamel 1.2, which is not installed" in err
+
+
+def test_gymnasium_makes_the_users_task(mine):
+    code = (
+        "import betterbench, gymnasium; env = gymnasium.make('BeTTER/MyCoffee-v0'); env.reset(seed=0); env.close();"
+        "print(env.spec.id)"
+    )
+    environment = {**os.environ, "BETTERBENCH_TASK_FILES": str(mine)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert done.stdout.strip() == "BeTTER/MyCoffee-v0", done.stderr
