@@ -115,7 +115,7 @@ BROKEN = {
     "twice": (lambda p: p["trials"].append(p["trials"][0]), RecordError, r"plan: trials\[4\]: is planned twice"),
     "policy": (lambda p: p.pop("policy"), RecordError, "plan: policy: is missing"),
     "task": (lambda p: p["trials"][0].update(task="morning_cofee"), UnknownNameError, "Did you mean 'morning_coffee'"),
-    "observation": (lambda p: p.update(observation="default"), RecordError, "plan: observation: .*not 'default'"),
+    "observation": (lambda p: p.update(observation="default"), RecordError, "plan: observation: is not a JSON object"),
 }
 
 
