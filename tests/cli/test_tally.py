@@ -14,7 +14,7 @@ from betterbench.cli.tally import RunTally, duration, pace, service_text
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import policy_service
-from betterbench.policies.connection import PolicyConnection, Terms
+from betterbench.policies.connection import ConnectionLimits, PolicyConnection
 from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, read_outcome, read_record
 
@@ -67,7 +67,7 @@ class Flaky:
 def test_service_says_how_the_policy_answered():
     """The figures are those that a connection writes, under its own names."""
     Flaky.failures = 2
-    connection = PolicyConnection("a flaky server", lambda _: Flaky(), Terms(timeout_s=5.0, seed=1))
+    connection = PolicyConnection("a flaky server", lambda _: Flaky(), ConnectionLimits(timeout_s=5.0, seed=1))
     connection.request(lambda channel, timeout_s: channel.answer(timeout_s))
     figures = connection.figures
     assert figures["policy_retries"] == 2.0

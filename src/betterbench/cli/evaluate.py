@@ -50,30 +50,27 @@ def evaluate(
 ) -> None:
     """Evaluate a policy. The same command resumes an unfinished run.
 
-    Every variation runs with the same seeds, and the training conditions with as many trials in all; the first of them
+    Every variation runs with the same seeds, and the training conditions with as many trials in all, of which the first
     are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
 
     Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
 
     Args:
-        policy: Address of the policy (see better list policies). With --from, a policy other than that of the run.
+        policy: Address of the policy (see better list policies); with --from, one other than that of the run.
         out: Folder of the run; runs/POLICY if not given.
-        from_run: run.json of another run, or its folder, to be repeated: same trials, seeds, conventions and policy.
+        from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         suite: Suite to take the tasks from.
         tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
         trials: Trials per variation.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        envs: Environments that each worker keeps open at once, so that trials go on while a policy answers; chosen by
-            the kind of policy if not given. Results do not depend on it.
+        envs: Environments of each worker, which hide the policy's latency; chosen by its kind if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
-        ray_address: Address of the Ray cluster; if not given, RAY_ADDRESS or a cluster of this machine alone.
-        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or one that takes batches); 1 if
-            not given.
+        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
+        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or with act_batch); 1 if not given.
         replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
-        policy_timeout: Deadline in seconds of one answer of a policy that runs in the processes of the run (python:,
-            lerobot:); for a server, write timeout=SECONDS in its address.
+        policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
@@ -85,18 +82,13 @@ def evaluate(
     """
     from betterbench.evaluation.planning.power import what_trials_show
     from betterbench.evaluation.ray_engine.cluster import Cluster
-    from betterbench.evaluation.running.summary import run_counts
 
-    placing = {"replicas": replicas, "replica_gpus": replica_gpus, "ray_address": ray_address}
     if engine == "local":
+        placing = {"replicas": replicas, "replica_gpus": replica_gpus, "ray_address": ray_address}
         _refuse(placing, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}")
-    if allow_other_versions and from_run is None:
-        raise InvalidInputError(
-            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
-        )
-    chosen = {"tasks": tasks, "variations": variations, "trials": trials, "seed": seed}
+    chosen = {"suite": suite, "tasks": tasks, "variations": variations, "trials": trials, "seed": seed}
     chosen |= {"action_space": action_space, "observation": observation, "quality": quality}
-    plan = _plan(policy, from_run, suite, chosen, allow_other_versions=allow_other_versions)
+    plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions)
     if not uncertified:
         require_certified(plan, certificate)
     say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
@@ -111,36 +103,29 @@ def evaluate(
         allow_changed_policy=allow_changed_policy,
         repeats=from_run if policy is None else None,
     )
-    counts = run_counts(run)
-    if json:
-        print_json(counts)
-    else:
-        _print_counts(run, counts)
+    _print_counts(run, json=json)
 
 
-def _plan(
-    policy: str | None,
-    from_run: Path | None,
-    suite: str,
-    chosen: Mapping[str, Any],
-    *,
-    allow_other_versions: bool,
-) -> Plan:
+def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, allow_other_versions: bool) -> Plan:
     """Return the plan of the options, or that of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
 
-    of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite is reported
+    if allow_other_versions and from_run is None:
+        raise InvalidInputError(
+            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
+        )
+    of_suite = suite_tasks(chosen["suite"])  # also where --tasks names others, so that a mistyped suite is reported
     if from_run is not None:
         defaults = inspect.signature(evaluate).parameters
-        given = {**chosen, "suite": suite}
-        changed = {name: value for name, value in given.items() if value != defaults[name].default}
+        changed = {name: value for name, value in chosen.items() if value != defaults[name].default}
         _refuse(changed, "--from repeats a run as it was", "Leave out {option}, or --from")
         return repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions)
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
-    return make_plan(policy, **{**chosen, "tasks": chosen["tasks"] or of_suite})
+    options = {name: value for name, value in chosen.items() if name != "suite"}
+    return make_plan(policy, **{**options, "tasks": chosen["tasks"] or of_suite})
 
 
 def _refuse(given: Mapping[str, object], problem: str, cure: str) -> None:
@@ -238,9 +223,15 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
     return run
 
 
-def _print_counts(run: RunFolder, counts: Mapping[str, Mapping[str, int]]) -> None:
+def _print_counts(run: RunFolder, *, json: bool) -> None:
+    """Print how many trials succeeded and how many broke down."""
+    from betterbench.evaluation.running.summary import run_counts
     from betterbench.statistics import Rate, percent
 
+    counts = run_counts(run)
+    if json:
+        print_json(counts)
+        return
     for name in ("training", "variations"):
         k, n = counts[name]["k"], counts[name]["n"]
         rate = Rate(k, n)

@@ -76,8 +76,7 @@ class ExternalRun:
         self.plan = plan
         self.start: EpisodeStart | None = None
         self.entry: JournalEntry | None = None
-        settings = RunSettings(str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot)
-        self._trial_runner = TrialRunner(settings, policies=_Declared(info))
+        self._trial_runner = TrialRunner(RunSettings.of(plan, out), policies=_Declared(info))
         self._steps: TrialSteps | None = None
         self._asked = 0.0
 

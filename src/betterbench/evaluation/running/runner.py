@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -77,21 +77,16 @@ def evaluate(
 
     Args:
         plan: The plan.
-        out: Folder of the run; an unfinished run with the same plan is continued.
+        out: Folder of the run; an unfinished run with the same plan is resumed.
         workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine
             or of the cluster, or for a single one if each would load the weights of a policy again.
-        envs: Environments that each worker keeps open at once, so that trials go on while a policy answers; None for 1
-            where the policy answers at once, and a few where it does not.
+        envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Where the actors are placed.
-        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]. It ends the trial; a
-            call that hangs goes on in its thread until the process ends.
+        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
         allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
         on_progress: Called once at the start and after every trial.
-
-    Returns:
-        The folder of the run.
 
     Raises:
         RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
@@ -117,22 +112,15 @@ def evaluate(
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
-        settings = RunSettings(
-            str(out),
-            plan.policy,
-            plan.action_space,
-            plan.observation,
-            plan.quality,
-            plan.robot,
-            envs or fair_envs(asked.envs, count),
-            policy_timeout_s,
-            asked.host.address if asked.host else None,
+        settings = RunSettings.of(
+            plan, out, envs=envs or fair_envs(asked.envs, count), policy_timeout_s=policy_timeout_s
         )
+        settings = replace(settings, served_at=asked.host.address if asked.host else None)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
+        running = {"name": engine, "workers": count, "envs": settings.envs}
         with on_disk(out):
-            running = {"name": engine, "workers": count, "envs": settings.envs}
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())

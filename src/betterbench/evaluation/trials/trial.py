@@ -21,7 +21,7 @@ from betterbench.episodes import (
     run_episode,
 )
 from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
-from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
@@ -66,6 +66,12 @@ class RunSettings:
     policy_timeout_s: float = POLICY_TIMEOUT_S
     served_at: str | None = None
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+
+    @classmethod
+    def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
+        """Return the settings of a plan that is run into a folder."""
+        space, preset = plan.action_space, plan.observation
+        return cls(str(run), plan.policy, space, preset, plan.quality, plan.robot, envs, policy_timeout_s)
 
     @property
     def asked(self) -> str:
