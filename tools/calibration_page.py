@@ -11,9 +11,9 @@ from betterbench.report.calibration_page import calibration_markdown, write_cali
 
 HEAD = """# Calibration
 
-A diagnosis is an instrument, and an instrument is worth what it has been measured at. Each of the
-[faulty policies](diagnosis.md#the-zoo) decides by one broken rule, at several strengths and with action noise; it notes
-its own first wrong decision, and the diagnosis, which reads the records alone, has to find it.
+Calibration measures how often the diagnosis gives the true label. Every [faulty policy](diagnosis.md#faulty-policies)
+decides by one broken rule, at several strengths and with action noise. It writes down its own first wrong decision,
+and the diagnosis, which reads the records alone, has to find that fault.
 
 ```sh
 better calibrate --out runs/calibration
@@ -23,9 +23,9 @@ makes these numbers again, with a page that lists every mistake beside its evide
 resumed; with `--tasks fast_food` it takes a few minutes. The table of policies names the strengths that the packaged
 numbers come from.
 
-What the matrix cannot say: the faulty policies have grown together with the diagnosis, so they have the faults that
-somebody thought of. A policy with a fault of another kind gets the label whose evidence comes closest, and its film is
-beside it.
+What the matrix cannot say: the faulty policies were written together with the diagnosis, so they hold the faults that
+its authors thought of. A policy with a fault of another kind gets the label whose evidence comes closest, with its
+film beside it.
 
 ![confusion matrix](pictures/confusion.png)
 

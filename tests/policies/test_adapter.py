@@ -22,6 +22,7 @@ from betterbench.policies.handshake import Declaration, compare_declarations, de
 from betterbench.policies.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import ROTATION_SIZES, from_format
+from betterbench.tasks import TrialId
 
 TOOL = Rotation.from_euler("xyz", [3.0, 0.2, -0.4])
 ONE = ("actions",)
@@ -149,8 +150,13 @@ def test_being_h_has_a_batch_axis_and_takes_nested_lists(observation):
 
 
 def test_native_is_the_whole_observation_and_the_only_one_that_names_the_trial(observation):
-    start = EpisodeStart("pack the apple", 7, "ee_delta", task="fruit_lunch", condition="L3")
-    message = NATIVE.request(observation, start)
+    start, trial = EpisodeStart("pack the apple", 7, "ee_delta"), TrialId("fruit_lunch", "L3", 5)
+    assert NATIVE.request(observation, start)["better/episode"] == {
+        "instruction": "pack the apple",
+        "episode": 7,
+        "action_space": "ee_delta",
+    }
+    message = NATIVE.request(observation, start, trial)
     assert message["better/episode"]["condition"] == "L3"
     assert message["better/joint_positions"].dtype == np.float64
     assert message["better/joint_positions"].tolist() == observation.joint_positions.tolist()

@@ -42,8 +42,10 @@ from betterbench.policies.handshake import compare_declarations
 from betterbench.policies.presets import VLA_EVAL
 from betterbench.policies.vla_eval import declare_specs
 from betterbench.policies.wire import decode_vla_eval, encode_vla_eval
+from betterbench.tasks import TrialId
 
-START = EpisodeStart("pack the apple", 7, "ee_delta", task="fruit_lunch", condition="L3")
+START = EpisodeStart("pack the apple", 7, "ee_delta")
+TRIAL = TrialId("fruit_lunch", "L3", 7)
 TWIST = {"position": POSITION_DELTA, "rotation": ROTATION_AA, "gripper": GRIPPER_CLOSE_POS}
 SEEN = {"image": IMAGE_RGB, "language": LANGUAGE, "state": STATE_EEF_POS_AA_GRIP}
 

@@ -17,8 +17,8 @@ from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from betterbench.evaluation import TrialName
     from betterbench.interface import BatchPolicy
+    from betterbench.tasks import TrialId
 
 
 def serve_command(
@@ -83,7 +83,7 @@ def serve_command(
     say("stopped")
 
 
-def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialName | None:
+def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
     """Return the trial that the options name, or None if they name none.
 
     Raises:
@@ -95,9 +95,9 @@ def named_trial(task: str | None, condition: str | None, seed: int | None) -> Tr
             if value is not None:
                 raise InvalidInputError(option, "it belongs to the trial of a task", "Give --task too")
         return None
-    from betterbench.evaluation import TrialName
+    from betterbench.evaluation import named_trial as existing_trial
 
-    return TrialName.of(task, condition, 0 if seed is None else seed)
+    return existing_trial(task, condition, 0 if seed is None else seed)
 
 
 def _require_expert(policy: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.policies.answers import AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
+from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
 """Distance of the pads of a fully open Franka gripper [m]."""
@@ -54,7 +55,7 @@ class Adapter:
             origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
         gripper_opening_m: Distance of the pads that counts as fully open [m].
         control_rate_hz: Control rate of the run [Hz].
-        episode_key: Where the trial is named, or None. Only our own servers are told, which mirror the scene.
+        episode_key: Where our own servers are told how the episode began, or None.
     """
 
     name: str
@@ -108,8 +109,15 @@ class Adapter:
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown
 
-    def request(self, observation: Observation, start: EpisodeStart | None = None) -> dict[str, Any]:
+    def request(
+        self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
+    ) -> dict[str, Any]:
         """Return the message that asks a policy for actions; an entry is nested where its key has several names.
+
+        Args:
+            observation: What is seen now.
+            start: How the episode began; used only where the adapter has an ``episode_key``.
+            trial: The trial, for a server that simulates it itself (a served expert); None for every other server.
 
         Raises:
             PolicyError: If the run does not render a camera that is needed.
@@ -127,14 +135,7 @@ class Adapter:
             instruction = [instruction]
         set_entry(message, self.instruction.key, instruction)
         if self.episode_key is not None and start is not None:
-            trial = {
-                "task": start.task,
-                "condition": start.condition,
-                "seed": start.seed,
-                "action_space": start.action_space,
-                "instruction": start.instruction,
-            }
-            set_entry(message, self.episode_key, trial)
+            set_entry(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:

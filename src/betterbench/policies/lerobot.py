@@ -137,7 +137,7 @@ class LerobotStepPolicy(AdaptedPolicy):
         """Forget the last episode; raise HandshakeError if the episode wants actions of another kind."""
         self._inner.reset(start)
         self._policy.reset()
-        self._seed = start.seed
+        self._seed = start.episode
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next action, (1, dim) float64; raise PolicyError if the answer cannot be read."""

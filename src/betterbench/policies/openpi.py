@@ -29,6 +29,7 @@ from betterbench.policies.presets import NATIVE, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
 
@@ -41,6 +42,8 @@ class OpenpiClient(ServerClient[WebSocket]):
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._start: EpisodeStart | None = None
+        self._trial: TrialId | None = None
+        self._serves_expert = False
         self._server_s = 0.0
         self._chosen: Adapter | None = None  # at the first handshake
         self.last_reply: dict[str, Any] = {}
@@ -68,9 +71,14 @@ class OpenpiClient(ServerClient[WebSocket]):
         super().reset(start)
         self._start, self._server_s = start, 0.0
 
+    def name_trial(self, trial: TrialId) -> None:
+        """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
+        self._trial = trial
+
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim) float64."""
-        frame = encode_openpi(self.adapter.request(observation, self._start))
+        trial = self._trial if self._serves_expert else None
+        frame = encode_openpi(self.adapter.request(observation, self._start, trial))
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
@@ -106,6 +114,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._execution = read_execution(self._where, declared) or Execution()
         # A process of this run: what it says of the policy goes to the record, whoever asked where.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
+        self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
