@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import CountBehind, count_behind
-from betterbench.audit.fields import ColumnName, ColumnNames, RowName, Text, WholeNumber, exact_fields
+from betterbench.audit.fields import ColumnName, ColumnNames, NonEmptyText, RowName, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
@@ -72,7 +72,7 @@ class Claim:
         parts: Columns of the parts whose sizes add up to the trials.
     """
 
-    claim: Text
+    claim: NonEmptyText
     first: RowName
     second: RowName
     column: ColumnName
