@@ -213,9 +213,8 @@ def test_libero_numbers_are_played_as_they_are():
     assert np.array_equal(read(AnswerRule("ee_delta", TWIST), chunk), chunk)
 
 
-@pytest.mark.parametrize(
-    ("polarity", "number", "closes"),
-    [
+def test_each_polarity_closes_when_it_means_to():
+    for polarity, number, closes in [
         ("close_positive", 0.3, True),
         ("close_positive", -0.3, False),
         ("open_positive", 0.3, False),
@@ -224,12 +223,10 @@ def test_libero_numbers_are_played_as_they_are():
         ("closed_fraction", 0.2, False),
         ("open_fraction", 0.8, False),
         ("open_fraction", 0.2, True),
-    ],
-)
-def test_each_polarity_closes_when_it_means_to(polarity, number, closes):
-    assert "positive closes" in EE_DELTA.convention
-    action = read(AnswerRule("ee_delta", TWIST, gripper=polarity), [0, 0, 0, 0, 0, 0, number])
-    assert bool(EE_DELTA.clip(action[0])[6] > 0) is closes
+    ]:
+        assert "positive closes" in EE_DELTA.convention
+        action = read(AnswerRule("ee_delta", TWIST, gripper=polarity), [0, 0, 0, 0, 0, 0, number])
+        assert bool(EE_DELTA.clip(action[0])[6] > 0) is closes
 
 
 def test_physical_units_are_divided_by_ours():
@@ -344,9 +341,8 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
     assert parse("preset=openpi_libero") == OPENPI_LIBERO
 
 
-@pytest.mark.parametrize(
-    ("query", "text"),
-    [
+def test_malformed_changes_are_one_clear_line():
+    for query, text in [
         ("preset=openpi_libero&size=big", "size=big is not a size"),
         ("preset=openpi_libero&turn=45", "Unknown turn '45'"),
         ("preset=openpi_libero&keep=2", "keep = 2"),
@@ -368,12 +364,10 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
         ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
         ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid knows no position of the end effector"),
         ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
-    ],
-)
-def test_malformed_changes_are_one_clear_line(query, text):
-    with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
-        parse(query)
-    assert "\n" not in str(caught.value)
+    ]:
+        with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
+            parse(query)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -389,9 +383,8 @@ def test_servers_have_default_ports(text, server):
     assert PolicyAddress.parse(text).server() == server
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_addresses_that_mean_nothing_are_refused():
+    for text in [
         "openpi://",
         "openpi:",
         "openpi",
@@ -417,11 +410,9 @@ def test_servers_have_default_ports(text, server):
         "openpi://host?images=png",
         "lerobot://checkpoint",
         "lerobot:",
-    ],
-)
-def test_addresses_that_mean_nothing_are_refused(text):
-    with pytest.raises((InvalidInputError, UnknownNameError)):
-        PolicyAddress.parse(text)
+    ]:
+        with pytest.raises((InvalidInputError, UnknownNameError)):
+            PolicyAddress.parse(text)
 
 
 def test_options_of_an_address_are_typed():

@@ -10,12 +10,13 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import CountBehind, count_behind
-from betterbench.audit.fields import ColumnName, ColumnNames, RowName, Text, WholeNumber, exact_fields
+from betterbench.audit.fields import ColumnName, ColumnNames, NonEmptyText, RowName, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
-from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
+from betterbench.audit.wording import ALPHA, ends, shown_rate, tested
 from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
+from betterbench.statistics.wording import p_text
 
 BARNARD_OUTCOMES = 1_000_000
 """Possible outcomes of two arms up to which Barnard's test is taken: it looks at each of them."""
@@ -71,7 +72,7 @@ class Claim:
         parts: Columns of the parts whose sizes add up to the trials.
     """
 
-    claim: Text
+    claim: NonEmptyText
     first: RowName
     second: RowName
     column: ColumnName
@@ -132,10 +133,10 @@ def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimCompa
         differs = corrected < ALPHA
         trials = (c.first.n, c.second.n)
         support = ClaimSupport(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
-        also = f", Fisher p = {round_p(plain)}" if barnard else ""
+        also = f", Fisher {p_text(plain)}" if barnard else ""
         why = (
             f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
-            f"{p_text(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
+            f"{tested(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"

@@ -51,7 +51,7 @@ def _known(name: str, known: tuple[str, ...]) -> str:
     return name
 
 
-Text = Annotated[str, Field(min_length=1)]
+NonEmptyText = Annotated[str, Field(min_length=1)]
 WholeNumber = Annotated[int, BeforeValidator(_count), Field(ge=1, le=MOST)]
 Flag = Annotated[bool, Strict()]
 Number = Annotated[Decimal, BeforeValidator(_number)]

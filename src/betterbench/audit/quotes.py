@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from betterbench.audit.fields import ColumnName, RowName, Text, exact_fields
+from betterbench.audit.fields import ColumnName, NonEmptyText, RowName, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.table import AuditedTable, misprints
 from betterbench.errors import UnknownNameError
@@ -18,9 +18,9 @@ class Quoted:
 
     row: RowName
     column: ColumnName
-    table: Text
-    at_row: Text
-    at_column: Text
+    table: NonEmptyText
+    at_row: NonEmptyText
+    at_column: NonEmptyText
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield the finding about the quotation.

@@ -10,24 +10,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-Asked = TypeVar("Asked")
-Answered = TypeVar("Answered")
+QuestionT = TypeVar("QuestionT")
+AnswerT = TypeVar("AnswerT")
 
 MAX_BATCH = 16
 """Questions that one call answers at most, unless another number is asked for."""
 
 
 @dataclass
-class _PendingQuestion(Generic[Asked, Answered]):
+class _PendingQuestion(Generic[QuestionT, AnswerT]):
     """One question on its way."""
 
-    question: Asked
+    question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
-    answer: Answered | None = None
+    answer: AnswerT | None = None
     problem: BaseException | None = None
 
 
-class BatchCollector(Generic[Asked, Answered]):
+class BatchCollector(Generic[QuestionT, AnswerT]):
     """Answers the questions of many threads in one thread, all that wait at a moment together.
 
     Nothing waits for company: while one call is under way the next questions gather by themselves, so a busy policy
@@ -35,14 +35,14 @@ class BatchCollector(Generic[Asked, Answered]):
     a caller sees the fault of its own question only.
     """
 
-    def __init__(self, answer: Callable[[Sequence[Asked]], Sequence[Answered]], *, limit: int = MAX_BATCH) -> None:
+    def __init__(self, answer: Callable[[Sequence[QuestionT]], Sequence[AnswerT]], *, limit: int = MAX_BATCH) -> None:
         self._answer, self._limit = answer, max(1, limit)
-        self._waiting: queue.SimpleQueue[_PendingQuestion[Asked, Answered] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[_PendingQuestion[QuestionT, AnswerT] | None] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
         self._thread.start()
 
-    def ask(self, question: Asked, *, timeout_s: float | None = None) -> Answered:
+    def ask(self, question: QuestionT, *, timeout_s: float | None = None) -> AnswerT:
         """Return the answer to a question; what the answering function raised for it is raised here.
 
         Args:
@@ -55,7 +55,7 @@ class BatchCollector(Generic[Asked, Answered]):
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
-        pending: _PendingQuestion[Asked, Answered] = _PendingQuestion(question)
+        pending: _PendingQuestion[QuestionT, AnswerT] = _PendingQuestion(question)
         self._waiting.put(pending)
         until = math.inf if timeout_s is None else time.monotonic() + timeout_s
         while not pending.done.wait(min(1.0, max(0.0, until - time.monotonic()))):
@@ -68,7 +68,7 @@ class BatchCollector(Generic[Asked, Answered]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answered what waits, then end the thread.
+        """AnswerT what waits, then end the thread.
 
         Returns:
             Whether the thread has ended; a call that hangs cannot be ended.
@@ -92,7 +92,7 @@ class BatchCollector(Generic[Asked, Answered]):
             if len(asked) < len(waiting):
                 return
 
-    def _serve(self, waiting: list[_PendingQuestion[Asked, Answered]]) -> None:
+    def _serve(self, waiting: list[_PendingQuestion[QuestionT, AnswerT]]) -> None:
         try:
             answers = list(self._answer([t.question for t in waiting]))
             if len(answers) != len(waiting):

@@ -30,14 +30,14 @@ LONGEST_PAUSE_S = 5.0
 """Longest such pause [s]."""
 
 
-class Closable(Protocol):
+class ClosableConnection(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
         """End it; nothing is raised."""
 
 
-Connection = TypeVar("Connection", bound=Closable)
+Connection = TypeVar("Connection", bound=ClosableConnection)
 Received = TypeVar("Received")
 
 

@@ -106,9 +106,9 @@ class RunFolder:
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         try:
             data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure)
-            document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure)
         except InvalidInputError as error:
             raise RecordError(str(error)) from error
+        document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)
         require_origins(document.plan, path)
         return cls(path, document.plan, document.context)
 
