@@ -13,7 +13,7 @@ from betterbench.audit.counts import count_behind
 from betterbench.audit.fields import Columns, Count, Row, Rows, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.table import AuditedTable
-from betterbench.audit.wording import ALPHA, POINTS, ends, p_text
+from betterbench.audit.wording import ALPHA, POINTS, corrected_p, ends
 from betterbench.statistics import Rate, chance_p, holm, round_half_up
 
 _chance = functools.lru_cache(maxsize=256)(chance_p)
@@ -54,7 +54,7 @@ class Chance:
             support = ClaimSupport("exact binomial", p, corrected, (rate.n,), POINTS * rate.low, POINTS * rate.high)
             why = (
                 f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be told'} from guessing among {self.choices}: "
-                f"{p_text(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
+                f"{corrected_p(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
             )
             yield AuditFinding(
                 table.name,

@@ -14,7 +14,7 @@ from betterbench.audit.fields import Column, Columns, Count, Row, Text, exact_fi
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
-from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
+from betterbench.audit.wording import ALPHA, corrected_p, ends, round_p, shown_rate
 from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
 
 BARNARD_OUTCOMES = 1_000_000
@@ -159,7 +159,7 @@ def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimCompa
         also = f", Fisher p = {round_p(plain)}" if barnard else ""
         why = (
             f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
-            f"{p_text(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
+            f"{corrected_p(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"

@@ -22,7 +22,7 @@ def ends(support: ClaimSupport) -> str:
     return f"{round_half_up(support.low_pp, 1)} to {round_half_up(support.high_pp, 1)}"
 
 
-def p_text(p: float, corrected: float, family: int) -> str:
+def corrected_p(p: float, corrected: float, family: int) -> str:
     """Return a p-value, and its corrected form where there are several."""
     return f"p = {round_p(p)}" + (f", {round_p(corrected)} after Holm's correction for {family}" if family > 1 else "")
 
