@@ -22,13 +22,13 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
 from betterbench.errors import InvalidInputError
 
-Value = TypeVar("Value")
+Form = TypeVar("Form")
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 """Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
 
 
-def read_form(adapter: TypeAdapter[Value], form: object, *, where: str, cure: str) -> Value:
+def read_form(adapter: TypeAdapter[Form], form: object, *, where: str, cure: str) -> Form:
     """Return the value that a JSON form stands for.
 
     Args:

@@ -53,7 +53,7 @@ def test_uncertified_seeds_are_refused_with_the_first_one_and_the_cure(better, t
 )
 def test_the_cure_covers_the_whole_run(tasks, named):
     with pytest.raises(InvalidInputError, match=named):
-        verb.require_certified(make_plan("noop", tasks=tasks, trials=2, seed=FAR), None, seed=FAR, trials=2)
+        verb.require_certified(make_plan("noop", tasks=tasks, trials=2, seed=FAR), None)
 
 
 def test_they_run_when_asked_for(better):

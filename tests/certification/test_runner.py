@@ -11,10 +11,11 @@ import sys
 import time
 
 import pytest
+from tests.certification.conftest import make_trial
 
 from betterbench.certification import runner
 from betterbench.certification.runner import certify
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, WorkerError
 from betterbench.tasks import TrialId
 
 TRIALS = [TrialId("morning_coffee", "T1", s) for s in range(4)] + [TrialId("morning_coffee", "train1", 0)]
@@ -134,8 +135,8 @@ def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_fligh
         "from pathlib import Path\nfrom betterbench.tasks import TrialId\n"
         "from betterbench.certification.runner import certify\n"
         "if __name__ == '__main__':\n"
-        "    certify([TrialId('morning_coffee', 'T1', s) for s in range(4)] + [TrialId('morning_coffee', 'train1', 0)],"
-        f" Path({str(tmp_path / 'killed')!r}), workers=2)\n"
+        "    certify([TrialId('morning_coffee', 'T1', s) for s in range(4)]"
+        f" + [TrialId('morning_coffee', 'train1', 0)], Path({str(tmp_path / 'killed')!r}), workers=2)\n"
     )
     file = tmp_path / "job.py"
     file.write_text(script)
@@ -148,3 +149,17 @@ def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_fligh
     job.wait()
     assert journal.read_bytes().count(b"\n") >= 2
     assert timeless(certify(TRIALS, tmp_path / "killed", workers=2)) == timeless(whole)
+
+
+def _dies_at_seed_2(trial_id):
+    if trial_id.seed == 2:
+        os._exit(7)
+    return make_trial(trial_id.task, trial_id.condition, trial_id.seed)
+
+
+def test_a_trial_that_kills_its_worker_is_named_and_the_others_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "examine", _dies_at_seed_2)
+    trials = [TrialId("morning_coffee", "T1", seed) for seed in range(6)]
+    with pytest.raises(WorkerError, match=r"^morning_coffee/T1/2: 3 worker processes died while they ran it"):
+        certify(trials, tmp_path, workers=2)
+    assert len((tmp_path / "journal.jsonl").read_bytes().splitlines()) >= 2, "the header and a trial"

@@ -8,9 +8,9 @@ import re
 import pytest
 
 from betterbench.cli.console import OUT
-from betterbench.cli.evaluate import what_trials_show
 from betterbench.cli.main import main
 from betterbench.evaluation import make_plan
+from betterbench.evaluation.planning.power import what_trials_show
 from betterbench.recording import RunFolder
 from betterbench.statistics import smallest_paired_difference
 
@@ -90,19 +90,20 @@ def test_what_cannot_be_compared_is_one_error(capsys, runs, pick, options, text)
 
 def test_eval_says_what_its_trials_can_show_at_every_level():
     text = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=20))
-    for n, name in ((20, "a variation"), (120, "all variations")):
+    for n, name in ((20, "within a variation"), (120, "overall")):
         value = 100 * smallest_paired_difference(n).value
-        assert f"{value:.{0 if value >= 10 else 1}f} points for {name} ({n} pairs)" in text
-    assert re.search(r"points for an axis \(20 to 40 pairs\)", text)
+        assert f"{value:.{0 if value >= 10 else 1}f} points {name} ({n} pairs)" in text
+    assert re.search(r"points within an axis \(20 to 40 pairs\)", text)
     usual = 100 * smallest_paired_difference(20, opposite=0.1).value
-    assert f"where 10 % of the pairs differ the other way, of {usual:.0f}," in text
+    assert re.search(rf"Where 10 % of the pairs differ the other way, of .* and {usual:.0f} points\.", text)
 
 
 def test_eval_says_what_its_trials_cannot_show():
     text = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=2))
     assert (
-        "too few to show any difference for a variation (2 pairs), an axis (2 to 4 pairs); give more --trials" in text
+        "too few to show any drop within an axis (2 to 4 pairs) and within a variation (2 pairs); give more --trials"
+        in text
     )
-    assert "for all variations (12 pairs)" in text
+    assert "overall (12 pairs)" in text
     one = what_trials_show(make_plan("expert", tasks=["fast_food"], variations=["L1"], trials=1))
     assert one.startswith("They are too few")

@@ -10,16 +10,20 @@ from PIL import Image
 
 from betterbench.cli.main import main
 from betterbench.episodes import Observer
-from betterbench.evaluation import TrialName, open_server, run_preflight
-from betterbench.evaluation.preflight.sheet import OUTLINE, draw_action
+from betterbench.evaluation import open_server, run_preflight
+from betterbench.evaluation.preflight.view import PreflightView
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
 from betterbench.policies.presets import OPENPI_LIBERO
 from betterbench.policies.server import PolicyServer
+from betterbench.report.preflight_sheet import arrow_factor, write_preflight_sheet
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
-TRIAL = TrialName("morning_coffee", "train1", 0)
+OUTLINE = (255, 64, 160)
+TRIAL = TrialId("morning_coffee", "train1", 0)
 SCENE = ("--task", "morning_coffee", "--quality", "fast")
 
 
@@ -210,17 +214,34 @@ def test_later_answers_count_as_well(capsys, tmp_path, monkeypatch, pushes):
     assert "x = nan" in err.replace("\n", " ")
 
 
-def test_the_arrow_begins_at_the_hand_and_points_where_the_action_leads():
-    view = np.zeros((200, 200, 3), np.uint8)
-    start, aim = np.array([60.0, 80.0]), np.array([60.0, 110.0])
-    image = np.asarray(draw_action(view, np.array([start, start]), aim, "no turn"))
-    pink = (image == OUTLINE).all(axis=2)
-    rows, columns = np.nonzero(pink[:170])
-    assert pink[80, 60]
-    # 30 pixels are drawn five times as long, down to a tip that the band of words does not cover.
+def test_the_arrow_begins_at_the_gripper_and_points_where_the_action_leads(tmp_path):
+    start, aim = np.array([60.0, 40.0]), np.array([60.0, 70.0])
+    view = PreflightView(
+        title="a policy",
+        trial="a trial",
+        prompt="Pack it.",
+        shown=(),
+        no_images="No images.",
+        state=(),
+        facts=(),
+        latency="",
+        scene=np.zeros((300, 300, 3), np.uint8),
+        path=np.array([start, start]),
+        aim=aim,
+        turn="no turn",
+    )
+    assert arrow_factor(start, aim) == 5
+    sheet = pixels(write_preflight_sheet(view, tmp_path / "sheet.png"))
+    rows, columns = np.nonzero((sheet == 0).all(axis=2))
+    drawn = sheet[rows.min() : rows.min() + 300, columns.min() : columns.min() + 300]
+    assert drawn.shape == (300, 300, 3)
+    pink = (drawn == OUTLINE).all(axis=2)
+    rows, columns = np.nonzero(pink)
+    assert pink[40, 60]
+    # 30 pixels are drawn five times as long, from 40 to 190.
     assert abs(columns.mean() - 60.0) < 1.5
-    assert rows.min() == pytest.approx(77, abs=3)
-    assert pink[140, 60]
+    assert rows.min() == pytest.approx(34, abs=4)
+    assert rows.max() == pytest.approx(190, abs=4)
 
 
 @pytest.mark.render
@@ -229,8 +250,8 @@ def test_joint_actions_leave_the_scene_as_it_was(monkeypatch):
     from betterbench.evaluation.preflight import view as preflight_view
     from betterbench.interface.actions import JOINT_DELTA
 
-    task, condition = TRIAL.resolve()
-    scene = Scene(task, condition, seed=0, action_space=JOINT_DELTA, quality=quality_preset("fast"))
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    scene = Scene(found.task, found.condition, seed=0, action_space=JOINT_DELTA, quality=quality_preset("fast"))
     before = Observer(observation_spec("state_only")).observe(scene, scene.reset())
     action = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     aim = preflight_view._aim(action, scene)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 
+import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosedError
 
 from betterbench.cli.main import main
-from betterbench.cli.tally import RunTally, duration, pace, service
+from betterbench.cli.tally import RunTally, duration, pace, service_text
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
+from betterbench.evaluation.running.summary import policy_service
+from betterbench.policies.connection import ConnectionLimits, PolicyConnection
+from betterbench.policies.server import PolicyServer
 from betterbench.recording import JournalEntry, RunFolder, read_outcome, read_record
 
 
@@ -44,17 +49,67 @@ def entry(seed: int, **wall: float) -> JournalEntry:
     return JournalEntry("morning_coffee", "T1", "T1", seed, wall=wall)
 
 
+class Flaky:
+    """A channel of a server that loses the connection twice before it answers."""
+
+    failures = 2
+
+    def close(self):
+        pass
+
+    def answer(self, timeout_s):
+        if Flaky.failures:
+            Flaky.failures -= 1
+            raise ConnectionError("reset by peer")
+        return timeout_s
+
+
 def test_service_says_how_the_policy_answered():
+    """The figures are those that a connection writes, under its own names."""
+    Flaky.failures = 2
+    connection = PolicyConnection("a flaky server", lambda _: Flaky(), ConnectionLimits(timeout_s=5.0, seed=1))
+    connection.request(lambda channel, timeout_s: channel.answer(timeout_s))
+    figures = connection.figures
+    assert figures["policy_retries"] == 2.0
+    connection.count_anew()
+    connection.request(lambda channel, timeout_s: channel.answer(timeout_s))
     entries = [
-        entry(0, policy_latency_p50_s=0.1, policy_latency_max_s=0.2, policy_s=10.0, retries=2.0, reconnects=1.0),
-        entry(1, policy_latency_p50_s=0.12, policy_latency_max_s=3.4, policy_s=20.0, retries=0.0),
+        entry(0, policy_latency_p50_s=0.1, policy_latency_max_s=0.2, policy_s=10.0, **figures),
+        entry(1, policy_latency_p50_s=0.12, policy_latency_max_s=3.4, policy_s=20.0, **connection.figures),
         entry(2, policy_latency_p50_s=0.14, policy_latency_max_s=0.3, policy_s=10.0),
         entry(3),
     ]
-    text = service(entries, 20.0)
-    assert text == "120 ms per answer (slowest 3400 ms), 2.0 requests under way on average, 2 retries, 1 reconnect"
-    assert service([entry(0)], 1.0) == ""
-    assert service([entry(0, policy_latency_p50_s=1e-5)], 1.0) == "under 1 ms per answer (slowest under 1 ms)"
+    text = service_text(policy_service(entries, 20.0))
+    assert text == "120 ms per answer (slowest 3400 ms), 2.0 requests under way on average, 2 retries, 2 reconnects"
+    assert service_text(policy_service([entry(0)], 1.0)) == ""
+    quick = service_text(policy_service([entry(0, policy_latency_p50_s=1e-5)], 1.0))
+    assert quick == "under 1 ms per answer (slowest under 1 ms)"
+
+
+class FailsOnce:
+    """Answers with an action that holds still; the first request of all drops the connection."""
+
+    failed = False
+
+    def answer(self, _request):
+        if not FailsOnce.failed:
+            FailsOnce.failed = True
+            raise ConnectionClosedError(None, None)
+        return {"actions": np.array([[0.0] * 6 + [-1.0]] * 50)}
+
+    def close(self):
+        pass
+
+
+def test_retries_of_a_run_are_shown(tmp_path, capsys):
+    """A run against a local server that loses one request."""
+    FailsOnce.failed = False
+    with PolicyServer(FailsOnce, metadata={}, port=0) as server:
+        address = f"{server.address}?preset=openpi_libero"
+        arguments = ["--policy", address, "--tasks", "morning_coffee", "--variations", "T1", "--trials", "1"]
+        arguments += ["--quality", "fast", "--workers", "1", "--envs", "1", "--out", str(tmp_path / "run")]
+        assert main(["eval", *arguments]) == 0
+    assert ", 1 retry, 1 reconnect" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.fixture(scope="module")
@@ -62,13 +117,13 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tally")
     (folder / "plugin.py").write_text(
         "import numpy as np\n"
-        "from betterbench.interface import PolicyInfo\n"
+        "from betterbench.interface import PolicyInfo, episode_number\n"
         "class Policy:\n"
         "    info = PolicyInfo('sometimes', needs_images=False)\n"
         "    def reset(self, start):\n"
-        "        self.seed = start.seed\n"
+        "        self.last = start.episode == episode_number(1)\n"
         "    def act(self, observation):\n"
-        "        if self.seed == 1:\n"
+        "        if self.last:\n"
         "            raise RuntimeError('out of memory')\n"
         "        return np.zeros(7)\n",
         encoding="utf-8",
@@ -90,7 +145,7 @@ def test_a_tally_is_that_of_the_records(run):
     tally.add(folder, dataclasses.replace(entry(0), status="error", message="no memory"))
     assert tally.broken == 1
     note = tally.note(progress(4, 8, 60.0))
-    assert note == f"4.0/min, 60 s left · {tally.successes}/4 right · 2 errors · 1 broke down"
+    assert note == f"4.0/min, 60 s left · {tally.successes}/4 succeeded · 2 errors · 1 broke down"
 
 
 def test_better_eval_ends_with_how_the_policy_answered(run, capsys, monkeypatch):

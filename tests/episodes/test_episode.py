@@ -13,7 +13,7 @@ import pytest
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.evaluation import check_record
 from betterbench.experts import make_expert
-from betterbench.interface import EpisodeStart, Observation, PolicyInfo, observation_spec
+from betterbench.interface import EpisodeStart, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.interventions import vary
 from betterbench.policies import Noop, Random
@@ -144,13 +144,11 @@ def test_the_record_says_which_trial_it_is_of():
     assert meta.engine["simulator"] == "mujoco"
 
 
-def test_a_policy_is_told_the_sentence_the_seed_and_the_convention_once():
+def test_a_policy_is_told_the_instruction_a_number_and_the_action_space_once():
     policy = Scripted(lambda _: STILL)
     scene = make_scene(seed=5)
     run(policy, scene)
-    assert policy.started == [
-        EpisodeStart(scene.condition.instruction.text, 5, "ee_delta", task="morning_coffee", condition="train1")
-    ]
+    assert policy.started == [EpisodeStart(scene.condition.instruction.text, episode_number(5), "ee_delta")]
     assert policy.seen == list(range(40))
 
 
@@ -282,11 +280,11 @@ def test_a_record_of_a_policy_error_is_stored_and_read_back(tmp_path, name):
 def test_a_policy_that_breaks_at_reset_is_a_policy_error_without_a_step():
     class Broken(Scripted):
         def reset(self, start):
-            raise ConnectionError(f"server is gone before seed {start.seed}")
+            raise ConnectionError(f"server is gone in {start.action_space}")
 
     record = run(Broken(lambda _: STILL))
     assert record.outcome.termination == "policy_error"
-    assert record.outcome.error == "ConnectionError: server is gone before seed 0"
+    assert record.outcome.error == "ConnectionError: server is gone in ee_delta"
     assert record.n_steps == 0
 
 

@@ -11,7 +11,8 @@ import pytest
 from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.ray_engine import cluster
-from betterbench.evaluation.ray_engine.cluster import Cluster, RemoteWorker, Turn, versions_here
+from betterbench.evaluation.ray_engine.cluster import Cluster
+from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker, Turn, versions_here
 from betterbench.evaluation.trials.trial import RunSettings
 
 pytestmark = pytest.mark.physics

@@ -8,6 +8,7 @@ import pytest
 from betterbench.diagnosis import Label, diagnose_run
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.evaluation import ExternalRun, evaluate, make_plan
+from betterbench.interface import episode_number
 from betterbench.recording import RunFolder, record_bytes
 
 pytestmark = pytest.mark.physics
@@ -38,7 +39,7 @@ def test_a_callable_leaves_the_records_of_better_eval(tmp_path):
         object.__setattr__(b.metadata, "policy", "noop")
         assert record_bytes(a) == record_bytes(b)
     assert {t.label for t in diagnose_run(theirs).trials} == {Label.CORRECT_FREEZE, Label.EARLY_HALT}
-    assert theirs.context["engine"]["name"] == "driven"
+    assert theirs.context["engine"]["name"] == "external"
 
 
 def test_chunks_are_played_whole_and_asked_for_once(tmp_path):
@@ -77,7 +78,7 @@ def test_an_episode_given_up_is_run_again_by_the_same_run(tmp_path):
         first, second = run.plan.trials
         seen = run.begin(first)
         assert run.start.instruction == seen.instruction
-        assert (run.start.seed, run.start.task) == (0, "morning_coffee")
+        assert (run.start.episode, run.start.action_space) == (episode_number(first.seed), "ee_delta")
         run.act(STILL)
         run.begin(second)
         assert [(e.condition, e.status) for e in run.folder.entries()] == [(first.condition, "error")]
@@ -101,7 +102,7 @@ def test_a_run_is_not_mixed_with_another_one(tmp_path):
     (tmp_path / "other" / "notes.txt").write_text("mine")
     with pytest.raises(RunConflictError, match="holds other files"):
         ExternalRun(plan(), tmp_path / "other")
-    with pytest.raises(InvalidInputError, match="a policy of ours"):
+    with pytest.raises(InvalidInputError, match="reserved for a built-in policy"):
         ExternalRun(plan("expert"), tmp_path / "new")
     assert not (tmp_path / "new").exists()
 

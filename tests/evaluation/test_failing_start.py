@@ -1,4 +1,4 @@
-"""A run whose first trials all break alike calls somebody, and goes on."""
+"""A run whose first trials all end with the same error warns once, and goes on."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def entry(seed, message):
 
 def warnings_after(caplog, messages):
     caplog.clear()
-    alarm = FailingStart("openpi://here:1")
+    warning = FailingStart("openpi://here:1")
     with caplog.at_level(logging.WARNING, logger="betterbench.evaluation.running.failing_start"):
         for seed, message in enumerate(messages):
-            alarm.hear(entry(seed, message))
+            warning.add(entry(seed, message))
     return [record.getMessage() for record in caplog.records]
 
 

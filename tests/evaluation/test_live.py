@@ -27,7 +27,7 @@ pytestmark = pytest.mark.physics
 WAITS = """
 import pathlib, time
 import numpy as np
-from betterbench.interface import PolicyInfo
+from betterbench.interface import PolicyInfo, episode_number
 
 GO = pathlib.Path(__file__).with_name("go")
 
@@ -35,7 +35,7 @@ class Policy:
     '''Stands still in the trials of seed 0 and 1, and waits in the others until a file appears.'''
     info = PolicyInfo("waits", needs_images=False)
     def reset(self, start):
-        self.seed = start.seed
+        self.seed = next(seed for seed in range(100) if episode_number(seed) == start.episode)
     def act(self, observation):
         while self.seed > 1 and not GO.exists():
             time.sleep(0.02)

@@ -19,19 +19,20 @@ import platformdirs
 import pytest
 
 from betterbench.episodes import Observer
-from betterbench.evaluation import TrialName, open_server
+from betterbench.evaluation import open_server
 from betterbench.evaluation.serving.shadow import ShadowSimulation
-from betterbench.interface import EpisodeStart, observation_spec
+from betterbench.interface import EpisodeStart, episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
 from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import GoalTracker
+from betterbench.tasks import GoalTracker, TrialId
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements" / "openpi-client.lock"
 SCRIPT = Path(__file__).with_name("openpi_drive.py")
-TRIAL = TrialName("morning_coffee", "train1", 0)
+TRIAL = TrialId("morning_coffee", "train1", 0)
 PATIENCE_S = 120
 
 
@@ -121,10 +122,11 @@ def drive(openpi_python):
 
 
 def test_the_real_client_plays_an_episode_to_its_end(drive):
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     scene = Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
     observer = Observer(observation_spec("state_only"))
-    start = EpisodeStart(condition.instruction.text, TRIAL.seed, "ee_delta", task=TRIAL.task, condition=TRIAL.condition)
+    start = EpisodeStart(condition.instruction.text, episode_number(TRIAL.seed), "ee_delta")
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
     with open_server("expert", port=0, chunk=16) as server:
         client = drive(server)
@@ -133,7 +135,7 @@ def test_the_real_client_plays_an_episode_to_its_end(drive):
         state = scene.reset()
         truth = tracker.update(state)
         while not truth.success and state.step < task.step_limit(condition):
-            answer = client.infer(NATIVE.request(observer.observe(scene, state), start))
+            answer = client.infer(NATIVE.request(observer.observe(scene, state), start, TRIAL))
             assert (answer["dtype"], answer["shape"]) == ("float64", [16, 7])
             for action in answer["actions"]:
                 scene.step(np.array(action))
@@ -146,7 +148,8 @@ def test_the_real_client_plays_an_episode_to_its_end(drive):
 
 
 def test_the_real_client_asks_in_liberos_layout_with_its_own_broker(drive):
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     scene = Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
     observer = Observer(observation_spec("state_only"))
     libero, image = dataclasses.replace(OPENPI_LIBERO, views=()), np.zeros((256, 320, 3), np.uint8)

@@ -68,17 +68,18 @@ def test_a_task_named_twice_is_run_once():
 @pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
 def test_trials_resolve_to_what_the_task_says(task):
     for trial in make_plan("noop", tasks=[task.id], trials=1).trials:
-        resolved, condition, interventions = trial.resolve()
-        assert resolved is task
+        found = trial.resolve()
+        condition = found.condition
+        assert found.task is task
         assert condition.name == trial.condition
         assert condition.expected.value == trial.expected
         if trial.variation is None:
-            assert interventions == ()
+            assert found.variation is None
             assert trial.axis is None
         else:
             assert condition == vary(task, task.variation(trial.variation))[0]
             assert trial.axis == task.variation(trial.variation).axis.value
-            assert len(interventions) == len(task.variation(trial.variation).interventions)
+            assert found.variation is task.variation(trial.variation)
 
 
 def test_the_plan_is_json_and_holds_every_version_and_convention():
@@ -103,8 +104,8 @@ def test_the_plan_is_json_and_holds_every_version_and_convention():
 
 
 BAD = {
-    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is not positive"),
-    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is negative"),
+    "no trials": ({"trials": 0}, InvalidInputError, "--trials: 0 is out of range. It must be ≥ 1"),
+    "negative seed": ({"seed": -1}, InvalidInputError, "--seed: -1 is out of range. It must be ≥ 0"),
     "unknown task": ({"tasks": ["fastfood"]}, UnknownNameError, "Did you mean 'fast_food'"),
     "unknown variation": (
         {"tasks": ["fast_food"], "variations": ["Q1"]},

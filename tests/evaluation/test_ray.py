@@ -18,10 +18,10 @@ import pytest
 import betterbench
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.ray_engine import engine as ray_engine
+from betterbench.evaluation.ray_engine import pool, replicas
 from betterbench.evaluation.ray_engine.cluster import Cluster
+from betterbench.evaluation.ray_engine.session import RaySession
 from betterbench.recording import RunFolder
-from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -30,14 +30,14 @@ pytest.importorskip("ray")
 PLUGIN = """
 import os, pathlib, signal, sys, time
 import numpy as np
-from betterbench.interface import Execution, PolicyInfo
+from betterbench.interface import Execution, PolicyInfo, episode_number
 
 HERE = pathlib.Path(__file__).parent
 
 class Still:
     info = PolicyInfo("still", needs_images=False)
     def reset(self, start):
-        self.seed = start.seed
+        self.seed = next(seed for seed in range(100) if episode_number(seed) == start.episode)
     def act(self, observation):
         return np.array([0.0] * 6 + [-1.0])
 
@@ -113,16 +113,14 @@ def plugin(tmp_path_factory):
 @pytest.fixture(scope="module")
 def two_workers():
     """A cluster of this machine, as small as Ray makes one."""
-    with ray_engine.RaySession(Cluster("local"), 2) as session:
+    with RaySession(Cluster("local"), 2) as session:
         yield session.ray
 
 
 def is_complete(run: RunFolder, plan) -> bool:
     lines = (run.path / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     keys = [e.key for e in run.entries() if e.status == "done"]
-    return len(keys) == len(lines) == len(plan.trials) and set(keys) == {
-        TrialId(t.task, t.condition, t.seed) for t in plan.trials
-    }
+    return len(keys) == len(lines) == len(plan.trials) and set(keys) == {t.id for t in plan.trials}
 
 
 @pytest.mark.usefixtures("two_workers")
@@ -179,7 +177,7 @@ def test_a_trial_at_which_workers_always_die_is_given_up_and_the_others_are_done
     run = evaluate(plan, tmp_path / "run", workers=2, envs=3, engine="ray")
     status = {e.seed: e.status for e in run.entries()}
     assert status[1] == "error"
-    assert "its worker died" in next(e.message for e in run.entries() if e.seed == 1)
+    assert "3 workers of the cluster died" in next(e.message for e in run.entries() if e.seed == 1)
     assert [status[0], status[2]] == ["done", "done"], "it takes no other trial along"
     (Path(plugin.removeprefix("python:")).parent / "cured").touch()
     again = evaluate(plan, tmp_path / "run", workers=1, engine="ray")
@@ -210,14 +208,14 @@ def test_a_policy_that_takes_batches_is_held_by_replicas(two_workers, plugin, ti
 
 
 def test_a_cluster_with_other_versions_is_refused(two_workers, tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(ray_engine, "versions_here", lambda: {"betterbench": "9.9", "mujoco": "3.17.0"})
+    monkeypatch.setattr(pool, "versions_here", lambda: {"betterbench": "9.9", "mujoco": "3.17.0"})
     with pytest.raises(InvalidInputError, match=r"betterbench .* \(here 9.9\)"):
         evaluate(tiny_plan(), tmp_path / "run", workers=1, engine="ray")
     assert RunFolder.open(tmp_path / "run").entries() == ()
 
 
 def test_a_cluster_without_a_place_is_named(two_workers, plugin, tiny_plan, tmp_path, monkeypatch):
-    monkeypatch.setattr(ray_engine, "PLACING_S", 2.0)
+    monkeypatch.setattr(replicas, "PLACING_S", 2.0)
     plan = tiny_plan(f"{plugin}:Batches", trials=2)
     with pytest.raises(InvalidInputError, match="with 7 graphics cards each have no place"):
         evaluate(plan, tmp_path / "run", workers=1, engine="ray", cluster=Cluster(replica_gpus=7.0))

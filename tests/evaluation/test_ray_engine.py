@@ -1,4 +1,4 @@
-"""What the driver of a run on Ray makes of what Ray tells it; Ray's processes and its clock are played here."""
+"""What the pool of a run on Ray does with what Ray reports; Ray's processes and its clock are simulated here."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ import pytest
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, PremiseError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.evaluation.ray_engine import engine as ray_engine
-from betterbench.evaluation.ray_engine.cluster import Cluster, Delivery, Turn, versions_here
-from betterbench.evaluation.ray_engine.engine import PLACING_S, RaySession, ray_entries
+from betterbench.evaluation.ray_engine import pool, session
+from betterbench.evaluation.ray_engine.cluster import PLACING_S, Cluster
+from betterbench.evaluation.ray_engine.pool import ray_entries
+from betterbench.evaluation.ray_engine.remote_worker import Delivery, Turn, versions_here
+from betterbench.evaluation.ray_engine.session import RaySession
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.recording import JournalEntry
+from betterbench.recording.retries import MAX_DEATHS_IN_A_ROW
 
 errors = pytest.importorskip("ray").exceptions
 
@@ -140,12 +143,14 @@ def play(tmp_path, monkeypatch):
     settings = RunSettings(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
 
     def run(ray: FakeRay, *, replicas: int = 0, workers: int = 1) -> list[JournalEntry]:
-        monkeypatch.setattr(ray_engine, "time", SimpleNamespace(monotonic=lambda: ray.now))
+        monkeypatch.setattr(pool, "time", SimpleNamespace(monotonic=lambda: ray.now))
         cluster = Cluster(replicas=replicas or 1)
-        session = SimpleNamespace(ray=ray, cluster=cluster, workers=workers, replica_gpus=lambda: 1.0)
+        made = RaySession.__new__(RaySession)
+        made.ray, made.cluster, made._workers, made._owned = ray, cluster, workers, False
+        made.replica_gpus = lambda: 1.0
         folder = SimpleNamespace(path=tmp_path)
         try:
-            return list(ray_entries(session, folder, settings, TRIALS, served=bool(replicas)))
+            return list(ray_entries(made, folder, settings, TRIALS, served=bool(replicas)))
         finally:
             assert not ray.alive, "every actor is ended"
 
@@ -221,8 +226,8 @@ def test_what_a_lost_worker_was_at_is_done_again(play, error, caplog):
 
 
 def test_workers_that_are_lost_again_and_again_are_one_line(play):
-    ray = FakeRay(*[Actor(prepared=LOST[0])] * ray_engine.MAX_DEATHS_IN_A_ROW)
-    with pytest.raises(WorkerError, match="6 workers of the cluster died one after the other") as caught:
+    ray = FakeRay(*[Actor(prepared=LOST[0])] * MAX_DEATHS_IN_A_ROW)
+    with pytest.raises(WorkerError, match="12 workers of the cluster died one after the other") as caught:
         play(ray)
     one_line(caught.value)
 
@@ -267,9 +272,9 @@ def test_a_cluster_that_is_gone_before_the_run_is_one_line(monkeypatch):
         raise errors.RaySystemError("no raylet")
 
     ray = SimpleNamespace(exceptions=errors, is_initialized=lambda: True, cluster_resources=gone)
-    monkeypatch.setattr(ray_engine, "_import_ray", lambda: ray)
-    with RaySession(Cluster("local"), None) as session, pytest.raises(WorkerError, match="does not answer any more"):
-        assert session.workers
+    monkeypatch.setattr(session, "import_ray", lambda: ray)
+    with RaySession(Cluster("local"), None) as connected, pytest.raises(WorkerError, match="does not answer any more"):
+        assert connected.workers
 
 
 @pytest.mark.parametrize(
@@ -282,7 +287,7 @@ def test_what_was_half_started_is_ended(monkeypatch, error, expected):
         raise error
 
     ray = SimpleNamespace(is_initialized=lambda: False, init=init, shutdown=lambda: ended.append("all"))
-    monkeypatch.setattr(ray_engine, "_import_ray", lambda: ray)
+    monkeypatch.setattr(session, "import_ray", lambda: ray)
     with pytest.raises(expected), RaySession(Cluster("local"), 1):
         pass
     assert ended == ["all"]

@@ -104,14 +104,18 @@ def test_another_package_version_alone_changes_no_result(changed, tiny_plan):
 
 
 BROKEN = {
-    "no trials": (lambda p: p.pop("trials"), RecordError, "plan.trials is missing"),
-    "trial": (lambda p: p["trials"][0].pop("seed"), RecordError, r"plan.trials\[0\] has not the fields"),
-    "seed": (lambda p: p["trials"][1].update(seed=-1), RecordError, r"plan.trials\[1\].seed is -1"),
-    "kind": (lambda p: p["trials"][1].update(axis=3), RecordError, r"plan.trials\[1\].axis is 3"),
-    "twice": (lambda p: p["trials"].append(p["trials"][0]), RecordError, r"plan.trials\[4\] is planned twice"),
-    "policy": (lambda p: p.pop("policy"), RecordError, "plan.policy is missing"),
+    "no trials": (lambda p: p.pop("trials"), RecordError, "plan: trials: is missing"),
+    "trial": (lambda p: p["trials"][0].pop("seed"), RecordError, r"plan: trials\[0\].seed: is missing"),
+    "seed": (
+        lambda p: p["trials"][1].update(seed=-1),
+        RecordError,
+        r"trials\[1\].seed: .*greater than or equal to 0, not -1",
+    ),
+    "kind": (lambda p: p["trials"][1].update(axis=3), RecordError, r"plan: trials\[1\].axis: .*valid string, not 3"),
+    "twice": (lambda p: p["trials"].append(p["trials"][0]), RecordError, r"plan: trials\[4\]: is planned twice"),
+    "policy": (lambda p: p.pop("policy"), RecordError, "plan: policy: is missing"),
     "task": (lambda p: p["trials"][0].update(task="morning_cofee"), UnknownNameError, "Did you mean 'morning_coffee'"),
-    "observation": (lambda p: p.update(observation="default"), RecordError, "plan.observation.name"),
+    "observation": (lambda p: p.update(observation="default"), RecordError, "plan: observation: is not a JSON object"),
 }
 
 

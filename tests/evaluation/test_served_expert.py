@@ -1,4 +1,4 @@
-"""The law of mirrors: an expert behind the server leaves the same record as a local one, bit for bit."""
+"""Shadow simulations: an expert behind the server leaves the same record as a local one, bit for bit."""
 
 from __future__ import annotations
 
@@ -7,21 +7,24 @@ import functools
 import pytest
 
 from betterbench.episodes import Observer, TrialContext, run_episode
-from betterbench.evaluation import TrialName, open_server
+from betterbench.evaluation import open_server
 from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
 from betterbench.policies.connect import connect
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
-TRIAL = TrialName("morning_coffee", "train1", 1)
+TRIAL = TrialId("morning_coffee", "train1", 1)
 CONTEXT = TrialContext(policy="the same name")
 
 
 def scene():
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     return Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("standard"))
 
 
@@ -34,6 +37,7 @@ def local(policy):
 def remote(policy, options="", chunk=8):
     with open_server(policy, port=0, chunk=chunk) as server:
         client = connect(f"{server.address}{options}")
+        client.name_trial(TRIAL)
         try:
             assert not client.info.needs_images
             assert client.info.action_space == "ee_delta"

@@ -15,11 +15,12 @@ from websockets.sync.client import connect
 
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.evaluation import TrialName, open_server
+from betterbench.evaluation import open_server
 from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.experts import make_expert
-from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, observation_spec
+from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
 from betterbench.policies import Random
 from betterbench.policies.connect import connect as connect_policy
 from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
@@ -27,9 +28,9 @@ from betterbench.policies.request import read_request
 from betterbench.policies.wire import decode_openpi, encode_openpi
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import all_tasks
+from betterbench.tasks import TrialId, all_tasks
 
-TRIAL = TrialName("morning_coffee", "train1", 0)
+TRIAL = TrialId("morning_coffee", "train1", 0)
 PATIENCE_S = 60
 
 
@@ -39,13 +40,12 @@ class Client:
     def __init__(self, server, trial=TRIAL, *, images=False):
         self.link = connect(f"ws://127.0.0.1:{server.port}", compression=None, max_size=None)
         self.trial = trial
-        task, condition = trial.resolve()
+        found = resolve_condition(trial.task, trial.condition)
+        task, condition = found.task, found.condition
         self.scene = Scene(task, condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
         self.observer = Observer(observation_spec("default" if images else "state_only"))
         self.state = self.scene.reset()
-        self.start = EpisodeStart(
-            condition.instruction.text, trial.seed, "ee_delta", task=trial.task, condition=trial.condition
-        )
+        self.start = EpisodeStart(condition.instruction.text, episode_number(trial.seed), "ee_delta")
 
     def __enter__(self):
         self.link = self.link.__enter__()
@@ -66,7 +66,7 @@ class Client:
         return answer if isinstance(answer, str) else decode_openpi(answer)["actions"]
 
     def native(self, **changes):
-        return self.ask({**NATIVE.request(self.seen, self.start), **changes})
+        return self.ask({**NATIVE.request(self.seen, self.start, self.trial), **changes})
 
     def libero(self, **changes):
         return self.ask({**LIBERO_STATE.request(self.seen), **changes})
@@ -91,7 +91,7 @@ def known():
     """The first actions of the expert on two trials."""
     return {
         trial: ShadowSimulation("expert", trial).actions(0, 64)
-        for trial in (TRIAL, TrialName("morning_coffee", "train2", 0))
+        for trial in (TRIAL, TrialId("morning_coffee", "train2", 0))
     }
 
 
@@ -163,7 +163,7 @@ def test_two_clients_at_once_play_their_own_trials(expert_server, known):
             {"better/episode": {"task": "fast_food", "condition": "T1", "seed": 0, "action_space": "ee_pose"}},
             "the client executes 'ee_pose'",
         ),
-        ({"prompt": "Sing."}, "They run other versions"),
+        ({"prompt": "Sing."}, "They run different versions"),
         ({"prompt": 7}, "prompt"),
     ],
 )
@@ -185,7 +185,7 @@ def sentences():
 
 def test_a_prompt_is_looked_up_among_the_training_conditions(expert_server):
     text, condition = next(iter(sentences().items()))
-    trial = TrialName(condition.task, condition.name, 0)
+    trial = TrialId(condition.task, condition.name, 0)
     message = {"prompt": text, "observation/state": np.zeros(8, np.float32)}
     message["observation/image"] = message["observation/wrist_image"] = np.zeros((224, 224, 3), np.uint8)
     with Client(expert_server) as client:
@@ -214,7 +214,7 @@ def test_a_prompt_that_matches_nothing_is_answered_with_the_closest(expert_serve
 def test_the_trial_of_the_command_line_goes_before_the_prompt(known):
     with open_server("expert", port=0, chunk=4, trial=TRIAL) as server, Client(server) as client:
         np.testing.assert_array_equal(client.ask({"prompt": "do something"}), known[TRIAL][:4])
-        assert client.metadata["betterbench"]["trial"] == "morning_coffee/train1 seed 0"
+        assert client.metadata["betterbench"]["trial"] == "morning_coffee/train1/0"
 
 
 @pytest.mark.parametrize("executed", [8, 5, 3])
@@ -423,7 +423,7 @@ def test_a_served_policy_says_how_its_chunks_are_played(monkeypatch, execution):
 
 def test_a_policy_without_an_observation_says_what_it_misses():
     with open_server("noop", port=0) as server, Client(server) as client:
-        assert "it holds no observation" in client.ask({"prompt": "Go."})
+        assert "holds no observation" in client.ask({"prompt": "Go."})
 
 
 @pytest.mark.parametrize(
@@ -434,7 +434,7 @@ def test_a_policy_without_an_observation_says_what_it_misses():
         ("zoo:lexical?strenght=1", {}, InvalidInputError, "strength"),
         ("expert", {"chunk": 0}, InvalidInputError, "--chunk"),
         ("expert", {"batch": 0}, InvalidInputError, "--batch"),
-        ("expert", {"trial": TrialName("fast_food", "T77", 0)}, UnknownNameError, "T1"),
+        ("expert", {"trial": TrialId("fast_food", "T77", 0)}, UnknownNameError, "T1"),
     ],
 )
 def test_what_cannot_be_served_is_one_clear_line(policy, options, error, text):
@@ -444,7 +444,8 @@ def test_what_cannot_be_served_is_one_clear_line(policy, options, error, text):
 
 def test_the_served_expert_is_the_expert():
     """The shadow's policy is the one that is evaluated, not another one of the same name."""
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     scene = Scene(task, condition, seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
     action = make_expert("expert", scene).act_on_state(scene.reset())
     np.testing.assert_array_equal(ShadowSimulation("expert", TRIAL).actions(0, 1)[0], action)

@@ -10,21 +10,25 @@ import pytest
 
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
-from betterbench.evaluation.serving.shadow import KEPT, ShadowSimulation, ShadowSimulations, TrialName
+from betterbench.evaluation import named_trial
+from betterbench.evaluation.serving.shadow import KEPT, ShadowSimulation, ShadowSimulations
 from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
-TRIAL = TrialName("morning_coffee", "train1", 0)
+TRIAL = TrialId("morning_coffee", "train1", 0)
 STEPS = 60
 """Long enough for the hand to come down to the first object."""
 
 
 def watch(policy: str, steps: int):
     """Returns what a local policy does, and what a policy could see at each of its steps."""
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     scene = Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("standard"))
     policy, observer = make_expert(policy, scene), Observer(observation_spec("state_only"))
     state = scene.reset()
@@ -71,7 +75,8 @@ def test_a_question_is_answered_again_and_late_as_at_first(local):
 
 @pytest.mark.parametrize(("component", "text"), [(0, "executed other actions"), (6, r"the fingers 0\.0\d+ m")])
 def test_a_client_that_executed_other_actions_is_told(component, text):
-    task, condition = TRIAL.resolve()
+    found = resolve_condition(TRIAL.task, TRIAL.condition)
+    task, condition = found.task, found.condition
     scene = Scene(task, condition, seed=TRIAL.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
     observer, shadow = Observer(observation_spec("state_only")), ShadowSimulation("expert", TRIAL)
     state = scene.reset()
@@ -79,7 +84,7 @@ def test_a_client_that_executed_other_actions_is_told(component, text):
         action[component] = 1.0
         scene.step(action)
     seen = observer.observe(scene, scene.state())
-    with pytest.raises(PolicyError, match=rf"^morning_coffee/train1 seed 0 step 8: .*{text}"):
+    with pytest.raises(PolicyError, match=rf"^morning_coffee/train1/0 step 8: .*{text}"):
         shadow.actions(8, 8, seen=seen)
 
 
@@ -128,9 +133,9 @@ def test_shadows_are_kept_by_trial_and_forgotten_in_order(monkeypatch):
 def test_two_trials_at_once_do_not_disturb_each_other(local):
     actions, _ = local
     shadows = ShadowSimulations("expert")
-    other = TrialName("morning_coffee", "train2", 3)
+    other = TrialId("morning_coffee", "train2", 3)
     alone = ShadowSimulation("expert", other).actions(0, 24)
-    answers: dict[TrialName, list[np.ndarray]] = {TRIAL: [], other: []}
+    answers: dict[TrialId, list[np.ndarray]] = {TRIAL: [], other: []}
 
     def play(trial):
         for step in range(0, 24, 4):
@@ -155,8 +160,8 @@ def test_two_trials_at_once_do_not_disturb_each_other(local):
 )
 def test_a_trial_that_does_not_exist_is_one_clear_line(arguments, error, text):
     with pytest.raises(error, match=text):
-        TrialName.of(*arguments)
+        named_trial(*arguments)
 
 
 def test_a_trial_without_a_condition_is_the_first_of_training():
-    assert str(TrialName.of("fast_food", None, 7)) == "fast_food/train1 seed 7"
+    assert str(named_trial("fast_food", None, 7)) == "fast_food/train1/7"

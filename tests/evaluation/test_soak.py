@@ -17,7 +17,6 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.recording import RunFolder
-from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -101,7 +100,7 @@ def test_a_thousand_random_faults_lose_no_trial_and_double_none(tiny_plan, tmp_p
     assert trouble.left == 0, f"only {FAULTS - trouble.left} faults in {time.monotonic() - began:.0f} s"
     assert trouble.kills >= KILLS - 1
     assert trouble.restarts >= RESTARTS - 1
-    planned = {TrialId(t.task, t.condition, t.seed) for t in plan.trials}
+    planned = {t.id for t in plan.trials}
     assert len(planned) == TRIALS
     done = [e.key for e in RunFolder.open(tmp_path / "run").entries() if e.status == "done"]
     assert len(done) == len(set(done)) == TRIALS

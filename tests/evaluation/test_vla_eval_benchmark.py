@@ -188,15 +188,15 @@ def test_the_model_is_shown_what_better_eval_shows(bench):
     task = task_of(guest, "fast_food/T1")
     seen = guest.reset(task)
     trial = guest.plan.trials[0]
-    ours, condition, _ = trial.resolve()
-    scene = Scene(ours, condition, seed=5, action_space=EE_DELTA, quality=quality_preset("fast"))
+    found = trial.resolve()
+    scene = Scene(found.task, found.condition, seed=5, action_space=EE_DELTA, quality=quality_preset("fast"))
     scene.reset()
     observer = Observer(observation_spec("default"))
     for step in range(3):
         shown = observer.observe(scene, scene.state())
         message = guest.make_obs(seen, task)
         assert set(message) == {"images", "states", "task_description"}
-        assert message["task_description"] == condition.instruction.text
+        assert message["task_description"] == found.condition.instruction.text
         assert list(message["images"]) == ["agentview", "wrist"]
         assert np.array_equal(message["images"]["agentview"], shown.images["front"])
         assert np.array_equal(message["images"]["wrist"], shown.images["wrist"])

@@ -14,7 +14,7 @@ import pytest
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.running.runner import _by_scene
-from betterbench.evaluation.serving.host import Host, address_within
+from betterbench.evaluation.serving.host import Host, run_address
 from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings
@@ -30,7 +30,7 @@ PLUGIN = '''
 import hashlib, pathlib, threading, time
 import numpy as np
 from betterbench.errors import PolicyUnavailableError
-from betterbench.interface import Execution, PolicyInfo
+from betterbench.interface import Execution, PolicyInfo, episode_number
 
 HERE = pathlib.Path(__file__).parent
 MADE = []
@@ -51,7 +51,7 @@ class Slow:
         self.seed = None
         self.closed = 0
     def reset(self, start):
-        self.seed = start.seed
+        self.seed = next(seed for seed in range(100) if episode_number(seed) == start.episode)
     def act(self, observation):
         enough(observation)
         time.sleep(self.draw.uniform(0.0, 0.01))
@@ -147,7 +147,7 @@ class Counting(Slow):
 class Raising(Heavy):
     """Breaks at some trials, with the error that stands in their records."""
     def reset(self, start):
-        self.seed = start.seed
+        self.seed = next(seed for seed in range(100) if episode_number(seed) == start.episode)
         super().reset(start)
     def act_batch(self, observations):
         for o in observations:
@@ -252,9 +252,9 @@ def four_processors(monkeypatch):
 def no_thread_is_left():
     yield
     until = time.monotonic() + 5.0
-    while any(t.name in ("respondent", "collector") for t in threading.enumerate()) and time.monotonic() < until:
+    while any(t.name in ("policy", "collector") for t in threading.enumerate()) and time.monotonic() < until:
         time.sleep(0.01)
-    assert [t.name for t in threading.enumerate() if t.name in ("respondent", "collector")] == []
+    assert [t.name for t in threading.enumerate() if t.name in ("policy", "collector")] == []
 
 
 def outcomes(run: RunFolder) -> dict[int, tuple[str, str | None]]:
@@ -348,7 +348,7 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
 
 
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
-    client = PolicyAddress.parse(address_within("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
+    client = PolicyAddress.parse(run_address("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
     assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
     terms = ConnectionLimits.of(client)
     # The server ends the wait itself, after 450 s; the client only sees to it that a server which does not is left.
@@ -461,8 +461,8 @@ def test_long_tasks_come_first_and_trials_of_a_scene_together():
     ordered = _by_scene(list(plan.trials))
     limits = {}
     for trial in plan.trials:
-        task, condition, _ = trial.resolve()
-        limits[trial.task] = max(limits.get(trial.task, 0), task.step_limit(condition))
+        found = trial.resolve()
+        limits[trial.task] = max(limits.get(trial.task, 0), found.task.step_limit(found.condition))
     tasks = list(dict.fromkeys(t.task for t in ordered))
     assert len(tasks) == 2, "each task is one block"
     assert limits[tasks[0]] > limits[tasks[1]]

@@ -125,9 +125,9 @@ def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
         ("warmup=1e300", "warmup=1e.300 is too much"),
         ("patience=1e9", "patience=1e.09 is too much"),
         ("retries=1e9", "retries=1e.09 is too much"),
-        ("retries=1.5", "no whole number"),
-        ("patience=-1", "no number of at least 0"),
-        ("patience=nan", "no number of at least 0"),
+        ("retries=1.5", "must be a whole number"),
+        ("patience=-1", "must be ≥ 0"),
+        ("patience=nan", "must be ≥ 0"),
     ],
 )
 def test_terms_that_make_no_sense_are_refused(query, text):

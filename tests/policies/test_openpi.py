@@ -28,6 +28,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
 from betterbench.policies.openpi import OpenpiClient
 from betterbench.policies.remote import plain_text
+from betterbench.tasks import TrialId
 
 # {"server": "minimal"}, and {"actions": float32 array of shape (2, 7), "server_timing": {"infer_ms": 2.5}}: bytes as
 # openpi's server sends them, written down once and not by the code under test.
@@ -40,7 +41,8 @@ CHUNK = bytes.fromhex(
     "07ad7365727665725f74696d696e6781a8696e6665725f6d73cb4004000000000000"
 )
 CHUNK_VALUES = [[0.25, -0.5, 0, 0, 0, 0.25, 1], [0, 0.5, 0, 0, 0, 0, -1]]
-START = EpisodeStart("pack the apple", 7, "ee_delta", task="fruit_lunch", condition="L3")
+START = EpisodeStart("pack the apple", 7, "ee_delta")
+TRIAL = TrialId("fruit_lunch", "L3", 7)
 
 
 def array(values, dtype="<f4"):
@@ -188,19 +190,22 @@ def test_bytes_of_the_protocol_are_read_and_an_independent_server_reads_ours(obs
 
 def test_a_real_policy_is_told_nothing_of_the_trial(observation):
     with Server() as server, client(server) as policy:
+        policy.name_trial(TRIAL)
         policy.act(observation)
     told = msgpack.packb(server.requests[0])
     assert b"fruit_lunch" not in told
     assert b"L3" not in told
 
 
-def test_native_servers_are_found_by_what_they_declare(observation):
+@pytest.mark.parametrize("expert", [True, False])
+def test_native_servers_are_found_by_what_they_declare_and_only_an_expert_is_told_the_trial(observation, expert):
     greeting = msgpack.packb(
         {
             "betterbench": {
                 "protocol": 1,
                 "preset": "native",
                 "policy": "expert",
+                "expert": expert,
                 "needs_images": False,
                 "action_space": EE_DELTA.to_json(),
                 "cameras": {},
@@ -211,15 +216,12 @@ def test_native_servers_are_found_by_what_they_declare(observation):
     with Server(greeting=greeting) as server, client(server, "timeout=5") as policy:
         assert not policy.info.needs_images
         assert policy.info.action_space == "ee_delta"
+        policy.name_trial(TRIAL)
         policy.act(observation)
     (seen,) = server.requests
-    assert seen["better/episode"] == {
-        "task": "fruit_lunch",
-        "condition": "L3",
-        "seed": 7,
-        "action_space": "ee_delta",
-        "instruction": "pack the apple",
-    }
+    told = {"episode": 7, "action_space": "ee_delta", "instruction": "pack the apple"}
+    trial = {"task": "fruit_lunch", "condition": "L3", "seed": 7}
+    assert seen["better/episode"] == {**told, **(trial if expert else {})}
     assert seen["better/step"] == 3
     assert seen["better/gripper_width"] == 0.06
     for name, value in (("ee_quaternion", observation.ee_quaternion), ("joint_positions", observation.joint_positions)):
@@ -253,7 +255,7 @@ def test_the_space_of_a_native_server_is_taken_over():
         ({"action_space": EE_DELTA.to_json()}, "action_space=ee_pose", "action space: .*'ee_pose', .* says 'ee_delta'"),
         ({"protocol": 2}, "", "version 2"),
         ({"action_space": {"name": "x"}}, "", "cannot be read"),
-        ({"action_space": 3}, "", "no preset or no action space"),
+        ({"action_space": 3}, "", "action_space: is not a JSON object"),
         ({"execution": {"horizon": 0}}, "", "an execution that cannot be played .*0 actions are none"),
         ({"execution": {"speed": 2}}, "", "an execution that cannot be read"),
         ({"execution": {"horizon": True}}, "", "an execution that cannot be read"),
@@ -301,9 +303,9 @@ def test_nothing_is_guessed_where_the_server_declares_nothing():
         ([msgpack.packb({"action": 1})], "no 'actions'. It has: action"),
         ([reply(np.zeros((4, 6)))], r"shape \(4, 6\).*\(7,\) or \(horizon, 7\)"),
         ([reply(np.zeros((0, 7)))], "empty chunk"),
-        ([reply(np.zeros((4, 7)), "|b1")], "no array of real numbers .bool"),
-        ([msgpack.packb({"actions": "left"})], "no array of real numbers"),
-        ([msgpack.packb({"actions": [[0.0] * 7, [0.0]]})], "no array of real numbers"),
+        ([reply(np.zeros((4, 7)), "|b1")], "not an array of real numbers .bool"),
+        ([msgpack.packb({"actions": "left"})], "not an array of real numbers"),
+        ([msgpack.packb({"actions": [[0.0] * 7, [0.0]]})], "not an array of real numbers"),
         ([reply(np.zeros((2, 2, 7)))], r"shape \(2, 2, 7\)"),
     ],
 )

@@ -29,14 +29,14 @@ def test_noop_holds_still_with_an_open_hand():
     assert not policy.info.needs_images
 
 
-def test_random_repeats_with_seed_and_sentence_and_with_nothing_else():
+def test_random_repeats_with_episode_and_instruction_and_with_nothing_else():
     start = EpisodeStart("Do it.", 3, "ee_delta")
     first = walk(start)
     assert np.array_equal(first, walk(start))
     used = Random()
     walk(EpisodeStart("Other.", 9, "ee_delta"), policy=used)
     assert np.array_equal(first, walk(start, policy=used)), "a reset forgets the last episode"
-    assert not np.array_equal(first, walk(dataclasses.replace(start, seed=4)))
+    assert not np.array_equal(first, walk(dataclasses.replace(start, episode=4)))
     assert not np.array_equal(first, walk(dataclasses.replace(start, instruction="Do that.")))
 
 
@@ -52,7 +52,7 @@ def test_instances_share_no_random_state():
     alone = walk(start, 20)
     one, two = Random(), Random()
     one.reset(start)
-    two.reset(dataclasses.replace(start, seed=2))
+    two.reset(dataclasses.replace(start, episode=2))
     interleaved = []
     for _ in range(20):
         interleaved.append(one.act(SEEN))

@@ -14,6 +14,7 @@ from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.presets import NATIVE
 from betterbench.policies.request import read_request
 from betterbench.policies.wire import decode_openpi, encode_openpi
+from betterbench.tasks import TrialId
 
 SEEN = Observation(
     instruction="Put the red mug on the ring.",
@@ -27,16 +28,19 @@ SEEN = Observation(
     depth={},
     masks={},
 )
-START = EpisodeStart(SEEN.instruction, 3, "ee_delta", task="morning_coffee", condition="T1")
+START = EpisodeStart(SEEN.instruction, 3, "ee_delta")
+TRIAL = TrialId("morning_coffee", "T1", 5)
 
 
 def message(**changes):
-    return decode_openpi(encode_openpi({**NATIVE.request(SEEN, START), **changes}))
+    return decode_openpi(encode_openpi({**NATIVE.request(SEEN, START, TRIAL), **changes}))
 
 
 def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
     request = read_request(message())
-    assert (request.start, request.step, request.instruction) == (START, 7, SEEN.instruction)
+    assert (request.start, request.trial) == (START, TRIAL)
+    assert (request.step, request.instruction) == (7, SEEN.instruction)
+    assert read_request(NATIVE.request(SEEN, START)).trial is None
     assert request.measured
     assert request.observation is not None
     for name in ("joint_positions", "joint_velocities", "ee_position", "ee_quaternion"):
@@ -46,7 +50,7 @@ def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
 
 
 @pytest.mark.parametrize("shape", [(), (1,)])
-def test_a_sentence_may_come_as_the_array_that_transforms_make_of_it(shape):
+def test_an_instruction_may_come_as_the_array_that_transforms_make_of_it(shape):
     assert read_request(message(prompt=np.full(shape, SEEN.instruction))).instruction == SEEN.instruction
 
 
@@ -78,7 +82,7 @@ anything = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5) | st.integers(), inner, max_size=3),
     max_leaves=8,
 )
-keys = [*sorted(NATIVE.request(SEEN, START)), "observation/state", "observation/image", "better/images/x"]
+keys = [*sorted(NATIVE.request(SEEN, START, TRIAL)), "observation/state", "observation/image", "better/images/x"]
 
 
 @given(key=st.sampled_from(keys), value=anything, inner=st.sampled_from(["task", "seed", "action_space", None]))

@@ -42,8 +42,10 @@ from betterbench.policies.handshake import compare_declarations
 from betterbench.policies.presets import VLA_EVAL
 from betterbench.policies.vla_eval import declare_specs
 from betterbench.policies.wire import decode_vla_eval, encode_vla_eval
+from betterbench.tasks import TrialId
 
-START = EpisodeStart("pack the apple", 7, "ee_delta", task="fruit_lunch", condition="L3")
+START = EpisodeStart("pack the apple", 7, "ee_delta")
+TRIAL = TrialId("fruit_lunch", "L3", 7)
 TWIST = {"position": POSITION_DELTA, "rotation": ROTATION_AA, "gripper": GRIPPER_CLOSE_POS}
 SEEN = {"image": IMAGE_RGB, "language": LANGUAGE, "state": STATE_EEF_POS_AA_GRIP}
 
@@ -334,15 +336,15 @@ def test_a_broken_connection_starts_the_episode_again():
     ("reply", "text"),
     [
         (lambda _: [b"garbage"], "cannot be read"),
-        (lambda _: ["text"], "no message"),
-        (lambda _: [msgpack.packb({"type": "action"})], "no message"),
+        (lambda _: ["text"], "not a message"),
+        (lambda _: [msgpack.packb({"type": "action"})], "not a message"),
         (lambda m: [Message(MessageType.ACTION, {"actions": np.zeros(7)}, m.seq + 1)], "answered message"),
         (lambda m: [Message(MessageType.HELLO, {}, m.seq)], "answered message"),
         (lambda m: [msgpack.packb({"type": [1], "payload": {}, "seq": m.seq})], "without a type"),
         (lambda _: [msgpack.packb({"type": "action", "payload": {}, "seq": "1"})], "without a type"),
         (lambda m: [Message(MessageType.ACTION, {"action": np.zeros(7)}, m.seq)], "no 'actions'"),
         (lambda m: [Message(MessageType.ACTION, {"actions": np.zeros(6)}, m.seq)], r"shape \(6,\)"),
-        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "answer nothing"),
+        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "do not answer the request"),
     ],
 )
 def test_a_bad_answer_is_one_clear_policy_error(reply, text):

@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import CountBehind, count_behind
-from betterbench.audit.fields import Column, Columns, Count, Row, Text, exact_fields
+from betterbench.audit.fields import ColumnName, ColumnNames, RowName, Text, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
@@ -25,14 +25,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Two rates from different trials.
-
-    Attributes:
-        row: Row that the finding is about.
-        claim: The claim in a few words.
-        first: The rate that counts positive.
-        second: The rate that counts negative.
-    """
+    """Two rates from different trials, of which the first counts positive."""
 
     row: str
     claim: str
@@ -43,17 +36,11 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
+    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test."""
 
-    Attributes:
-        novel: Column of the novel composition.
-        seen: Columns of the seen ones.
-        trials: Trials behind each cell.
-    """
-
-    novel: Column
-    seen: Columns
-    trials: Count
+    novel: ColumnName
+    seen: ColumnNames
+    trials: WholeNumber
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
@@ -85,18 +72,14 @@ class Claim:
     """
 
     claim: Text
-    first: Row
-    second: Row
-    column: Column
-    trials: Count = 0
-    parts: Columns = ()
+    first: RowName
+    second: RowName
+    column: ColumnName
+    trials: WholeNumber = 0
+    parts: ColumnNames = ()
 
     def __post_init__(self) -> None:
-        """Refuse a claim that gives both trials and parts, or neither.
-
-        Raises:
-            ValueError: If it does.
-        """
+        """Refuse a claim that gives both trials and parts, or neither."""
         if bool(self.trials) == bool(self.parts):
             raise ValueError("either trials or parts must be given")
 
@@ -113,11 +96,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Claims that two cells differ; Fisher's exact test and Newcombe's interval.
-
-    Attributes:
-        claims: The claims, corrected together.
-    """
+    """Claims that two cells differ; Fisher's exact test and Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 
@@ -140,11 +119,8 @@ class Differences:
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, corrected together.
 
-    Args:
-        table: The table.
-        rule: Name of the rule: "composition" takes Barnard's test; "differences" takes Fisher's, which is a little
-            stricter and quick with thousands of trials.
-        compared: The comparisons.
+    The rule "composition" takes Barnard's test; "differences" takes Fisher's, which is a little stricter and quick with
+    thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
     barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES
@@ -163,14 +139,6 @@ def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimCompa
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
-        yield AuditFinding(
-            table.name,
-            rule,
-            c.row,
-            c.claim,
-            f"{shown_rate(c.first)} against {shown_rate(c.second)}",
-            counts,
-            Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
-            why,
-            support=support,
-        )
+        verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+        printed = f"{shown_rate(c.first)} against {shown_rate(c.second)}"
+        yield AuditFinding(table.name, rule, c.row, c.claim, printed, counts, verdict, why, support=support)

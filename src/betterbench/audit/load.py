@@ -86,12 +86,7 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """A file of tables.
-
-    Attributes:
-        name: What the tables come from.
-        tables: Each table with its rules.
-    """
+    """A file of tables."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]
@@ -127,7 +122,7 @@ def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
     Raises:
-        InvalidInputError: If it is no JSON or a field is wrong.
+        InvalidInputError: If it is not JSON or a field is wrong.
         UnknownNameError: If a rule is unknown.
     """
     try:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from betterbench.diagnosis import ProbeCell, TrialDiagnosis
 from betterbench.experts.decisions import Situation
-from betterbench.experts.faulty.blind import sentences
+from betterbench.experts.faulty.blind import possible_instructions
 from betterbench.interventions import vary
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.tasks import Condition, Instruction, get_task
@@ -38,7 +38,7 @@ def chance_of(task_name: str, name: str) -> float:
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
-    choices = sentences(Situation(task, condition, 0))
+    choices = possible_instructions(Situation(task, condition, 0))
     return sum(_meaning(c, condition) == _meaning(condition.instruction, condition) for c in choices) / len(choices)
 
 

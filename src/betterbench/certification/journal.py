@@ -55,7 +55,6 @@ class CertificationJournal(LineJournal):
     """
 
     def __init__(self, folder: Path, versions: CertificateVersions) -> None:
-        """Open the journal."""
         self.trials: dict[TrialId, TrialCertificate] = {}
         self._versions = versions
         self._sessions: dict[str, float] = {}
@@ -92,7 +91,7 @@ class CertificationJournal(LineJournal):
     def _check_header(self, line: bytes) -> None:
         cure = "Choose another folder"
         try:
-            found = read_form(_HEADER, line, where=f"{self._path}: this is no certification journal", cure=cure)
+            found = read_form(_HEADER, line, where=f"{self._path}: this is not a certification journal", cure=cure)
         except InvalidInputError as error:
             raise RunConflictError(str(error)) from error
         for name, value in asdict(self._header()).items():

@@ -22,27 +22,18 @@ from betterbench.certification.certificate import Certificate, CertificateVersio
 from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, WorkerError
 from betterbench.interventions import resolve_condition
-from betterbench.recording import write_durably
+from betterbench.recording import RetryLedger, write_durably
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 
 logger = logging.getLogger(__name__)
 
-MAX_RESTARTS = 5
-"""How often a broken pool of workers is replaced before the certification gives up."""
-
 
 @dataclass(frozen=True, slots=True)
 class CertificationProgress:
-    """How far a certification is.
-
-    Attributes:
-        done: Trials examined.
-        planned: Trials planned.
-        last: The trial that has just been examined, or None.
-    """
+    """How far a certification is: trials examined, trials planned, and the one just examined (None at the start)."""
 
     done: int
     planned: int
@@ -68,7 +59,8 @@ def certify(
         The certificate of exactly these trials, in their order.
 
     Raises:
-        InvalidInputError: If there is no trial, the number of workers is out of range, or workers keep dying.
+        InvalidInputError: If there is no trial, or the number of workers is out of range.
+        WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If the journal is corrupt.
         UnknownNameError: If a task or condition is unknown.
@@ -113,40 +105,56 @@ def write_json(path: Path, form: object) -> None:
 
 
 def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]:
-    """Yield findings as they come; a pool that breaks is replaced."""
+    """Yield findings as they come; the trials of a pool that breaks are examined again, each alone.
+
+    Raises:
+        WorkerError: If worker processes keep dying.
+    """
     if workers == 1 or len(trials) <= 1:
         yield from map(examine, trials)
         return
-    left = dict.fromkeys(trials)
-    for _ in range(MAX_RESTARTS + 1):
+    cure = "Run the same command again with fewer --workers."
+    ledger = RetryLedger(trials, workers="worker processes", cure=cure)
+    while ledger.left:
+        pending: dict[Future[TrialCertificate], TrialId] = {}
         try:
-            for trial, found in _pooled(list(left), workers):
-                yield found
-                del left[trial]
-        except BrokenProcessPool:
-            logger.warning("a worker process died; %d trials are left and go to new workers", len(left))
-        else:
-            return
-    raise InvalidInputError(
-        "--workers", f"worker processes died {MAX_RESTARTS + 1} times", "Run the same command again with fewer"
-    )
+            yield from _pooled(ledger, pending, workers)
+        except BrokenProcessPool as error:
+            logger.warning("a worker process died; %d trials are examined again", len(pending))
+            how = "it was ended from outside, as when memory runs out"
+            for trial in ledger.worker_died(list(pending.values()), how):
+                raise WorkerError(f"{trial}: {ledger.reason(how)}.") from error
 
 
-def _pooled(trials: list[TrialId], workers: int) -> Iterator[tuple[TrialId, TrialCertificate]]:
-    """Yield findings of a pool; two trials per worker are handed out at a time, so that little is lost."""
-    waiting = iter(trials)
-    pending: dict[Future[TrialCertificate], TrialId] = {}
+def _pooled(
+    ledger: RetryLedger[TrialId], pending: dict[Future[TrialCertificate], TrialId], workers: int
+) -> Iterator[TrialCertificate]:
+    """Yield the findings of one pool: of all suspects, one after the other, or of all waiting trials.
+
+    Args:
+        ledger: The trials.
+        pending: Filled with the trials that the pool holds, at most two per worker.
+        workers: Worker processes for waiting trials.
+    """
+    alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker) as pool:
+    with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=_prepare_worker) as pool:
         try:
             while True:
-                while len(pending) < 2 * workers and (trial := next(waiting, None)) is not None:
+                if not alone:
+                    new = ledger.take(2 * workers - len(pending))
+                else:
+                    new = [ledger.take_suspect()] if ledger.suspects and not pending else []
+                for trial in new:
                     pending[pool.submit(examine, trial)] = trial
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in finished:
-                    yield pending.pop(future), future.result()
+                    found = future.result()
+                    del pending[future]
+                    ledger.item_ended()
+                    yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

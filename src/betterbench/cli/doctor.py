@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 from betterbench.cli.console import OUT, print_json, print_table, say
@@ -43,20 +44,19 @@ def doctor_command(
         return
     from betterbench.cli.evaluate import default_folder
     from betterbench.cli.output.preflight import print_conventions, print_preflight
-    from betterbench.evaluation import TrialName, run_preflight
-    from betterbench.evaluation.preflight.view import draw_preflight
+    from betterbench.evaluation import named_trial, run_preflight
+    from betterbench.evaluation.preflight.view import preflight_view
+    from betterbench.report.preflight_sheet import write_preflight_sheet
 
     found = run_preflight(
         policy,
-        TrialName.of(task, condition, seed),
+        named_trial(task, condition, seed),
         action_space_name=action_space,
         observation=observation,
         quality=quality,
         on_conventions=None if json else print_conventions,
     )
-    out = out or Path(f"doctor-{default_folder(policy)}.png")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draw_preflight(found).save(out)
+    out = write_preflight_sheet(preflight_view(found), out or Path(f"doctor-{default_folder(policy)}.png"))
     print_preflight(found, json=json)
     say(f"wrote {out}")
 
@@ -72,7 +72,7 @@ def _check_machine(*, json: bool) -> None:
     checks = run_checks()
     broken = [check for check in checks if not check.works]
     if json:
-        print_json([{"name": c.name, "works": c.works, "detail": c.detail, "cure": c.cure} for c in checks])
+        print_json([asdict(check) for check in checks])
     else:
         print_table(["", "what", "found"], [["ok" if c.works else "NO", c.name, c.detail] for c in checks])
         for check in broken:

@@ -1,11 +1,11 @@
-"""What a run shows while it goes on: its pace, what succeeded so far, and how the policy answers."""
+"""What ``better eval`` shows while it runs: pace, successes so far, and how the policy answers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from betterbench.evaluation import Progress
+from betterbench.evaluation.running.summary import PolicyService
 from betterbench.recording import JournalEntry, RunFolder, read_outcome
 
 
@@ -16,8 +16,8 @@ class RunTally:
     Attributes:
         judged: Trials with a record.
         successes: Those of them that succeeded.
-        policy_errors: Those of them that the policy broke off.
-        broken: Trials that broke down in this session and are run again by the same command.
+        policy_errors: Those of them that ended with an error of the policy.
+        broken: Trials that broke down in this session; the same command runs them again.
     """
 
     judged: int = 0
@@ -26,7 +26,7 @@ class RunTally:
     broken: int = 0
 
     def resume(self, run: RunFolder) -> None:
-        """Count what a run holds already."""
+        """Count the trials that a run holds already."""
         for entry in run.entries():
             if entry.status == "done":
                 self.add(run, entry)
@@ -42,10 +42,10 @@ class RunTally:
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress) -> str:
-        """Return the text beside the bar: pace in trials, time left, successes, errors of the policy, breakdowns."""
+        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials."""
         parts = [pace(progress)] if pace(progress) else []
         if self.judged:
-            parts.append(f"{self.successes}/{self.judged} right")
+            parts.append(f"{self.successes}/{self.judged} succeeded")
         if self.policy_errors:
             parts.append(f"{self.policy_errors} error{'' if self.policy_errors == 1 else 's'}")
         if self.broken:
@@ -54,11 +54,7 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return how fast a run goes and how long it will still take; empty before its first trial has ended.
-
-    Args:
-        progress: How far the run is. What an earlier session did counts as done, and not for the pace.
-    """
+    """Return trials per minute of this session and the time left; empty before its first trial has ended."""
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:
         return ""
@@ -69,7 +65,7 @@ def pace(progress: Progress) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a duration for people: "40 s", "12 min", "3 h 05 min"."""
+    """Return a duration as text: "40 s", "12 min", "3 h 05 min"."""
     whole = round(seconds)
     if whole < 90:
         return f"{whole} s"
@@ -77,36 +73,21 @@ def duration(seconds: float) -> str:
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def service(entries: Iterable[JournalEntry], elapsed_s: float) -> str:
-    """Return how the policy answered in a session, in a sentence; empty if nothing is known about it.
-
-    Args:
-        entries: The trials of the session.
-        elapsed_s: How long the session took [s].
-    """
-    walls = [entry.wall for entry in entries if "policy_latency_p50_s" in entry.wall]
-    if not walls:
+def service_text(service: PolicyService | None) -> str:
+    """Return how a policy answered, in a sentence; empty if nothing is known about it."""
+    if service is None:
         return ""
-    medians = sorted(wall["policy_latency_p50_s"] for wall in walls)
-    slowest = max(wall.get("policy_latency_max_s", 0.0) for wall in walls)
-    parts = [f"{_milliseconds(medians[len(medians) // 2])} per answer (slowest {_milliseconds(slowest)})"]
-    asked_s = sum(wall.get("policy_s", 0.0) for wall in walls)
-    if elapsed_s > 0.0 and asked_s / elapsed_s >= 0.05:
-        parts.append(f"{asked_s / elapsed_s:.1f} requests under way on average")
-    for name in ("retries", "reconnects"):
-        count = round(sum(wall.get(name, 0.0) for wall in walls))
-        if any(name in wall for wall in walls):
-            parts.append(f"{count} {name if count != 1 else _singular(name)}")
+    parts = [f"{_milliseconds(service.p50_s)} per answer (slowest {_milliseconds(service.max_s)})"]
+    if service.concurrency >= 0.05:
+        parts.append(f"{service.concurrency:.1f} requests under way on average")
+    if service.retries is not None:
+        parts.append(f"{service.retries} {'retry' if service.retries == 1 else 'retries'}")
+    if service.reconnects is not None:
+        parts.append(f"{service.reconnects} reconnect{'' if service.reconnects == 1 else 's'}")
     return ", ".join(parts)
-
-
-def _singular(name: str) -> str:
-    return {"retries": "retry", "reconnects": "reconnect"}[name]
 
 
 def _milliseconds(seconds: float) -> str:
     if seconds >= 10.0:
         return f"{seconds:.0f} s"
-    if seconds >= 0.001:
-        return f"{1000 * seconds:.0f} ms"
-    return "under 1 ms"
+    return f"{1000 * seconds:.0f} ms" if seconds >= 0.001 else "under 1 ms"

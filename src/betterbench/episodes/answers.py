@@ -1,4 +1,4 @@
-"""Questions and replies between an episode and its policy, and the boundary that no policy can break."""
+"""Questions and replies between an episode and its policy, and the boundary that catches a policy's errors."""
 
 from __future__ import annotations
 
@@ -45,14 +45,10 @@ _NO_ACTIONS = np.empty(0)
 
 
 def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> Reply:
-    """Ask a policy and wait for what it says.
-
-    Args:
-        policy: The policy.
-        seen: What it is shown.
+    """Show a policy something and wait for its answer.
 
     Raises:
-        PolicyError: If the policy breaks, whatever it raises.
+        PolicyError: If the policy fails, whatever it raises.
         PolicyUnavailableError: If its server cannot be reached.
         HandshakeError: If it has become another policy.
     """
@@ -69,25 +65,24 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Turns whatever a policy does wrong into a :class:`PolicyError`: the trial ends, the run goes on.
+    """Turns whatever a policy raises into a :class:`PolicyError`: the trial ends, the run goes on.
 
-    Two things pass as they are, because they concern the whole run: a server that cannot be reached, and one that
-    declares other conventions than before. A context manager that keeps nothing, so one of it is enough: it is entered
-    at every control step of a privileged policy.
+    Two errors pass unchanged, because they concern the whole run: a server that cannot be reached, and one that
+    declares other conventions than before. A context manager without state: one instance serves all.
     """
 
     __slots__ = ()
 
     def __enter__(self) -> None:
-        """Begin."""
+        """Do nothing."""
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Raise what the problem means for the trial.
+        """Raise PolicyError if the policy failed.
 
         Raises:
-            PolicyError: If the policy broke, whatever it raised.
+            PolicyError: If it did.
         """
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
             raise PolicyError(f"{type(problem).__name__}: {problem}") from problem

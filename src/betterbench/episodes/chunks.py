@@ -11,7 +11,7 @@ import numpy as np
 from betterbench.episodes.answers import Question, Reply
 from betterbench.episodes.observer import Observer, Views
 from betterbench.errors import InvalidActionError
-from betterbench.interface import EpisodeStart, Execution, Observation
+from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
@@ -20,9 +20,9 @@ from betterbench.state import WorldState
 class Chunks:
     """Asks for actions and plays them out.
 
-    With ``ahead`` the next chunk is asked for while some actions of the old one are left. The time of as many actions
-    of the reply has passed when it is used, so they are dropped: the observation that a chunk answers and the step at
-    which each of its actions is played do not depend on how fast the policy is.
+    With ``ahead`` the next chunk is asked for while some actions of the old one are left. As many actions of the reply
+    belong to steps that have passed when it is used, and are dropped. So the observation that a chunk answers and the
+    step at which each action is played do not depend on how fast the policy is.
     """
 
     def __init__(
@@ -34,13 +34,13 @@ class Chunks:
             scene: The scene.
             observer: Makes observations; None to show the state.
             execution: How chunks are played.
-            limit: Control steps after which the episode ends at the latest.
+            limit: Step limit of the episode.
             began: When the episode began, on the clock of ``time.perf_counter`` [s].
         """
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
-        self._passing = 0  # actions of the coming reply whose time passes before it is used
+        self._passing = 0  # actions of the next reply whose steps pass before it is used
         self._predictions: deque[tuple[int, np.ndarray]] = deque()
         self._views: Views | None = None
         self._latencies: list[float] = []
@@ -51,23 +51,14 @@ class Chunks:
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
         scene = self._scene
-        start = EpisodeStart(
-            scene.condition.instruction.text,
-            scene.seed,
-            scene.action_space.name,
-            task=scene.task.id,
-            condition=scene.condition.name,
-        )
+        start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
     def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
         """Return the action to play now.
 
-        Args:
-            state: The state now.
-
         Raises:
-            InvalidActionError: If an answer is no array of actions.
+            InvalidActionError: If an answer is not an array of actions.
         """
         queue = self._queue
         if self._execution.ensemble is not None:
@@ -91,9 +82,9 @@ class Chunks:
         return queue.popleft()
 
     def look(self, step: int) -> None:
-        """Take the images of the next question, if it comes at once, before anything else is done with the state.
+        """Render the images of the next question, if it follows at once, before the state is used for anything else.
 
-        Drawing leaves cold caches behind; all that follows, up to the next action, then shares the way back.
+        Rendering empties the processor's caches; what follows up to the next action then fills them only once.
 
         Args:
             step: Control steps taken since reset.
@@ -143,21 +134,17 @@ class Chunks:
         return observation
 
     def _answered(self, reply: Reply | None) -> np.ndarray:
-        """Return the array of a reply.
-
-        Raises:
-            AssertionError: If the driver of the episode sent none.
-        """
+        """Return the array of a reply."""
         if reply is None:
             raise AssertionError("a reply was due")
         self._latencies.append(reply.took_s)
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions of a reply, without those whose time has passed.
+        """Queue the actions of a reply, without the first ``passed``.
 
         Raises:
-            InvalidActionError: If it is no array of actions, or none is left.
+            InvalidActionError: If it is not an array of actions, or none is left.
         """
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
@@ -165,7 +152,7 @@ class Chunks:
         queue.extend(chunk[passed : passed + horizon])
         if not queue:
             msg = (
-                f"the policy answered {len(chunk)} actions and the time of {passed} had passed, so none is left. "
+                f"the policy answered {len(chunk)} actions and the steps of {passed} had passed, so none is left. "
                 "Ask less far ahead."
             )
             raise InvalidActionError(msg)
@@ -184,14 +171,8 @@ class Chunks:
 def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
     """Return a copy of an answer as a chunk, shape (horizon, dim), float64.
 
-    One bad number refuses the whole chunk: a policy that predicts it is broken now, not some steps later.
-
-    Args:
-        answer: What the policy answered.
-        space: The action space.
-
     Raises:
-        InvalidActionError: If it is neither one action nor an array of actions, or a number is not finite.
+        InvalidActionError: If it is neither one action nor an array of actions, or any number of it is not finite.
     """
     actions = answer[None, :] if answer.shape == (space.dim,) else answer
     if actions.ndim != 2 or actions.shape[1] != space.dim or len(actions) == 0:

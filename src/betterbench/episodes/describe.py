@@ -1,4 +1,4 @@
-"""What a record says about the trial it is of."""
+"""The metadata of a record."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks import SUITE_VERSION, GoalTracker
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """What a trial is called within a run.
+    """What a run knows of a trial beside its scene.
 
     Attributes:
         policy: Address of the policy.

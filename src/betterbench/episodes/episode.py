@@ -1,4 +1,4 @@
-"""The loop: observe, act, step, judge, record, until the episode has ended."""
+"""The loop of an episode: observe, act, step, judge and record until it has ended."""
 
 from __future__ import annotations
 
@@ -40,13 +40,12 @@ class EpisodeResult:
 
 @contextmanager
 def _settled_heap() -> Iterator[None]:
-    """Keep the garbage collector from searching, in the middle of an episode, what was there before it.
+    """Exclude everything that exists before an episode from garbage collection during it.
 
     A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with images.
-    What an episode itself leaves behind is collected as ever.
     """
     if gc.get_freeze_count():
-        yield  # somebody has frozen the heap already, and knows when to release it
+        yield  # the caller has frozen the heap already
         return
     gc.freeze()
     try:
@@ -76,7 +75,7 @@ def run_episode(
     Args:
         scene: The scene; it is reset first, and its premise is checked.
         policy: The policy. With an observer it is asked for ``act``, without one for ``act_on_state``.
-        context: What the trial is called within the run.
+        context: What the run knows of the trial.
         observer: Makes observations; None for a privileged policy.
         on_step: Called with the number of each control step.
 
@@ -125,12 +124,11 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and stop wherever the policy has to answer first.
 
-    One thread can so interleave many episodes. What happens does not depend on how long an answer takes: an episode
-    that asks ahead plays the same actions until it uses the reply, and drops as many of it.
+    So one thread can interleave many episodes. The result does not depend on how long an answer takes.
 
     Args:
         scene: The scene; it is reset first, and its premise is checked.
-        context: What the trial is called within the run.
+        context: What the run knows of the trial.
         observer: Makes observations; None for a privileged policy, which is shown the state.
         execution: How the chunks of the policy are played.
         on_step: Called with the number of each control step.
@@ -178,17 +176,23 @@ def episode_steps(
         termination, error = "policy_error", str(problem)
     except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
+    record = _finished(scene, builder, termination, error, clipped=clipped, success=truth.success)
+    return EpisodeResult(record, chunks.wall_figures())
+
+
+def _finished(
+    scene: Scene, builder: RecordBuilder, termination: Termination, error: str | None, *, clipped: int, success: bool
+) -> Record:
     if error is not None:
-        error = error.encode("utf-8", "backslashreplace").decode()  # file names may hold what no record can
+        error = error.encode("utf-8", "backslashreplace").decode()  # file names may hold what a record cannot
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
-    record = builder.finish(
+    return builder.finish(
         termination=termination,
-        success=truth.success and termination == "success",
+        success=success and termination == "success",
         error=error,
         clipped_actions=clipped,
         invalid_actions=int(termination == "policy_error" and (error or "").startswith("InvalidActionError")),
     )
-    return EpisodeResult(record, chunks.wall_figures())
 
 
 def _append(

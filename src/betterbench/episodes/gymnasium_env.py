@@ -12,11 +12,11 @@ from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space as action_space_named
-from betterbench.interventions import vary
+from betterbench.interventions import resolve_condition
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, GoalTracker, Truth, get_task
+from betterbench.tasks import GoalTracker, Truth, get_task
 
 _BOUNDS = {
     "joint_positions": (7, 4.0),
@@ -26,7 +26,7 @@ _BOUNDS = {
     "gripper_width": (1, 0.2),
 }
 """Number of values and bound of each measurement, wider than anything that can happen: the joints' limits stay within
-3.8 rad and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the hand opens by 0.08 m."""
+3.8 rad and 2.7 rad/s and the reach within 1.2 m (Franka's data sheet), and the gripper opens by 0.08 m."""
 
 
 class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
@@ -34,8 +34,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     Observation: a dictionary with one (height, width, 3) uint8 image per camera, ``joint_positions`` (7,) [rad],
     ``joint_velocities`` (7,) [rad/s], ``ee_position`` (3,) [m], ``ee_quaternion`` (4,) and ``gripper_width`` (1,) [m].
-    The sentence is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of success,
-    else 0. Nothing privileged is observed; ``info`` holds the truth for training and evaluation code that wants it.
+    The instruction is in ``info["instruction"]`` and in the attribute ``instruction``. Reward: 1 at the step of
+    success, else 0. Nothing privileged is observed; ``info`` holds the truth for training and evaluation code.
 
     Args:
         task: Task id.
@@ -58,11 +58,11 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         quality: str = "standard",
         render_mode: str | None = None,
     ) -> None:
-        """Look everything up; scenes are compiled at reset."""
+        """Check all names; scenes are compiled at reset."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not offered", "Use 'rgb_array' or None")
         self._task = get_task(task)
-        self._condition = self._find(variation)
+        self._condition = self._task.training[0] if variation is None else resolve_condition(task, variation).condition
         self._spec: ObservationSpec = observation_spec(observation)
         self._actions = action_space_named(action_space)
         self._quality = quality_preset(quality)
@@ -82,20 +82,13 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """The sentence that says what to do; ``envs.get_attr("instruction")`` asks all of a vector environment."""
+        """What the robot is asked to do; ``envs.get_attr("instruction")`` gives those of a vector environment."""
         return self._condition.instruction.text
 
     @property
     def step_limit(self) -> int:
         """Number of control steps after which an episode is truncated."""
         return self._task.step_limit(self._condition)
-
-    def _find(self, name: str | None) -> Condition:
-        if name is None:
-            return self._task.training[0]
-        if name.startswith("train"):
-            return self._task.train(name)
-        return vary(self._task, self._task.variation(name))[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -106,9 +99,6 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
             seed: Seed of the trial: seed 3 here is trial 3 of ``better eval``. Without one, the next is drawn from the
                 environment's own generator.
             options: Not used.
-
-        Returns:
-            Observation and info.
         """
         super().reset(seed=seed)
         del options
@@ -157,7 +147,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._renderer.render(self._scene.data, "front").rgb
 
     def close(self) -> None:
-        """Free all renderers and the scene; a reset makes them anew."""
+        """Free all renderers and the scene; a reset makes new ones."""
         self._observer.close()
         self._scene = self._tracker = None
         if self._renderer is not None:

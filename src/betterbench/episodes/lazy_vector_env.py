@@ -1,8 +1,7 @@
-"""Vector environments that sleep until they are reset, and of which one of a group is awake at a time.
+"""Lazy vector environments: they make their environments at a reset, and one of a group holds them at a time.
 
-An evaluation over all conditions makes all its vector environments before the first episode. Each environment that was
-reset holds a scene of some 25 MB, and one in a process of its own an interpreter too; only one vector environment is at
-work at any time.
+An evaluation over all conditions makes all its vector environments before the first episode, and uses one at a time.
+Each environment that was reset holds a scene of some 25 MB, and in a process of its own an interpreter too.
 """
 
 from __future__ import annotations
@@ -19,56 +18,51 @@ Factory = Callable[[], TaskEnv]
 
 
 class ActiveEnv:
-    """The group of vector environments of which one is awake."""
+    """A group of vector environments, of which one holds its environments."""
 
     def __init__(self) -> None:
-        """Begin with all of them asleep."""
-        self._awake: _LazyVectorEnv | None = None
+        """Begin with no active one."""
+        self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
-        """Send to sleep the one that is awake, unless it is this one."""
-        if self._awake is not None and self._awake is not env:
-            self._awake.close_extras()
-        self._awake = env
+        """Make a vector environment the active one, and close the environments of the one before."""
+        if self._active is not None and self._active is not env:
+            self._active.close_extras()
+        self._active = env
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """What both kinds share: environments are made at a reset, and the end of a nap is that of the whole object."""
+    """What both kinds share: environments are made at the first reset after they were closed."""
 
-    def __init__(self, make: Sequence[Factory], shift: ActiveEnv) -> None:
-        """Remember how the environments are made.
-
-        Args:
-            make: One factory per environment.
-            shift: Group to which the vector environment belongs.
-        """
-        self._make, self._shift, self._asleep = tuple(make), shift, True
+    def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
+        """Prepare; ``group`` is that to which the vector environment belongs."""
+        self._make, self._group, self._empty = tuple(make), group, True
         self.num_envs = len(self._make)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Wake up if need be, and reset all environments."""
-        if self._asleep:
-            self._shift.take(self)
-            self._wake()
-            self._asleep = False
+        """Make the environments if need be, and reset all."""
+        if self._empty:
+            self._group.take(self)
+            self._make_envs()
+            self._empty = False
         return super().reset(seed=seed, options=options)  # type: ignore[arg-type] # both kinds take a list of seeds
 
     def close_extras(self, **how: Any) -> None:  # noqa: ANN401 - Gymnasium's own signature
-        """Free all environments; a reset makes them anew."""
-        if not self._asleep:
+        """Free all environments; a reset makes new ones."""
+        if not self._empty:
             super().close_extras(**how)
-            self._asleep = True
+            self._empty = True
 
-    def _wake(self) -> None:
+    def _make_envs(self) -> None:
         raise NotImplementedError
 
 
 class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray]):
     """Environments in this process."""
 
-    def _wake(self) -> None:
+    def _make_envs(self) -> None:
         SyncVectorEnv.__init__(self, self._make, autoreset_mode=AutoresetMode.SAME_STEP)
 
 
@@ -77,15 +71,15 @@ class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarr
 
     Args:
         make: One factory per environment.
-        shift: Group to which the vector environment belongs.
-        stand_ins: What stands in this process for the environments in the others, for code that looks at ``envs``.
+        group: Group to which the vector environment belongs.
+        stand_ins: Objects in this process for each of the environments in others, for code that reads ``envs``.
     """
 
-    def __init__(self, make: Sequence[Factory], shift: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
-        """Remember how the environments are made."""
-        super().__init__(make, shift)
+    def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
+        """Prepare."""
+        super().__init__(make, group)
         self.envs = list(stand_ins)
 
-    def _wake(self) -> None:
+    def _make_envs(self) -> None:
         # A forked process would share the OpenGL and the threads of this one.
         AsyncVectorEnv.__init__(self, self._make, context="spawn", autoreset_mode=AutoresetMode.SAME_STEP)

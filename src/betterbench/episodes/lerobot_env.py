@@ -1,8 +1,8 @@
 """LeRobot's environment hook: ``make_env`` gives every condition as a vector environment of LeRobot's kind.
 
-``lerobot-eval`` asks the environments themselves for the sentence, and looks at them with ``hasattr``: a wrapper of
-Gymnasium would hide it, and the policy would be told nothing. So these environments are never wrapped. Nothing here
-imports LeRobot; :mod:`betterbench.episodes.envhub` is what LeRobot imports.
+``lerobot-eval`` reads the instruction from the environments themselves, with ``hasattr``. A wrapper of Gymnasium would
+hide it, so these environments are never wrapped. Nothing here imports LeRobot; LeRobot imports
+:mod:`betterbench.episodes.envhub`.
 """
 
 from __future__ import annotations
@@ -76,15 +76,15 @@ def make_env(
         )
     wanted = conditions if conditions is not None else getattr(cfg, "task", None)
     given = {name: value for name in SETTINGS if (value := getattr(cfg, name, None)) is not None} | settings
-    shift = ActiveEnv()
+    group = ActiveEnv()
     envs: dict[str, dict[int, VectorEnv[Any, Any, Any]]] = {}
     for task, name in select_conditions(wanted):
         make = functools.partial(LeRobotTaskEnv, task, variation=name, **given)
-        seen = _Seen(make())  # a wrong setting is told now, not at the first reset
+        seen = _Seen(make())  # a wrong setting is reported now, not at the first reset
         env = (
-            LazyAsyncVectorEnv([make] * n_envs, shift, stand_ins=[seen] * n_envs)
+            LazyAsyncVectorEnv([make] * n_envs, group, stand_ins=[seen] * n_envs)
             if use_async_envs
-            else LazySyncVectorEnv([make] * n_envs, shift)
+            else LazySyncVectorEnv([make] * n_envs, group)
         )
         envs[f"{task}-{name}"] = {0: env}
     return envs

@@ -1,4 +1,4 @@
-"""Every task as LeRobot wants an environment: its observation keys and its attributes."""
+"""Every task as an environment for LeRobot, with its observation keys and attributes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def joint_state(seen: Observation) -> np.ndarray:
 
 
 STATES: Mapping[str, Callable[[Observation], np.ndarray]] = {"ee": ee_state, "joints": joint_state}
-"""The state layouts on offer, by name; both have eight numbers."""
+"""The state layouts by name; both have eight numbers."""
 
 STATE_DIM = 8
 
@@ -74,7 +74,7 @@ class LeRobotTaskEnv(TaskEnv):
         quality: str = "standard",
         render_mode: str | None = "rgb_array",
     ) -> None:
-        """Look everything up; scenes are compiled at reset."""
+        """Check all names; scenes are compiled at reset."""
         super().__init__(
             task,
             variation=variation,

@@ -1,4 +1,4 @@
-"""From a scene to what a policy is allowed to see of it."""
+"""Observations of a scene: what a policy is allowed to see."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Views = Mapping[str, Images]
 
 
 class Observer:
-    """Makes observations and keeps the renderers of the last few models: making one costs tens of milliseconds."""
+    """Makes observations, and keeps the renderers of the last models, because making one takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
         """Prepare for one observation preset.
@@ -34,7 +34,7 @@ class Observer:
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
     def look(self, scene: Scene) -> Views:
-        """Return the images of what is now, by camera.
+        """Return the images of the current state, by camera.
 
         Raises:
             MissingDependencyError: If images are asked for and no off-screen OpenGL works here.
@@ -47,12 +47,7 @@ class Observer:
         return dict(zip(self._names, images, strict=True))
 
     def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return what a policy sees now.
-
-        Args:
-            scene: The scene.
-            state: Its state now.
-            views: Images of this state that :meth:`look` has taken already.
+        """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already.
 
         Raises:
             MissingDependencyError: If images are asked for and no off-screen OpenGL works here.

@@ -1,7 +1,7 @@
 """What policies see and what they may answer: observations, actions and the protocol between them and an episode."""
 
 from betterbench.interface.observation import CameraSpec, Observation, ObservationSpec, observation_spec
-from betterbench.interface.policy import BatchPolicy, EpisodeStart, Execution, Policy, PolicyInfo
+from betterbench.interface.policy import BatchPolicy, EpisodeStart, Execution, Policy, PolicyInfo, episode_number
 
 __all__ = [
     "BatchPolicy",
@@ -12,5 +12,6 @@ __all__ = [
     "ObservationSpec",
     "Policy",
     "PolicyInfo",
+    "episode_number",
     "observation_spec",
 ]

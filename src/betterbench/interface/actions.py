@@ -1,8 +1,4 @@
-"""Action spaces: what the numbers of an action mean, declared as values that both sides of a handshake can compare.
-
-An :class:`ActionSpace` says how many numbers an action has, between which bounds, in which units, and under which
-convention (frame, what a delta is added to, gripper polarity). Policies and environments exchange these declarations
-and stop when they disagree; nothing here moves a robot.
+"""Action spaces: what the numbers of an action mean, as values that both sides of a handshake compare.
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
@@ -58,10 +54,10 @@ class ActionSpace:
     convention: str
 
     def __post_init__(self) -> None:
-        """Check that all parts speak about the same number of components.
+        """Check the bounds and the number of entries.
 
         Raises:
-            InvalidInputError: If they do not, or if a bound is empty or not finite.
+            InvalidInputError: If a part has another number of entries than components, or a bound is not finite.
         """
         where = f"action space {self.name!r}"
         for part in ("units", "low", "high", "scale"):
@@ -94,15 +90,9 @@ class ActionSpace:
         return self.name in {EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name}
 
     def clip(self, action: object) -> np.ndarray:
-        """Return the action as it will be applied: float64 and inside the bounds.
+        """Return the action as it is applied: a new array, (dim,) float64, inside the bounds.
 
         Clipping is idempotent, so a recorded action can be applied again and gives the same bits.
-
-        Args:
-            action: Array or sequence of ``dim`` real numbers.
-
-        Returns:
-            New array, shape (dim,), float64.
 
         Raises:
             InvalidActionError: If the shape or type is wrong or a number is not finite.
@@ -117,7 +107,7 @@ class ActionSpace:
                 f"{self.name} action: its shape is {given.shape}, not ({self.dim},). "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # Plain floats: between two physics steps the caches are cold, and each array operation costs 3 us instead of 1.
+        # Plain floats: between two physics steps the caches are cold, and an array operation takes 3 us instead of 1.
         values: list[float] = given.tolist()
         for i, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
             if not low <= value <= high:
@@ -127,7 +117,7 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Name the components that are not finite.
+        """Raise an error that names the components which are not finite.
 
         Raises:
             InvalidActionError: Always.
@@ -176,7 +166,7 @@ def _as_array(action: object, name: str) -> np.ndarray:
         return np.asarray(action)
     except (TypeError, ValueError) as error:
         raise InvalidActionError(
-            f"{name} action: it is no array of numbers ({error}). Send a flat numpy array."
+            f"{name} action: it is not an array of numbers ({error}). Send a flat numpy array."
         ) from error
 
 

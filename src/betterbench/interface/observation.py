@@ -1,4 +1,4 @@
-"""Observations: what a policy is allowed to see, with every convention declared as a value."""
+"""Observations: what a policy is allowed to see, with every convention as a value."""
 
 from __future__ import annotations
 
@@ -65,10 +65,9 @@ _PRESETS = {
 def observation_spec(name: str) -> ObservationSpec:
     """Return an observation preset by name.
 
-    Args:
-        name: "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's own
-            release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see) or
-            "state_only" (proprioception and the instruction alone).
+    The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's
+    own release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see) and
+    "state_only" (proprioception and the instruction alone).
 
     Raises:
         UnknownNameError: If there is no such preset.
@@ -84,7 +83,7 @@ class Observation:
     """What a policy sees at one control step.
 
     Attributes:
-        instruction: The sentence that says what to do.
+        instruction: What the robot is asked to do.
         step: Control steps taken since reset.
         images: Per camera an upright RGB image, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].

@@ -1,7 +1,8 @@
-"""The one protocol between an episode and a policy that sees only observations."""
+"""The protocol between an episode and a policy that sees only observations."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ class Execution:
     Attributes:
         horizon: Actions of each chunk that are executed before the policy is asked again; None for all of them.
         ahead: Control steps before the end of a chunk at which the next one is asked for, while the rest of the old
-            one is executed. As many actions of the new chunk, whose time has passed by then, are dropped. With 0 the
+            one is executed. As many actions of the new chunk, whose steps have passed by then, are dropped. With 0 the
             simulation waits for every answer.
         ensemble: None, or the rate m of temporal ensembling: the policy is asked at every step, and the action of a
             step is the mean of all that were predicted for it, weighted by exp(-m i) with i = 0 for the oldest
@@ -34,42 +35,48 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Check that the numbers go together.
+        """Check the numbers.
 
         Raises:
             InvalidInputError: If one is out of range, or two exclude each other.
         """
         if self.horizon is not None and self.horizon < 1:
-            raise InvalidInputError("horizon", f"{self.horizon} actions are none", "Give 1 or more")
+            raise InvalidInputError(
+                "horizon", f"{self.horizon} is out of range", "The execution horizon must be at least 1"
+            )
         if self.ahead < 0 or (self.horizon is not None and self.ahead >= self.horizon):
             raise InvalidInputError(
-                "ahead", f"{self.ahead} steps are not within a chunk", "Give 0 or more, and less than the horizon"
+                "ahead", f"{self.ahead} is out of range", "It must be ≥ 0 and less than the horizon"
             )
         if self.ensemble is not None and not math.isfinite(self.ensemble):
             raise InvalidInputError("ensemble", f"{self.ensemble:g} is out of range", "Give a rate; 0.01 is usual")
         if self.ensemble is not None and (self.ahead or self.horizon is not None):
             raise InvalidInputError(
-                "ensemble", "it asks at every step, so no horizon and no ahead go with it", "Give one or the other"
+                "ensemble", "asks at every step, so it excludes horizon and ahead", "Give one or the other"
             )
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """What a policy is told when an episode begins.
+    """What a policy is told when an episode begins: nothing that tells a test condition from a training condition.
 
     Attributes:
-        instruction: The sentence that says what to do.
-        seed: Seed for a policy that draws random numbers; the same for a trial and its twin.
+        instruction: What the robot is asked to do.
+        episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
         action_space: Name of the action space in force ("ee_delta").
-        task: Task id, for a policy that mirrors the scene (a served expert). No adapter of a real policy sends it.
-        condition: Name of the condition, likewise.
     """
 
     instruction: str
-    seed: int
+    episode: int
     action_space: str
-    task: str = ""
-    condition: str = ""
+
+
+def episode_number(seed: int) -> int:
+    """Return the number of an episode as policies see it, from 0 to 2**31 - 1.
+
+    A trial and its twin have the same number. It is a hash of the trial's seed, because the seed is part of its name.
+    """
+    return int.from_bytes(hashlib.sha256(f"betterbench episode {seed}".encode()).digest()[:4], "big") >> 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,11 +86,11 @@ class PolicyInfo:
     Attributes:
         name: Address by which the policy was asked for.
         action_space: Action space in which it answers.
-        needs_images: False if it never looks at a image, so that none are rendered for it.
-        metadata: Free text pairs (checkpoint, revision, server); a dictionary of its own is made of them.
+        needs_images: False if it uses no image, so that none is rendered for it.
+        metadata: Texts by name (checkpoint, revision, server); they are copied.
         execution: How its chunks are played.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
-            batches (:class:`BatchPolicy`); if not, there is one worker unless more are asked for.
+            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are asked for.
     """
 
     name: str
@@ -94,7 +101,7 @@ class PolicyInfo:
     heavy: bool = False
 
     def __post_init__(self) -> None:
-        """Check what a user's class says, before a run is made of it.
+        """Check the types, because users write their own.
 
         Raises:
             InvalidInputError: If something is of the wrong type.
@@ -110,9 +117,9 @@ class PolicyInfo:
                 raise InvalidInputError(
                     f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
                 )
-        # Any mapping will do for a user, and not every one of them can be sent to another process.
+        # Not every kind of mapping can be sent to another process.
         object.__setattr__(self, "metadata", dict(self.metadata))
-        if self.action_space:  # that of a replay is known when its trial is
+        if self.action_space:  # empty for a replay, whose records name theirs
             action_space(self.action_space)
 
 
@@ -127,30 +134,15 @@ class Policy(Protocol):
         """Forget the last episode and prepare for the next one."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions.
-
-        Args:
-            observation: What is seen now.
-
-        Returns:
-            (horizon, dim) array of actions to execute one after the other, or (dim,) for one action.
-        """
+        """Return the next actions: (horizon, dim), to execute one after the other, or (dim,) for one action."""
 
 
 @runtime_checkable
 class BatchPolicy(Policy, Protocol):
-    """A policy that answers many observations at once.
+    """A policy that answers the observations of many environments at once.
 
-    Its answers depend on each observation alone, so that one instance serves many environments; ``reset`` is called
-    when an episode begins in any of them.
+    Each answer depends on its observation alone. ``reset`` is called when an episode begins in any environment.
     """
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
-        """Return the next actions of several environments.
-
-        Args:
-            observations: What each of them sees now; one or more.
-
-        Returns:
-            One array per observation, in their order, each as :meth:`Policy.act` returns it.
-        """
+        """Return one array per observation, in their order, each as :meth:`Policy.act` returns it."""

@@ -29,32 +29,21 @@ from betterbench.policies.presets import NATIVE, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+from betterbench.tasks import TrialId
 
 _LONGEST_REASON = 20_000
 
 
 class OpenpiClient(ServerClient[WebSocket]):
-    """A policy behind openpi's protocol; each environment has a client of its own.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the server declares.
-        last_reply: What it answered last, apart from the actions: its timing, for instance.
-    """
+    """A policy behind openpi's protocol; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        """Connect and compare conventions.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it declares other conventions than the address asks for.
-            InvalidInputError: If neither side says which images and state the policy wants.
-            UnknownNameError: If a name in the address does not exist.
-        """
         # What is wrong with the address itself is told before anybody is dialed.
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._start: EpisodeStart | None = None
+        self._trial: TrialId | None = None
+        self._serves_expert = False
         self._server_s = 0.0
         self._chosen: Adapter | None = None  # at the first handshake
         self.last_reply: dict[str, Any] = {}
@@ -78,22 +67,18 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; the server is not told, the protocol has no word for it.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-        """
+        """Begin an episode; the server is not told, the protocol has no word for it."""
         super().reset(start)
         self._start, self._server_s = start, 0.0
 
-    def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
+    def name_trial(self, trial: TrialId) -> None:
+        """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
+        self._trial = trial
 
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
-        frame = encode_openpi(self.adapter.request(observation, self._start))
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64."""
+        trial = self._trial if self._serves_expert else None
+        frame = encode_openpi(self.adapter.request(observation, self._start, trial))
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
@@ -129,6 +114,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._execution = read_execution(self._where, declared) or Execution()
         # A process of this run: what it says of the policy goes to the record, whoever asked where.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
+        self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
         if adapter is None:
             adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)

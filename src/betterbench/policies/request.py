@@ -1,7 +1,7 @@
 """Requests as our server reads them: an observation in one of two layouts, checked field by field.
 
-The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds and names its trial. The LIBERO
-layout of openpi is what other people's clients send: two images, eight numbers and the sentence. Nothing in it tells
+The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds. The LIBERO
+layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
 the joint angles; they are NaN then, which no policy can take for a measurement.
 """
 
@@ -16,7 +16,8 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import from_axis_angle
-from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface import EpisodeStart, Observation, episode_number
+from betterbench.tasks import TrialId
 
 NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
@@ -30,9 +31,10 @@ class Request:
     """One question of a client.
 
     Attributes:
-        instruction: The sentence.
+        instruction: The instruction.
         step: Control steps since reset, or None where the client does not say.
-        start: The trial, or None where the client names none.
+        start: How the episode began, or None where the client does not say.
+        trial: The trial, where the client names it, which only a served expert asks for.
         observation: What the client sees, or None where it sends neither joints nor state.
         measured: True if the observation holds the joint angles, so that two sides can compare their states.
     """
@@ -40,24 +42,23 @@ class Request:
     instruction: str
     step: int | None
     start: EpisodeStart | None
+    trial: TrialId | None
     observation: Observation | None
     measured: bool
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request.
-
-    Raises:
-        InvalidInputError: If a field is missing or malformed; the text names it.
-    """
+    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
         instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
     if not isinstance(instruction, str) or not instruction.strip():
-        raise InvalidInputError("prompt", "the sentence is missing", "Send what the robot shall do as a string")
+        raise InvalidInputError("prompt", "the instruction is missing", "Send what the robot shall do as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
-    start = None if "better/episode" not in message else _start(message["better/episode"], instruction)
+    start, trial = None, None
+    if "better/episode" in message:
+        start, trial = _episode(message["better/episode"], instruction)
     native = any(key.startswith("better/joint") for key in message)
     if native:
         observation: Observation | None = _native(message, instruction, step or 0)
@@ -65,29 +66,34 @@ def read_request(message: Mapping[Any, Any]) -> Request:
         observation = _libero(message, instruction, step or 0)
     else:
         observation = None
-    return Request(instruction, step, start, observation, native)
+    return Request(instruction, step, start, trial, observation, native)
 
 
-def _start(form: object, instruction: str) -> EpisodeStart:
-    """Return the trial that a client names."""
+def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
+    """Return how the episode of a client began, and its trial if the client names one."""
     if not isinstance(form, Mapping):
         raise InvalidInputError(
-            "better/episode", f"it is a {type(form).__name__}", "Send a map with task and condition"
+            "better/episode", f"it is a {type(form).__name__}", "Send a map with action_space and episode"
         )
-    texts = {}
-    for key in ("task", "condition", "action_space"):
-        value = form.get(key)
-        if not isinstance(value, str):
-            raise InvalidInputError(f"better/episode: {key}", "it is no string", "Send the name as a string")
-        texts[key] = value
-    said = form.get("instruction", instruction)
-    return EpisodeStart(
-        said if isinstance(said, str) else instruction,
-        _whole(form.get("seed"), "better/episode: seed"),
-        texts["action_space"],
-        task=texts["task"],
-        condition=texts["condition"],
+    trial = None
+    if {"task", "condition", "seed"} & set(form):
+        seed = _whole(form.get("seed"), "better/episode: seed")
+        trial = TrialId(_name(form, "task"), _name(form, "condition"), seed)
+    number = form.get("episode", None if trial is None else episode_number(trial.seed))
+    given = form.get("instruction", instruction)
+    start = EpisodeStart(
+        given if isinstance(given, str) else instruction,
+        _whole(number, "better/episode: episode"),
+        _name(form, "action_space"),
     )
+    return start, trial
+
+
+def _name(form: Mapping[Any, Any], key: str) -> str:
+    value = form.get(key)
+    if not isinstance(value, str):
+        raise InvalidInputError(f"better/episode: {key}", "it is not a string", "Send the name as a string")
+    return value
 
 
 def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
@@ -131,7 +137,7 @@ def _whole(value: object, where: str) -> int:
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
-        raise InvalidInputError(where, f"{str(value)[:40]!r} is no whole number from 0", "Send an integer")
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is not a whole number from 0", "Send an integer")
     return int(value)
 
 

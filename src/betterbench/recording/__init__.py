@@ -9,6 +9,7 @@ from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
 from betterbench.recording.parquet import read_outcome, read_record, record_bytes, write_record
 from betterbench.recording.record import Record
+from betterbench.recording.retries import RetryLedger
 from betterbench.recording.run import RunFolder, first_difference
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Record",
     "RecordBuilder",
     "RecordMetadata",
+    "RetryLedger",
     "RunFolder",
     "RunLock",
     "Status",

@@ -77,7 +77,6 @@ class Journal(LineJournal):
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the journal."""
         self._entries: dict[TrialId, JournalEntry] = {}
         super().__init__(path)
 

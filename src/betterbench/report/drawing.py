@@ -105,9 +105,7 @@ class Chart:
 
     Attributes:
         name: File name without its ending.
-        title: Heading.
         caption: What is shown, one or two sentences.
-        groups: Bars or stacks.
         scale: Horizontal scale of bars; stacks fill their width.
         key: Class and name of every style that needs a legend.
     """

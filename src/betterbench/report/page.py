@@ -33,7 +33,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """One line of a table of settings: a name and its value per policy, or one value if all agree."""
+    """One line of a table of settings: its value per policy, or one value if all agree."""
 
     name: str
     values: tuple[str, ...]

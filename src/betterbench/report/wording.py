@@ -18,17 +18,15 @@ THIN = "\N{NARROW NO-BREAK SPACE}"
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A number ready for a page, a CSV file or LaTeX; all fractions.
+    """A number ready for a page, a CSV file or LaTeX: all fractions, None where there is no such number.
 
     Attributes:
-        value: The number, or None if there is none.
-        low: Lower end of the 95 % interval, or None.
-        high: Upper end of the 95 % interval, or None.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
         k: Numerator, or None where the number is no single rate.
         n: Denominator, or pairs; None where the number has none by nature (a guess).
         difference: True for differences of rates, which are said in points and with their sign.
         noun: What is counted ("trials", "pairs", "attempts").
-        p_value: Of the test, where there is one.
     """
 
     value: float | None = None

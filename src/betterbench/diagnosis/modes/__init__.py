@@ -1,6 +1,6 @@
 """The failure modes, one file each: every file of this folder registers itself.
 
-Users' files and installed packages register theirs as they do tasks and assets (``tasks.user_files``).
+Installed packages and task files add their own (see :mod:`betterbench.tasks.user_files`).
 """
 
 import importlib

@@ -1,1 +1,1 @@
-"""Figures and films of scenes and records."""
+"""Images of scenes and films of records."""

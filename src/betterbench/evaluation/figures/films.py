@@ -1,4 +1,4 @@
-"""Films: images of recorded states, made after the run from the records alone."""
+"""Films: images of recorded states, rendered after the run from the records alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.scenes.stage import quality_preset
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to take.
+    """One image to render.
 
     Attributes:
         task: Task id.
@@ -47,11 +47,11 @@ def render_shots(
 
     Args:
         run: The run.
-        shots: Images to take; they are grouped by scene, so that each model is loaded once.
+        shots: Images to render; they are grouped by scene, so that each model is loaded once.
         camera: Name of the camera.
         size: Side of the images [pixel].
         quality: Name of the render preset.
-        on_progress: Told (done, planned).
+        on_progress: Called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -94,7 +94,7 @@ def write_video(
         seed: Seed.
         camera: Name of the camera.
         size: Side of the images [pixel], even.
-        out: Where to write it; a place in the run's folder if not given.
+        out: File to write; by default a file in the run's folder.
 
     Returns:
         The file, H.264 in MP4.
@@ -128,7 +128,7 @@ def write_video(
 
 
 def probe_encoder() -> str:
-    """Encode a tiny video in memory and return what was written; anything that is missing raises."""
+    """Encode a small video in memory and return its format; an encoder that is missing raises."""
     buffer = io.BytesIO()
     with av.open(buffer, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=20)

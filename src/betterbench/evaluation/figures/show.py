@@ -1,4 +1,4 @@
-"""Images of conditions: a training scene beside the test scene that an intervention makes of it."""
+"""Images of conditions: a training scene beside the test scene of a variation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
+from betterbench.interventions import resolve_condition
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, get_task
@@ -21,15 +21,7 @@ _PAPER, _INK, _SOFT = (250, 250, 248), (28, 28, 30), (110, 110, 116)
 def show_condition(
     task: Task, condition: Condition, *, seed: int, size: int, outlined: Sequence[str] = ()
 ) -> Image.Image:
-    """Return the front view of a condition at reset.
-
-    Args:
-        task: The task.
-        condition: The condition.
-        seed: Seed.
-        size: Side of the image [pixel].
-        outlined: Names of objects to outline.
-    """
+    """Return the front view of a condition at reset, ``size`` pixels wide and high, with some objects outlined."""
     scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("high"))
     with Renderer(scene.model, width=size, height=size, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front", masks=True)
@@ -53,10 +45,10 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     """
     task = get_task(task_id)
     variation = task.variation(name)
-    base = task.train(variation.base)
-    test, changes = vary(task, variation)
-    left = show_condition(task, base, seed=seed, size=size, outlined=sorted(changes.objects))
-    right = show_condition(task, test, seed=seed, size=size, outlined=sorted(changes.objects))
+    base, found = task.train(variation.base), resolve_condition(task_id, name)
+    test, outlined = found.condition, sorted(found.changes.objects)
+    left = show_condition(task, base, seed=seed, size=size, outlined=outlined)
+    right = show_condition(task, test, seed=seed, size=size, outlined=outlined)
     # The built-in font has no arrows.
     head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
     return _side_by_side(
@@ -70,7 +62,7 @@ def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Imag
     """Return all training conditions of a task side by side."""
     task = get_task(task_id)
     panels = [(c.name, c.instruction.text, show_condition(task, c, seed=seed, size=size)) for c in task.training]
-    return _side_by_side(f"{task.title} · training regime", *panels)
+    return _side_by_side(f"{task.title} · training distribution", *panels)
 
 
 def _outline(rgb: np.ndarray, mask: np.ndarray, width: int) -> np.ndarray:

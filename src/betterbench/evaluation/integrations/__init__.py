@@ -1,1 +1,1 @@
-"""Our tasks inside other evaluation harnesses."""
+"""The tasks as benchmarks of other evaluation harnesses."""

@@ -1,4 +1,4 @@
-"""Our tasks for vla-evaluation-harness: ``vla-eval run`` plays them, and ``better report`` tells why a policy failed.
+"""The tasks as a benchmark of vla-evaluation-harness: ``vla-eval run`` plays them, ``better report`` explains.
 
 The harness owns the loop, the model server and its own result file; beside them a run folder is written, with the
 records of ``better eval``. Every condition of a task is a task of the harness, and its episode i is the trial with seed
@@ -35,7 +35,7 @@ from betterbench.interface.actions import action_space
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.presets import PRESETS, VLA_EVAL, preset
 from betterbench.recording import Outcome
-from betterbench.tasks import get_task
+from betterbench.tasks import TrialId, get_task
 
 try:
     from vla_eval.benchmarks.base import StepBenchmark, StepResult
@@ -52,23 +52,22 @@ from betterbench.evaluation.integrations.vla_eval_specs import action_specs, obs
 logger = logging.getLogger(__name__)
 
 ADDRESS = "vla-eval:"
-"""What stands before the name of a policy that the harness asks, in records and reports."""
+"""Prefix of the name of a policy that the harness asks, in records and reports."""
 
 
 class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no type information
     """The suite, or some of its conditions, as one benchmark of the harness.
 
     Args:
-        run: Folder of the run; one that was interrupted is continued: trials that are done are not played again, but
-            told from their records.
-        policy: Name of the policy in the report, "pi0-libero" for instance: no benchmark is told whom the harness
-            asks.
+        run: Folder of the run; an interrupted one is resumed: the result of a trial that is done is read from its
+            record.
+        policy: Name of the policy in the report ("pi0-libero"); the harness does not tell a benchmark its policy.
         conditions: Tasks ("fast_food": all its conditions) and conditions ("fast_food/T1", "fast_food/train1"), in a
             list or one text separated by commas; default the whole suite better60.
         trials: Trials per condition; the same number as ``episodes_per_task``.
         seed: First seed.
-        adapter: Name of an adapter's preset, or a JSON file: what the model server is shown and how it answers.
-        cameras: Which of our cameras stands for one of the adapter's ({"images/agentview": "left_shoulder"}).
+        adapter: Name of an adapter's preset, or a JSON file: what the model server gets and how it answers.
+        cameras: Our camera for one of the adapter's keys ({"images/agentview": "left_shoulder"}).
         observation: Name of an observation preset; "state_only" renders nothing.
         quality: Name of a render preset.
         send_wrist_image: True to send the wrist camera too; model servers ask for it by themselves.
@@ -90,7 +89,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             InvalidInputError: If EGL has been loaded already, which rules out OSMesa.
         """
         if mode == "cpu" and "mujoco.egl" in sys.modules:
-            raise InvalidInputError("render", "EGL has been loaded before cpu was asked for", "Unset MUJOCO_GL")
+            raise InvalidInputError("render", "EGL was loaded before cpu was chosen", "Unset MUJOCO_GL")
         applied: dict[str, str] = configure_mujoco_render(mode)
         return applied
 
@@ -114,7 +113,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         """Look everything up; the run folder is made when the first episode begins."""
         super().__init__()
         if not quat_no_antipodal:
-            raise InvalidInputError("quat_no_antipodal", "false is not offered", "Leave it out")
+            raise InvalidInputError("quat_no_antipodal", "must be true", "Leave it out")
         self._recorder = NullEpisodeRecorder()
         self.adapter = _shaped(
             preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
@@ -144,8 +143,8 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         self._run: ExternalRun | None = None
         self._seen: Observation | None = None
         self._current: Trial | None = None
-        self._told: Outcome | None = None
-        self._going = False
+        self._outcome: Outcome | None = None
+        self._in_episode = False
 
     def get_tasks(self) -> list[dict[str, Any]]:
         """Return every condition as a task of the harness: named "fast_food/T1", in the suite "fast_food"."""
@@ -167,15 +166,15 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             RecordingError: If the run has to stop: the disk is full, or the folder holds another run.
         """
         trial = self._current = self._trial(task)
-        self._told = None
-        with _stopping():
+        self._outcome = None
+        with _stop_run():
             run = self._open()
             if run.is_done(trial):
-                self._told = run.outcome(trial)
-                logger.warning("%s seed %d is done: its record is told, not played again", task["name"], trial.seed)
+                self._outcome = run.outcome(trial)
+                logger.warning("%s seed %d is done: its result is that of its record", task["name"], trial.seed)
             self._seen = run.begin(trial)
-        self._going = True
-        self._film()
+        self._in_episode = True
+        self._record_image()
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
@@ -187,16 +186,16 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             action: The reply.
 
         Raises:
-            InvalidInputError: If no episode is going.
+            InvalidInputError: If there is no current episode.
             RecordingError: If the run has to stop.
         """
         run, seen = self._run, self._seen
         if run is None or seen is None:
-            raise InvalidInputError("step", "no episode is going", "Call reset first")
+            raise InvalidInputError("step", "there is no current episode", "Call reset first")
         after: Observation | None = None
         played: np.ndarray | None = None
-        if self._told is None:
-            with _stopping():
+        if self._outcome is None:
+            with _stop_run():
                 try:
                     actions = self.adapter.actions(action, seen)
                 except PolicyError as problem:
@@ -204,12 +203,12 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
                 else:
                     after = run.act(actions[0] if len(actions) == 1 else actions)
                     played = actions[0].astype(np.float32)
-        self._going = after is not None
+        self._in_episode = after is not None
         if after is None:
             result = self._end()
         else:
             self._seen = after
-            self._film()
+            self._record_image()
             result = StepResult(obs=after, reward=0.0, done=False, info={"step": after.step})
         if played is not None:
             won = result.reward > 0.0
@@ -217,7 +216,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return result
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """Return the message for the model server: images, sentence and, if asked for, the state.
+        """Return the message for the model server: images, instruction and, if asked for, the state.
 
         Args:
             raw_obs: What is seen.
@@ -229,12 +228,12 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Return how the episode went.
 
-        An episode that the harness ends before its time (``max_steps``) failed for the harness; for the report it has
-        not been played, since the policy might have succeeded yet.
+        An episode that the harness cuts short (``max_steps``) failed for the harness. For the report it has not been
+        played, because the policy might still have succeeded.
         """
-        if self._going and self._run is not None:
-            self._going = False
-            with _stopping():
+        if self._in_episode and self._run is not None:
+            self._in_episode = False
+            with _stop_run():
                 self._run.abandon(f"the harness ended the episode at step {step_result.info.get('step', 0)}")
             return {"success": False, "policy_error": False, "cut_short": True}
         outcome = step_result.info.get("outcome")
@@ -246,17 +245,17 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:
-        """Return what the tasks take."""
+        """Return the format of actions."""
         return action_specs(self.adapter.answer)
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        """Return what the tasks give."""
+        """Return the format of observations."""
         return observation_specs(self.adapter)
 
     def get_metadata(self) -> dict[str, Any]:
-        """Return what the harness needs to know: leave its ``max_steps`` out, and episodes end by themselves."""
+        """Return the limits of the suite; episodes end by themselves if the harness's ``max_steps`` is left out."""
         conditions = {(t.task, t.condition): t for t in self.plan.trials}
-        limits = [task.step_limit(condition) for task, condition, _ in (t.resolve() for t in conditions.values())]
+        limits = [found.task.step_limit(found.condition) for found in (t.resolve() for t in conditions.values())]
         return {
             "suite": "better60",
             "max_steps": max(limits),
@@ -279,14 +278,14 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             return {key[-1]: np.zeros(count, dtype=np.float32) for key, count in columns.items()}
         if last_action is not None and neutral is None:
             return last_action
-        raise NotImplementedError("the live mode needs an action that holds still, which this adapter has not")
+        raise NotImplementedError("the live mode needs an action that holds still, and this adapter has none")
 
     def render(self) -> np.ndarray | None:
         """Return the first image of what is seen."""
         return None if self._seen is None else next(iter(self._seen.images.values()), None)
 
     def cleanup(self) -> None:
-        """Give up what is going, and free the renderers."""
+        """Abandon the current episode, and free the renderers."""
         if self._run is not None:
             self._run.close()
             self._run = None
@@ -305,11 +304,11 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
     def _trial(self, task: dict[str, Any]) -> Trial:
         episode = int(task.get("episode_idx", 0))
         for trial in self.plan.trials:
-            if (trial.task, trial.condition, trial.seed) == (task["suite"], task["condition"], self._seed + episode):
+            if trial.id == TrialId(task["suite"], task["condition"], self._seed + episode):
                 return trial
         raise InvalidInputError(
             "episodes_per_task",
-            f"episode {episode} of {task['name']} is none of the {self._trials} trials of the plan",
+            f"episode {episode} of {task['name']} is not among the {self._trials} trials of the plan",
             f"Give both the same number: params.trials: {episode + 1}",
         )
 
@@ -317,16 +316,16 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         """Return the result of the episode that has just ended.
 
         Raises:
-            PolicyError: If it broke down on our side; the harness lists it as an error, and it is to be run again.
+            PolicyError: If the trial broke down in this package; the harness lists an error, and a new run repeats it.
         """
-        outcome, run, trial = self._told, self._run, self._current
+        outcome, run, trial = self._outcome, self._run, self._current
         if outcome is None and run is not None and trial is not None and run.entry is not None:
             if run.entry.status == "error":
                 raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed}: {run.entry.message}")
             outcome = run.outcome(trial)
         return StepResult(obs=self._seen, reward=float(_won(outcome)), done=True, info={"outcome": outcome})
 
-    def _film(self) -> None:
+    def _record_image(self) -> None:
         image = self.render()
         if image is not None:
             self._recorder.record_video(image)
@@ -337,10 +336,10 @@ def _won(outcome: Outcome | None) -> bool:
 
 
 @contextmanager
-def _stopping() -> Iterator[None]:
+def _stop_run() -> Iterator[None]:
     """Stop the whole evaluation where every further episode would fail alike.
 
-    The harness isolates what an episode raises and goes on; this error it lets through.
+    The harness catches what an episode raises and goes on; only this error passes.
 
     Raises:
         RecordingError: If the disk is full, the folder holds another run or a scene breaks its premise.

@@ -1,4 +1,4 @@
-"""What our tasks declare to vla-evaluation-harness: formats of actions and observations, in its own words."""
+"""What the tasks declare to vla-evaluation-harness: formats of actions and observations, as it names them."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ _STATES = {
 
 
 def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
-    """Return what the tasks take, by component.
-
-    Args:
-        answer: How answers are read. Formats for which the harness has no word are told under our own name.
-    """
+    """Return the format of actions by component; a format that the harness does not know has our own name."""
     space = action_space(answer.space)
     text = space.convention
     if answer.as_is or answer.space.startswith("joint"):
@@ -48,11 +44,7 @@ def action_specs(answer: AnswerRule) -> dict[str, DimSpec]:
 
 
 def observation_specs(adapter: Adapter) -> dict[str, DimSpec]:
-    """Return what the tasks give, by component: images by camera, the sentence, the state if it is sent.
-
-    Args:
-        adapter: What the policy is shown.
-    """
+    """Return the format of observations by component: images by camera, the instruction, the state if it is sent."""
     found = {view.key[-1]: specs.IMAGE_RGB for view in adapter.views}
     found["language"] = specs.LANGUAGE
     for i, rule in enumerate(adapter.states):

@@ -1,1 +1,1 @@
-"""What a run is: its plan, its manifest, and the machine that carries it out."""
+"""What a run is: its plan, the manifest written when it starts, and how the plan of another run is repeated."""

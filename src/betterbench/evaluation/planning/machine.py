@@ -1,4 +1,4 @@
-"""The machine a run is made on, read from files of the system: nothing is started and no other program is asked."""
+"""The machine a run is made on, read from files of the system without starting another program."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")
 _MAX_FILE_BYTES = 1 << 20
 _DISTRIBUTION = "betterbench"
-_LEFT_OUT = "dev"  # what tests and linters need decides about no result
+_LEFT_OUT = "dev"  # results do not depend on what tests and linters need
 
 
 def describe_machine() -> dict[str, object]:
-    """Return processor, memory and graphics cards, as far as the system tells."""
+    """Return processor, memory and graphics cards, as far as the system shows them."""
     model = re.search(r"^model name\s*:\s*(.+)$", _read(Path("/proc/cpuinfo")), re.MULTILINE)
     return {
         "architecture": platform.machine(),
@@ -34,7 +34,7 @@ def describe_machine() -> dict[str, object]:
 def describe_renderer() -> dict[str, str]:
     """Return the fingerprint of the renderer, or why there is none.
 
-    This makes the OpenGL context of the process, so it belongs to the thread that renders.
+    This makes the OpenGL context of the process, so call it in the thread that renders.
     """
     try:
         return renderer_fingerprint()
@@ -60,17 +60,13 @@ def package_lock() -> list[str]:
 
 
 def source_revision(folder: Path) -> str | None:
-    """Return the git revision that a folder stands at, or None if it belongs to no repository.
-
-    Args:
-        folder: The folder.
-    """
-    for place in (folder, *folder.parents):
-        link = place / ".git"
+    """Return the git revision of a folder, or None if it belongs to no repository."""
+    for parent in (folder, *folder.parents):
+        link = parent / ".git"
         if link.exists():
             home = link
             if link.is_file():  # a worktree or a submodule
-                home = place / _read(link).removeprefix("gitdir:").strip()
+                home = parent / _read(link).removeprefix("gitdir:").strip()
             return _head(home)
     return None
 
@@ -89,7 +85,7 @@ def _head(home: Path) -> str | None:
 
 
 def _required(distribution: importlib.metadata.Distribution, *, extras: bool) -> list[str]:
-    """Return the names of what a distribution requires; of its extras too if wanted, but for those of developers."""
+    """Return the names of what a distribution requires, with all its extras but the developers' one if wanted."""
     names = []
     for requirement in distribution.requires or ():
         found = _NAME.match(requirement)

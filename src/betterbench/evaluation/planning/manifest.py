@@ -1,8 +1,7 @@
-"""The manifest of a run: what else is known when it starts, besides the plan that makes it what it is.
+"""The manifest of a run: what is known when it starts, besides its plan.
 
-Everything here goes to ``context`` of ``run.json``. Another machine may go on with a run, so none of it is compared
-when a run is resumed, with one exception: the policy. A server that declares something else than when the run began
-(another checkpoint behind the same address) would put two policies into one run.
+It goes to ``context`` of ``run.json``. Another machine may resume a run, so none of it is compared then, except
+what the policy declares: another checkpoint behind the same address would put two policies into one run.
 """
 
 from __future__ import annotations
@@ -62,16 +61,12 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "conventions": run_conventions(plan),
         "policy": dict(policy),
     }
-    plain: dict[str, Any] = json.loads(dump_json(context))  # lists for tuples, as a reader of the file finds them
+    plain: dict[str, Any] = json.loads(dump_json(context))  # tuples become lists, as in the file
     return plain
 
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
-    """Return every convention in force, those that were chosen and those that are always so.
-
-    Args:
-        plan: The plan.
-    """
+    """Return every convention in force, those of the plan and the fixed ones."""
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),
@@ -87,12 +82,7 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
-    """Return what a policy declares, as JSON: its conventions, its adapter, and what its server said.
-
-    Args:
-        address: Its address.
-        info: What it says about itself. Metadata that are JSON documents (adapter, handshake) are stored as such.
-    """
+    """Return what a policy declares, as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
     return {
         "address": address,
         "name": info.name,
@@ -105,16 +95,11 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return in what a policy is not the one of a run, with both values, or None if it is or nothing is known.
-
-    Args:
-        run: The run.
-        policy: What the policy declares now.
-    """
+    """Return what a policy declares otherwise than for a run, with both values; None if nothing or unknown."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):
-        return None  # begun before policies were described
+        return None  # made before runs described their policy
     difference = first_difference(known, json.loads(dump_json(policy)), "policy")
     if difference is None:
         return None
@@ -123,18 +108,15 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy is the one that the run began with.
+    """Check that the policy declares what it declared when the run began, and return the run.
 
     Args:
         run: The run, just started or resumed.
         policy: What the policy declares now.
         allow_changed: True to go on with another one; the change is then noted in the run.
 
-    Returns:
-        The run, with the note if there is one.
-
     Raises:
-        RunConflictError: If it declares something else and that is not allowed; the text names both.
+        RunConflictError: If it declares something else and that is not allowed; the text names both values.
     """
     difference = policy_difference(run, policy)
     if difference is None:
@@ -142,7 +124,7 @@ def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: boo
     if not allow_changed:
         raise RunConflictError(
             f"{run.path}: the policy at {policy.get('address')} is not the one that this run was made with: "
-            f"{difference}. Bring the first one back, choose another folder, or give --allow-changed-policy to go on "
+            f"{difference}. Start the first one again, choose another folder, or give --allow-changed-policy to go on "
             "with both in one run."
         )
     entry = {
@@ -155,12 +137,7 @@ def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: boo
 
 
 def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
-    """Return a value as JSON of bounded size: arrays become lists if they are short, and fingerprints if not.
-
-    Args:
-        value: What a server declares.
-        depth: How deep it lies in what was declared.
-    """
+    """Return what a server declares as JSON of bounded size: short arrays become lists, long ones fingerprints."""
     plain = _plain(value, depth)
     if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
         return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}

@@ -1,25 +1,30 @@
-"""The plan of a run: which trials, under which conventions. It is written before the first trial starts."""
+"""The plan of a run: its trials and the conventions they run under. It is written before the first trial starts."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 import betterbench
 from betterbench.errors import InvalidInputError
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space as action_space_named
-from betterbench.interventions import vary
+from betterbench.interventions import ResolvedCondition, resolve_condition
+from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import SUITE_VERSION, Condition, Task, get_task, suite_tasks
+from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, Variation, get_task, suite_tasks
 from betterbench.tasks.user_files import origins_of
 
 PLAN_VERSION = 1
 
 
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Trial:
     """One planned trial.
@@ -31,7 +36,7 @@ class Trial:
         axis: Axis of the variation, or None.
         base_condition: Training condition a variation is derived from, or None.
         seed: Seed.
-        expected: What a right policy does.
+        expected: What a correct policy does.
     """
 
     task: str
@@ -39,21 +44,22 @@ class Trial:
     variation: str | None
     axis: str | None
     base_condition: str | None
-    seed: int
+    seed: Annotated[int, Field(ge=0)]
     expected: str
 
-    def resolve(self) -> tuple[Task, Condition, tuple[str, ...]]:
-        """Return the task, the condition and the interventions as text."""
-        task = get_task(self.task)
-        if self.variation is None:
-            return task, task.train(self.condition), ()
-        variation = task.variation(self.variation)
-        return task, vary(task, variation)[0], tuple(str(i) for i in variation.interventions)
+    @property
+    def id(self) -> TrialId:
+        """Task, condition and seed."""
+        return TrialId(self.task, self.condition, self.seed)
+
+    def resolve(self) -> ResolvedCondition:
+        """Return the condition that the trial is run under."""
+        return resolve_condition(self.task, self.condition)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything that makes a run what it is; the same plan resumes it, another one is refused.
+    """What a run evaluates, and how. The same plan resumes a run; another plan is refused.
 
     Attributes:
         policy: Address of the policy.
@@ -72,7 +78,7 @@ class Plan:
     robot: str = "panda"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every version and convention that decides about results."""
+        """Return the JSON form, with every version and convention that results depend on."""
         return {
             "plan_version": PLAN_VERSION,
             "package_version": betterbench.__version__,
@@ -104,8 +110,8 @@ def make_plan(
     """Return the plan of a run.
 
     Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
-    many trials in all as its variations, evenly shared. The first of them are the twins of the variations. A plan of
-    some variations holds no trial that the plan of all of them does not hold: what certifies the one covers the other.
+    many trials in all as its variations, evenly shared. The first of them are the twins of the variations. Every trial
+    of a plan of some variations is also in the plan of all variations, so one certificate covers both.
 
     Args:
         policy: Address of the policy.
@@ -122,9 +128,9 @@ def make_plan(
         UnknownNameError: If a name is unknown.
     """
     if trials < 1:
-        raise InvalidInputError("--trials", f"{trials} is not positive", "Give at least 1")
+        raise InvalidInputError("--trials", f"{trials} is out of range", "It must be ≥ 1")
     if seed < 0:
-        raise InvalidInputError("--seed", f"{seed} is negative", "Give 0 or more")
+        raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
     action_space_named(action_space)
     observation_spec(observation)
     quality_preset(quality)
@@ -139,19 +145,43 @@ def make_plan(
         training = [c for c in task.training if not variations or c.name in bases]
         whole = math.ceil(len(task.variations) * trials / len(task.training))
         share = min(math.ceil(len(kept) * trials / len(training)), max(whole, trials))
-        for v in kept:
-            planned += [
-                Trial(task.id, v.name, v.name, v.axis.value, v.base, s, v.expected.value)
-                for s in range(seed, seed + trials)
-            ]
-        for c in training:
-            planned += [
-                Trial(task.id, c.name, None, None, None, s, c.expected.value)
-                for s in range(seed, seed + max(share, trials))
-            ]
+        planned += [_trial(task, v, s) for v in kept for s in range(seed, seed + trials)]
+        planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
     if not planned:
         raise InvalidInputError("--variations", f"{', '.join(variations)} selects no trial", "Name other variations")
     return Plan(policy, tuple(planned), action_space, observation, quality)
+
+
+def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
+    """Return the id of a trial that exists.
+
+    Args:
+        task: Task id.
+        condition: Name of the condition; the first training condition if None.
+        seed: Seed.
+
+    Raises:
+        UnknownNameError: If there is no such task or condition.
+        InvalidInputError: If the seed is negative.
+    """
+    if seed < 0:
+        raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
+    trial = TrialId(task, condition or get_task(task).training[0].name, seed)
+    resolve_condition(trial.task, trial.condition)
+    return trial
+
+
+def plan_extent(plan: Plan) -> tuple[int, int]:
+    """Return the first seed of a plan and its trials per variation, as ``better eval`` takes them."""
+    seeds = [t.seed for t in plan.trials]
+    counts = Counter((t.task, t.condition) for t in plan.trials if t.variation is not None)
+    return min(seeds), max(counts.values(), default=len(set(seeds)))
+
+
+def _trial(task: Task, of: Variation | Condition, seed: int) -> Trial:
+    if isinstance(of, Condition):
+        return Trial(task.id, of.name, None, None, None, seed, of.expected.value)
+    return Trial(task.id, of.name, of.name, of.axis.value, of.base, seed, of.expected.value)
 
 
 def _check_variations(tasks: Sequence[Task], names: Sequence[str]) -> None:

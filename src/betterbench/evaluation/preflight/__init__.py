@@ -1,1 +1,1 @@
-"""The preflight check of a policy: one exchange, drawn and written down before a run."""
+"""The preflight check: a policy is asked once before a run, and everything that it gets and answers is shown."""

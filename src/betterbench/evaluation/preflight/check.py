@@ -1,4 +1,4 @@
-"""A consultation: the handshake with a policy, one observation, one answer, and what both look like."""
+"""The preflight check: the handshake with a policy, one observation, and its first answers."""
 
 from __future__ import annotations
 
@@ -12,17 +12,32 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.preflight.sheet import Shown
-from betterbench.evaluation.serving.shadow import TrialName
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, check_action_space, close_policy, is_privileged
+from betterbench.evaluation.trials.policy_factory import (
+    PolicyFactory,
+    check_action_space,
+    close_policy,
+    is_privileged,
+    is_remote,
+)
+from betterbench.evaluation.trials.policy_thread import name_trial
 from betterbench.experts import make_expert
-from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo, observation_spec
+from betterbench.interface import (
+    EpisodeStart,
+    Observation,
+    ObservationSpec,
+    Policy,
+    PolicyInfo,
+    episode_number,
+    observation_spec,
+)
 from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.interventions import resolve_condition
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.handshake import Declaration, declare_adapter, declare_space
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
 REQUESTS = 5
 """Requests whose time is measured, after the first one."""
@@ -49,8 +64,23 @@ class Convention:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ShownImage:
+    """One image as the policy gets it.
+
+    Attributes:
+        key: Name under which it is sent.
+        image: (height, width, 3) uint8.
+        note: Where it comes from and how it was changed.
+    """
+
+    key: str
+    image: np.ndarray
+    note: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PreflightCheck:
-    """What came of it.
+    """The result of a preflight check.
 
     Attributes:
         policy: Address of the policy.
@@ -58,22 +88,22 @@ class PreflightCheck:
         quality: Name of the render preset.
         info: What the policy says about itself.
         conventions: What both sides declare.
-        adapter: How the policy is spoken to, or None for one that gets our observation as it is.
+        adapter: Its adapter, or None for a policy that gets our observation as it is.
         shown: The images as the policy gets them.
         state: The numbers it gets, by key.
-        prompt: The sentence it gets.
+        prompt: The instruction it gets.
         actions: (horizon, dim) its first answer, in the action space of ``info``.
         first_s: Time of the first request [s].
         latencies_s: Times of the requests after it [s].
     """
 
     policy: str
-    trial: TrialName
+    trial: TrialId
     quality: str
     info: PolicyInfo
     conventions: tuple[Convention, ...]
     adapter: Adapter | None
-    shown: tuple[Shown, ...]
+    shown: tuple[ShownImage, ...]
     state: tuple[tuple[str, np.ndarray], ...]
     prompt: str
     actions: np.ndarray
@@ -127,7 +157,7 @@ class PreflightCheck:
 
 def run_preflight(
     policy: str,
-    trial: TrialName,
+    trial: TrialId,
     *,
     action_space_name: str | None = None,
     observation: str = "default",
@@ -142,57 +172,41 @@ def run_preflight(
         action_space_name: Action space of the run to come; the policy's own if not given.
         observation: Observation preset of the run.
         quality: Render preset of the run.
-        on_conventions: Told what both sides declare, before they are compared.
-
-    Returns:
-        What came of it.
+        on_conventions: Called with what both sides declare, before it is compared.
 
     Raises:
-        BetterError: If the policy cannot be asked, declares other conventions than the run, or answers nonsense.
+        BetterError: If the policy cannot be asked, declares other conventions than the run, or gives a bad answer.
     """
     if policy.startswith("replay:"):
         raise InvalidInputError(f"policy {policy}", "a replay asks for nothing", "Look at its run with better report")
-    task, condition = trial.resolve()
+    found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
         info = policies.check()
         client = None if is_privileged(policy) else policies.take()
     try:
         space = action_space(action_space_name or info.action_space)
         spec = observation_spec(observation)
+        conventions = policy_conventions(client, policy, info, space)
         if on_conventions is not None:
-            on_conventions(policy_conventions(client, policy, info, space))
+            on_conventions(conventions)
         check_action_space(policy, info, space.name)
         agree = getattr(client, "check", None)
         if callable(agree):
             agree(space=space.name, observation=spec, rate_hz=CONTROL_RATE_HZ)
-        scene = Scene(task, condition, seed=trial.seed, action_space=space, quality=quality_preset(quality))
-        state = scene.reset()
-        seen: Observation | None = None
-        if client is None:
-            expert = make_expert(policy, scene)
-            answers = _Answers(lambda: expert.act_on_state(state), space)
-        else:
-            observer = Observer(spec if info.needs_images else observation_spec("state_only"))
-            try:
-                seen = shown = observer.observe(scene, state)
-            finally:
-                observer.close()
-            text = condition.instruction.text
-            with POLICY_BOUNDARY:
-                client.reset(EpisodeStart(text, trial.seed, space.name, task=trial.task, condition=trial.condition))
-            answers = _Answers(lambda: client.act(shown), space, ahead=info.execution.ahead)
-        actions, first_s, latencies_s = answers.ask()
+        scene = Scene(found.task, found.condition, seed=trial.seed, action_space=space, quality=quality_preset(quality))
+        seen, ask = _first_question(policy, client, scene, trial, spec if info.needs_images else None)
+        actions, first_s, latencies_s = _ask_often(ask, space, ahead=info.execution.ahead)
         adapter = _adapter_of(client)
         return PreflightCheck(
             policy=policy,
             trial=trial,
             quality=quality,
             info=info,
-            conventions=policy_conventions(client, policy, info, space),
+            conventions=conventions,
             adapter=adapter,
             shown=() if seen is None else _shown(seen, adapter),
             state=() if seen is None else _state(seen, adapter),
-            prompt=condition.instruction.text,
+            prompt=found.condition.instruction.text,
             actions=actions,
             first_s=first_s,
             latencies_s=latencies_s,
@@ -201,17 +215,59 @@ def run_preflight(
         close_policy(client)
 
 
+def _first_question(
+    policy: str, client: Policy | None, scene: Scene, trial: TrialId, images: ObservationSpec | None
+) -> tuple[Observation | None, Callable[[], np.ndarray]]:
+    """Begin the episode; return what the policy is shown, None for a privileged one, and what asks it."""
+    state = scene.reset()
+    if client is None:
+        expert = make_expert(policy, scene)
+        return None, lambda: expert.act_on_state(state)
+    observer = Observer(images or observation_spec("state_only"))
+    try:
+        seen = observer.observe(scene, state)
+    finally:
+        observer.close()
+    if is_remote(policy):
+        name_trial(client, trial)
+    with POLICY_BOUNDARY:
+        client.reset(EpisodeStart(seen.instruction, episode_number(trial.seed), scene.action_space.name))
+    return seen, lambda: client.act(seen)
+
+
+def _ask_often(
+    ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
+) -> tuple[np.ndarray, float, tuple[float, ...]]:
+    """Return the first answer, (horizon, dim), its time and the times of the answers after it [s].
+
+    Raises:
+        PolicyError: If the policy fails.
+        InvalidActionError: If an answer is not a chunk of actions.
+        InvalidInputError: If the next chunk is asked for earlier than a chunk is long.
+    """
+    answers, times = [], []
+    for _ in range(1 + REQUESTS):
+        began = time.perf_counter()
+        with POLICY_BOUNDARY:
+            answers.append(np.asarray(ask()))
+        times.append(time.perf_counter() - began)
+    chunks = [checked_chunk(answer, space) for answer in answers]
+    for chunk in chunks:
+        for action in chunk:
+            space.clip(action)
+        if ahead >= len(chunk):
+            raise InvalidInputError(
+                "ahead",
+                f"the next chunk is asked for {ahead} steps before the end, and a chunk has {len(chunk)} actions",
+                "Ask less far ahead",
+            )
+    return chunks[0], times[0], tuple(times[1:])
+
+
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return what this side and the policy's side declare.
-
-    Args:
-        client: The policy, or None for a privileged one.
-        policy: Its address.
-        info: What it says about itself.
-        space: Action space of the run.
-    """
+    """Return what this side and the policy's side declare; ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)
@@ -227,76 +283,38 @@ def _adapter_of(client: Policy | None) -> Adapter | None:
     return adapter if isinstance(adapter, Adapter) else None
 
 
-class _Answers:
-    """Asks several times the same, and keeps time."""
-
-    def __init__(self, ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int = 0) -> None:
-        self._ask, self._space, self._ahead = ask, space, ahead
-
-    def ask(self) -> tuple[np.ndarray, float, tuple[float, ...]]:
-        """Return the first answer, (horizon, dim), its time and the times of those after it [s].
-
-        Raises:
-            PolicyError: If the policy breaks down.
-            InvalidActionError: If an answer is no chunk of actions.
-            InvalidInputError: If it is asked for further ahead than a chunk is long.
-        """
-        answers, times = [], []
-        for _ in range(1 + REQUESTS):
-            began = time.perf_counter()
-            with POLICY_BOUNDARY:
-                answers.append(np.asarray(self._ask()))
-            times.append(time.perf_counter() - began)
-        # The later ones count as well: a policy may break down when it is asked again.
-        chunks = [self._checked(said) for said in answers]
-        return chunks[0], times[0], tuple(times[1:])
-
-    def _checked(self, answer: np.ndarray) -> np.ndarray:
-        """Return an answer as a run would take it, (horizon, dim) float64."""
-        chunk = checked_chunk(answer, self._space)
-        for action in chunk:
-            self._space.clip(action)
-        if self._ahead >= len(chunk):
-            raise InvalidInputError(
-                "ahead",
-                f"the next chunk is asked for {self._ahead} steps before the end, and a chunk has {len(chunk)} actions",
-                "Ask less far ahead",
-            )
-        return chunk
-
-
-def _shown(seen: Observation, adapter: Adapter | None) -> tuple[Shown, ...]:
-    """Return the images as the policy gets them, with where each comes from."""
+def _shown(seen: Observation, adapter: Adapter | None) -> tuple[ShownImage, ...]:
+    """Return the images as the policy gets them."""
     if adapter is None:
-        return tuple(Shown(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
+        return tuple(ShownImage(name, np.asarray(p), _note(name, p, None)) for name, p in seen.images.items())
     rules = {
         rule.named(camera): (camera, rule)
         for rule in adapter.views
         for camera in (seen.images if rule.camera == EVERY_CAMERA else (rule.camera,))
     }
     return tuple(
-        Shown("/".join(key), image, _note(rules[key][0], seen.images[rules[key][0]], rules[key][1]))
+        ShownImage("/".join(key), image, _note(rules[key][0], seen.images[rules[key][0]], rules[key][1]))
         for key, image in adapter.images(seen).items()
     )
 
 
 def _note(camera: str, rendered: np.ndarray, rule: ImageRule | None) -> str:
-    """Say where a image comes from and what was done to it."""
+    """Return where an image comes from and how it was changed."""
     height, width = rendered.shape[:2]
-    said = [f"camera {camera}", f"rendered {width} x {height}"]
+    parts = [f"camera {camera}", f"rendered {width} x {height}"]
     if rule is None:
-        return ", ".join([*said, "shown as it is"])
+        return ", ".join([*parts, "shown as it is"])
     if rule.turn:
-        said.append(f"turned by {rule.turn} degrees")
+        parts.append(f"turned by {rule.turn} degrees")
     if rule.mirror:
-        said.append("mirrored")
+        parts.append("mirrored")
     if rule.keep < 1.0:
-        said.append(f"the middle {rule.keep:.0%} kept")
+        parts.append(f"the middle {rule.keep:.0%} kept")
     if rule.width is None or (rule.width, rule.height) == (width, height):
-        said.append("size kept")
+        parts.append("size kept")
     else:
-        said.append(f"shown {rule.width} x {rule.height} ({rule.fit})")
-    return ", ".join(said)
+        parts.append(f"shown {rule.width} x {rule.height} ({rule.fit})")
+    return ", ".join(parts)
 
 
 def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.ndarray], ...]:

@@ -1,34 +1,65 @@
-"""From a consultation to its sheet: the scene, the action in it, and the words beside it."""
+"""What a preflight sheet shows: the images and numbers that the policy got, and where its answer leads in the scene."""
 
 from __future__ import annotations
 
-import numpy as np
-from PIL import Image
+from dataclasses import dataclass
 
-from betterbench.evaluation.preflight.check import PreflightCheck
-from betterbench.evaluation.preflight.sheet import Sheet, draw_action, draw_sheet
+import numpy as np
+
+from betterbench.evaluation.preflight.check import PreflightCheck, ShownImage
 from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.interventions import resolve_condition
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.stage import quality_preset
 
 _VIEW = 640
 _CAMERA = "front_official"
-"""Stands where ``front`` does and sees more: at reset the hand is above what ``front`` shows."""
+"""The camera at the position of ``front`` with a wider view: at reset the gripper is above what ``front`` shows."""
 
 
-def draw_preflight(found: PreflightCheck) -> Image.Image:
-    """Return a sheet with what the policy was shown and what it does about it.
+@dataclass(frozen=True, slots=True, eq=False)
+class PreflightView:
+    """The content of a preflight sheet; :mod:`betterbench.report.preflight_sheet` draws it.
 
-    Args:
-        found: What came of a consultation.
+    Attributes:
+        title: Title of the sheet.
+        trial: The trial, as text.
+        prompt: The instruction as the policy gets it.
+        shown: The images; none for a policy that uses none.
+        no_images: Text in place of images.
+        state: Numbers that the policy gets: key, and text of its values.
+        facts: Lines about the answer: name and value.
+        latency: Line about the time an answer takes.
+        scene: (height, width, 3) uint8 image of the scene at reset.
+        path: (n, 2) pixels of the end effector in it while the whole answer is executed, the first one at reset.
+        aim: (2,) pixel that the first action leads to.
+        turn: Rotation and gripper of the first action, as text.
+    """
+
+    title: str
+    trial: str
+    prompt: str
+    shown: tuple[ShownImage, ...]
+    no_images: str
+    state: tuple[tuple[str, str], ...]
+    facts: tuple[tuple[str, str], ...]
+    latency: str
+    scene: np.ndarray
+    path: np.ndarray
+    aim: np.ndarray
+    turn: str
+
+
+def preflight_view(found: PreflightCheck) -> PreflightView:
+    """Return the content of the sheet of a preflight check.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
     """
-    task, condition = found.trial.resolve()
+    condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
-    scene = Scene(task, condition, seed=found.trial.seed, action_space=space, quality=quality)
+    scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)
     start = np.array(scene.reset().ee_pose.position)
     with Renderer(scene.model, width=_VIEW, height=_VIEW, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, _CAMERA)
@@ -41,40 +72,39 @@ def draw_preflight(found: PreflightCheck) -> Image.Image:
         scene.step(action)
         path.append(np.array(scene.state().ee_pose.position))
     pixels, _ = camera.project(np.array([aim, *path]))
-    turning, gripper = _turning(found.actions[0], space), _gripper_words(found.actions[0])
-    image = draw_action(view.rgb, pixels[1:], pixels[0], f"{turning}; {gripper}")
-    out = sum(not np.array_equal(space.clip(a), a) for a in found.actions)
-    moved = 100.0 * (path[-1] - start)
-    facts = [
-        ("answer", f"{_counted(len(found.actions))} of {space.dim} numbers, {space.name}"),
-        ("first action", _listed(found.actions[0], space.components)),
-        ("moves", f"{_listed(100.0 * (aim - start), ('x', 'y', 'z'), digits=1)} cm"),
-        ("turns", turning),
-        ("gripper", gripper),
-        ("whole answer", f"ends {_listed(moved, ('x', 'y', 'z'), digits=1)} cm from here"),
-        ("out of range", f"{out} of {_counted(len(found.actions))}, clipped" if out else "nothing"),
-        ("axes", "x away from the robot (toward this camera), y to its left (right in the image), z up"),
-    ]
-    return draw_sheet(
-        Sheet(
-            title=found.policy,
-            trial=f"{found.trial}, at reset",
-            prompt=found.prompt,
-            shown=found.shown,
-            blind=_BLIND if found.info.needs_images else "No images: this policy never looks at one.",
-            state=tuple((key, numbers_text(values)) for key, values in found.state),
-            facts=tuple(facts),
-            latency=(
-                f"One request takes {1000 * found.p50_s:.1f} ms (median of {len(found.latencies_s)}, longest "
-                f"{1000 * found.max_s:.1f} ms; the first took {1000 * found.first_s:.0f} ms). A control step is "
-                f"{1000 / scene.control_rate_hz:.0f} ms."
-            ),
+    return PreflightView(
+        title=found.policy,
+        trial=f"{found.trial}, at reset",
+        prompt=found.prompt,
+        shown=found.shown,
+        no_images="No images: " + ("the run renders none." if found.info.needs_images else "this policy uses none."),
+        state=tuple((key, numbers_text(values)) for key, values in found.state),
+        facts=_facts(found, aim - start, path[-1] - start),
+        latency=(
+            f"One request takes {1000 * found.p50_s:.1f} ms (median of {len(found.latencies_s)}, longest "
+            f"{1000 * found.max_s:.1f} ms; the first took {1000 * found.first_s:.0f} ms). A control step is "
+            f"{1000 / scene.control_rate_hz:.0f} ms."
         ),
-        image,
+        scene=view.rgb,
+        path=pixels[1:],
+        aim=pixels[0],
+        turn=f"{_turn_text(found.actions[0], space)}; {_gripper_text(found.actions[0])}",
     )
 
 
-_BLIND = "No images: the run renders none."
+def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
+    """Return lines about an answer that moves the end effector so far [m], with its first action and as a whole."""
+    space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
+    return (
+        ("answer", f"{_counted(len(found.actions))} of {space.dim} numbers, {space.name}"),
+        ("first action", _listed(action, space.components)),
+        ("moves", f"{_listed(100.0 * first, ('x', 'y', 'z'), digits=1)} cm"),
+        ("turns", _turn_text(action, space)),
+        ("gripper", _gripper_text(action)),
+        ("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),
+        ("out of range", f"{out} of {_counted(len(found.actions))}, clipped" if out else "nothing"),
+        ("axes", "x away from the robot (toward this camera), y to its left (right in the image), z up"),
+    )
 
 
 def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
@@ -86,15 +116,15 @@ def _aim(action: np.ndarray, scene: Scene) -> np.ndarray:
         return aim
     if space.name == "ee_pose":
         return applied
-    # The way of joint actions is what the controller makes of them, which is tried and taken back.
+    # Where a joint action leads depends on the controller: it is executed, and the scene is reset.
     scene.step(action)
     aim = np.array(scene.state().commanded_pose.position)
     scene.reset()
     return aim
 
 
-def _turning(action: np.ndarray, space: ActionSpace) -> str:
-    """Say how an action turns the hand."""
+def _turn_text(action: np.ndarray, space: ActionSpace) -> str:
+    """Return how an action turns the gripper, as text."""
     if space.name.startswith("ee_delta"):
         vector = space.clip(action)[3:6] * np.array(space.scale[3:6])
     elif space.name == "ee_pose":
@@ -108,7 +138,7 @@ def _turning(action: np.ndarray, space: ActionSpace) -> str:
     return f"turn by {degrees:.1f} degrees about ({numbers_text(axis, digits=2)})"
 
 
-def _gripper_words(action: np.ndarray) -> str:
+def _gripper_text(action: np.ndarray) -> str:
     value = float(action[-1])
     return "gripper closes" if value > 0.0 else "gripper opens" if value < 0.0 else "gripper keeps its width"
 
@@ -122,12 +152,12 @@ def _listed(values: np.ndarray, names: tuple[str, ...], *, digits: int = 3) -> s
 
 
 def numbers_text(values: np.ndarray, *, digits: int = 3) -> str:
-    """Return numbers as people read them: counts as they are, all others with their sign."""
+    """Return numbers as text: integers as they are, all others with their sign."""
     if values.dtype.kind in "iu":
         return ", ".join(str(value) for value in values.tolist())
     return ", ".join(_signed(value, digits) for value in values.tolist())
 
 
 def _signed(value: float, digits: int) -> str:
-    """Return a number with its sign; what rounds to zero has none to show."""
+    """Return a number with its sign, zero as +0."""
     return f"{round(value, digits) + 0.0:+.{digits}f}"

@@ -1,1 +1,1 @@
-"""Workers and policy replicas on a Ray cluster."""
+"""Workers and replicas of the policy as actors of a Ray cluster. Only ``session`` and what needs it import Ray."""

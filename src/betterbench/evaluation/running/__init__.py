@@ -1,1 +1,1 @@
-"""Carrying a plan out: from the first trial to the last, interrupted and resumed."""
+"""Whole runs: a plan from its first trial to its last, a run that your own loop fills, and the replay of a record."""

@@ -1,4 +1,4 @@
-"""Runs that somebody else's loop drives: it asks for observations and hands in actions, and we keep the records."""
+"""External runs: your own loop asks for observations and gives actions, and the records of ``better eval`` are kept."""
 
 from __future__ import annotations
 
@@ -20,26 +20,25 @@ from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference, read_outcome
-from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0
-"""How long another process that drives the same run is waited for [s]; each holds the lock for one line only."""
+"""Longest wait for another process that drives the same run [s]; each holds the lock while it writes one line."""
 
-_LOCK_PAUSE_S = 0.05
+_RETRY_S = 0.05
 _STARTS = 20  # another process may be writing the run's first file
 _NOTHING = np.empty(0)
 
 
 class ExternalRun:
-    """A run folder filled by a loop that is not ours, with the records of ``better eval``.
+    """A run folder that your own loop fills, with the records of ``better eval``. A context manager.
 
     Several processes may drive one run, each other trials of it: the folder is locked only while a line is written.
 
     Attributes:
         folder: The folder of the run.
         plan: The plan.
-        start: How the episode that is going began, or None.
-        entry: The line in the journal of the episode that ended last, or None.
+        start: How the current episode began, or None.
+        entry: The journal entry of the episode that ended last, or None.
     """
 
     def __init__(
@@ -49,25 +48,25 @@ class ExternalRun:
         *,
         needs_images: bool = True,
         metadata: Mapping[str, str] | None = None,
-        engine: str = "driven",
+        engine: str = "external",
     ) -> None:
         """Create the run, or resume the one in the folder if it has the same plan.
 
         Args:
-            plan: The plan; its policy is the name under which the report shows whatever answers.
+            plan: The plan; its policy is the name under which the report shows your policy.
             out: Folder of the run.
-            needs_images: False where no image is looked at, so that none is rendered.
-            metadata: What else is to be known of the policy (checkpoint, revision); a JSON document is stored as such.
+            needs_images: False if the policy uses no image, so that none is rendered.
+            metadata: What else is known of the policy (checkpoint, revision); a JSON document is stored as such.
             engine: What drives the run, for its manifest.
 
         Raises:
-            InvalidInputError: If the policy's name is that of a policy of ours.
+            InvalidInputError: If the policy has the name of a built-in policy.
             RunConflictError: If the folder holds another run, or one with another policy.
             StorageError: If the disk is full.
         """
         if needs_no_thread(plan.policy):
             raise InvalidInputError(
-                "policy", f"{plan.policy!r} is a policy of ours, and this one is yours", "Give it another name"
+                "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give it another name"
             )
         info = PolicyInfo(plan.policy, plan.action_space, needs_images=needs_images, metadata=dict(metadata or {}))
         declared = describe_policy(plan.policy, info)
@@ -77,24 +76,22 @@ class ExternalRun:
         self.plan = plan
         self.start: EpisodeStart | None = None
         self.entry: JournalEntry | None = None
-        settings = RunSettings(str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot)
-        self._trial_runner = TrialRunner(settings, policies=_Declared(info))
+        self._trial_runner = TrialRunner(RunSettings.of(plan, out), policies=_Declared(info))
         self._steps: TrialSteps | None = None
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the trials that are not done yet, in the order of the plan; another process may do some meanwhile."""
+        """Yield the trials that are not done yet, in the order of the plan; other processes may do some meanwhile."""
         for trial in self.plan.trials:
             if not self.is_done(trial):
                 yield trial
 
     def is_done(self, trial: Trial) -> bool:
-        """Tell whether the journal holds the trial."""
-        key = TrialId(trial.task, trial.condition, trial.seed)
-        return any(e.status == "done" and e.key == key for e in self.folder.entries())
+        """Return whether the trial is done."""
+        return any(e.status == "done" and e.key == trial.id for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return how a trial ended that is done.
+        """Return the outcome of a trial that is done.
 
         Raises:
             RecordError: If its record is missing or unreadable.
@@ -106,11 +103,11 @@ class ExternalRun:
 
         Args:
             trial: A trial of the plan.
-            act: Returns one action (dim,) or a chunk (horizon, dim) for what is seen. Whatever it raises ends the trial
-                as ``policy_error``, and the run can go on.
+            act: Returns one action (dim,) or a chunk (horizon, dim) for an observation. An exception of it ends the
+                trial as ``policy_error``, and the run can go on.
 
         Returns:
-            The trial's line in the journal.
+            The journal entry of the trial.
 
         Raises:
             BetterError: As :meth:`begin` and :meth:`act`.
@@ -125,60 +122,50 @@ class ExternalRun:
                 break
             seen = self.act(actions)
         if self.entry is None:
-            raise AssertionError("a trial that has ended has its line")
+            raise AssertionError("a trial that has ended has its entry")
         return self.entry
 
     def begin(self, trial: Trial) -> Observation:
-        """Begin an episode; one that is still going is abandoned.
-
-        Args:
-            trial: A trial of the plan.
-
-        Returns:
-            What is seen at reset.
+        """Begin the episode of a trial of the plan, abandon the current one, and return the first observation.
 
         Raises:
             PolicyError: If the trial broke down; the journal says why.
             PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
             StorageError: If the disk is full; the run has to stop.
         """
-        self.abandon("the loop that drives the run began another episode")
+        self.abandon("the external loop began another episode")
         self._steps, self.entry = self._trial_runner.steps(trial), None
         self._advance(None)
         seen = None if self.start is None else self._advance(Reply(_NOTHING, 0.0))
         if seen is None:
-            raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed} broke down: {self._told()}")
+            raise PolicyError(f"{trial.task}/{trial.condition} seed {trial.seed} broke down: {self._reason()}")
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Hand in what the policy answers.
+        """Play what the policy answers.
 
         Args:
-            actions: One action (dim,), or a chunk (horizon, dim) that is played whole. What cannot be played ends the
-                trial as ``policy_error`` with the reason in its record.
+            actions: One action (dim,), or a chunk (horizon, dim) that is played whole. Actions that cannot be played
+                end the trial as ``policy_error`` with the reason in its record.
 
         Returns:
-            What is seen when the next answer is due, or None if the episode has ended: :attr:`entry` is its line then.
+            The observation for the next answer, or None if the episode has ended and :attr:`entry` is its entry.
 
         Raises:
-            InvalidInputError: If no episode is going.
+            InvalidInputError: If there is no current episode.
             StorageError: If the disk is full; the run has to stop.
         """
         if self._steps is None:
-            raise InvalidInputError("act", "no episode is going", "Call begin first")
+            raise InvalidInputError("act", "there is no current episode", "Call begin first")
         return self._advance(Reply(np.asarray(actions), time.perf_counter() - self._asked))
 
     def fail(self, reason: str) -> None:
-        """End the episode that is going because the policy broke; it counts, as ``policy_error``.
-
-        Args:
-            reason: What is wrong with the policy.
-        """
+        """End the current episode as ``policy_error``, which counts, because of a reason in the policy."""
         if self._steps is not None:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """Give up the episode that is going, if there is one; it does not count and is to be run again.
+        """End the current episode, if there is one; it does not count, and the same run runs it again.
 
         Args:
             reason: Why, for the journal.
@@ -187,12 +174,12 @@ class ExternalRun:
             self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
 
     def close(self) -> None:
-        """Give up what is going, and free the renderers."""
-        self.abandon("the loop that drives the run ended in the middle of the episode")
+        """Abandon the current episode, and free the renderers."""
+        self.abandon("the external loop ended in the middle of the episode")
         self._trial_runner.close()
 
     def __enter__(self) -> Self:
-        """Return the run itself."""
+        """Return the run."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -200,10 +187,10 @@ class ExternalRun:
         self.close()
 
     def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
-        """Let the episode go on to its next question, or to its end."""
+        """Run the episode on to its next question, or to its end."""
         steps = self._steps
         if steps is None:
-            raise AssertionError("an episode is going")
+            raise AssertionError("there is a current episode")
         try:
             if isinstance(reply, PolicyError):
                 question: Question | None = steps.throw(reply)
@@ -230,24 +217,24 @@ class ExternalRun:
             if not journal.is_done(entry.key):
                 journal.append(entry)
 
-    def _told(self) -> str:
+    def _reason(self) -> str:
         return "no reason is known" if self.entry is None else str(self.entry.message)
 
 
 class _Declared(PolicyFactory):
-    """Stands for a policy that answers outside of this process and only declares itself."""
+    """The declaration of a policy that answers outside of this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
-        """Remember what it declares."""
+        """Keep what it declares."""
         super().__init__(info.name)
         self._info = info
 
 
 def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
-    """Return the run; several processes may ask for it at once.
+    """Return the run; several processes may open it at once.
 
-    A run that exists is opened without its lock: who takes the lock clears away half-written records, and here they
-    may be those of another process at work.
+    A run that exists is opened without its lock, because taking the lock removes half-written records, which another
+    process may be writing.
 
     Raises:
         RunConflictError: If the folder holds another run.
@@ -261,7 +248,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
         except RunConflictError:
             if not left:
                 raise
-            time.sleep(_LOCK_PAUSE_S)
+            time.sleep(_RETRY_S)
     run = RunFolder.open(out)
     difference = first_difference(run.plan, form, "plan")
     if difference is not None:
@@ -275,19 +262,19 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal for one line, after the other processes that do so.
+    """Open the journal for one line, when no other process has it open.
 
     Raises:
-        RunConflictError: If somebody keeps the lock: ``better eval`` is writing to the run.
+        RunConflictError: If another process keeps the lock, as ``better eval`` does.
     """
-    patience = time.monotonic() + LOCK_PATIENCE_S
+    until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:
             journal = run.journal()
         except RunConflictError:
-            if time.monotonic() > patience:
+            if time.monotonic() > until:
                 raise
-            time.sleep(_LOCK_PAUSE_S)
+            time.sleep(_RETRY_S)
             continue
         with journal:
             yield journal

@@ -1,4 +1,4 @@
-"""An alarm for the evening: a run whose first trials all broke in the same way will hardly do better later."""
+"""A warning for a run whose first trials all end with the same error."""
 
 from __future__ import annotations
 
@@ -10,35 +10,27 @@ from betterbench.recording import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""How many trials have to end alike before anybody is called. A policy that breaks by chance does not do that."""
+"""How many trials have to end with the same error; a policy that fails at random does not do that."""
 
 
 class FailingStart:
-    """Listens to a run from its beginning and warns once, if none of the first trials ended but by the same error.
+    """Reads the entries of a run from its beginning and warns once, if the first ones all hold the same error.
 
-    The run goes on: that every trial ends as ``policy_error`` may be the truth about a policy.
+    The run goes on, because a policy may really fail on every trial.
     """
 
     def __init__(self, policy: str) -> None:
-        """Begin to listen.
-
-        Args:
-            policy: Address of the policy.
-        """
+        """Begin; ``policy`` is its address, for the message."""
         self._policy = policy
         self._reason: str | None = None
         self._alike = 0
         self._over = False
 
-    def hear(self, entry: JournalEntry) -> None:
-        """Take note of a trial that has ended.
-
-        Args:
-            entry: Its line for the journal.
-        """
+    def add(self, entry: JournalEntry) -> None:
+        """Take in the entry of a trial that has ended."""
         if self._over:
             return
-        # Numbers in a reason tell the trial or the step.
+        # The numbers in a reason are those of the trial or the step.
         reason = None if entry.message is None else re.sub(r"\d+", "#", entry.message)
         if reason is None or self._reason not in (None, reason):
             self._over = True

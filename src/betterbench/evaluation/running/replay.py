@@ -1,4 +1,4 @@
-"""Replaying a record: simulate its actions again and compare every state bit for bit."""
+"""Replaying a record: its actions are simulated again and every state is compared bit for bit."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.errors import RecordError
-from betterbench.evaluation.planning.plan import Trial
 from betterbench.interface.actions import action_space
+from betterbench.interventions import resolve_condition
 from betterbench.recording import Record, read_record
 from betterbench.scenes import Scene, engine_version
 from betterbench.tasks import GoalTracker
@@ -17,7 +17,7 @@ from betterbench.tasks import GoalTracker
 
 @dataclass(frozen=True, slots=True)
 class ReplayCheck:
-    """What a replay showed.
+    """The result of a replay.
 
     Attributes:
         rows: Rows compared.
@@ -42,9 +42,6 @@ class ReplayCheck:
 def check_record(path: Path) -> ReplayCheck:
     """Simulate a record's actions again and compare.
 
-    Args:
-        path: The record.
-
     Raises:
         RecordError: If it cannot be read, or its scene cannot be built again.
     """
@@ -53,11 +50,10 @@ def check_record(path: Path) -> ReplayCheck:
     notes = []
     if meta.engine.get("mujoco") != engine_version():
         notes.append(f"recorded with MuJoCo {meta.engine.get('mujoco')}, replayed with {engine_version()}")
-    trial = Trial(meta.task, meta.condition, meta.variation, meta.axis, meta.base_condition, meta.seed, meta.expected)
-    task, condition, _ = trial.resolve()
-    if task.version != meta.task_version:
-        notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {task.version}")
-    scene = Scene(task, condition, seed=meta.seed, action_space=action_space(meta.action_space))
+    found = resolve_condition(meta.task, meta.condition)
+    if found.task.version != meta.task_version:
+        notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {found.task.version}")
+    scene = Scene(found.task, found.condition, seed=meta.seed, action_space=action_space(meta.action_space))
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."

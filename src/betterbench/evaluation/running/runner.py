@@ -1,11 +1,11 @@
-"""Running a plan: workers, one journal, and a folder from which the same command goes on."""
+"""Running a plan: workers run its trials, one journal holds what has ended, and the same command resumes the run."""
 
 from __future__ import annotations
 
 import logging
 import os
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,11 +23,10 @@ from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, o
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
-from betterbench.recording import JournalEntry, RunFolder
-from betterbench.tasks import TrialId
+from betterbench.recording import Journal, JournalEntry, RunFolder
 
 if TYPE_CHECKING:
-    from betterbench.evaluation.ray_engine.engine import RaySession
+    from betterbench.evaluation.ray_engine.session import RaySession
 
 logger = logging.getLogger(__name__)
 
@@ -73,26 +72,21 @@ def evaluate(
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet.
 
-    The policy is asked for its conventions before anything is written. Results depend neither on the number of workers
-    and environments nor on the engine.
+    The policy is asked for its conventions before anything is written. Results do not depend on the number of workers
+    and environments, nor on the engine.
 
     Args:
         plan: The plan.
-        out: Folder of the run; an unfinished run with the same plan is continued.
-        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine,
-            or of the cluster, or for one alone if each would need an instance of a policy with weights.
-        envs: Environments that each worker keeps open at once, so that a policy's latency is hidden; None for 1 where
-            the policy answers at once, and a few where it does not.
+        out: Folder of the run; an unfinished run with the same plan is resumed.
+        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine
+            or of the cluster, or for a single one if each would load the weights of a policy again.
+        envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Where the actors are placed.
-        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]. A call that hangs
-            cannot be ended: its trial is, and its thread is left alone until the process ends.
-        allow_changed_policy: True to resume with a policy that declares other things than when the run began.
+        policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
+        allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
-        on_progress: Told after every trial.
-
-    Returns:
-        The folder of the run.
+        on_progress: Called once at the start and after every trial.
 
     Raises:
         RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
@@ -107,9 +101,6 @@ def evaluate(
     _check_numbers(workers, envs, engine, policy_timeout_s)
     if engine == "ray":
         require_ray(cluster)
-    settings = RunSettings(
-        str(out), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1, policy_timeout_s
-    )
     began = time.perf_counter()
     with ExitStack() as stack:
         processors = min(os.cpu_count() or 1, MAX_WORKERS)
@@ -117,61 +108,75 @@ def evaluate(
         asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
         if "assumed" in asked.info.metadata:
             logger.warning("%s", asked.info.metadata["assumed"])
-        if workers is None and asked.takes_turns:
-            workers = 1  # each worker would load weights of its own, which has to be asked for
+        if workers is None and asked.one_worker:
+            workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
-        usual = fair_envs(asked.envs, count)
-        settings = replace(settings, envs=envs or usual, served_at=asked.host.address if asked.host else None)
+        settings = RunSettings.of(
+            plan, out, envs=envs or fair_envs(asked.envs, count), policy_timeout_s=policy_timeout_s
+        )
+        settings = replace(settings, served_at=asked.host.address if asked.host else None)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
+        running = {"name": engine, "workers": count, "envs": settings.envs}
         with on_disk(out):
-            context = run_context(
-                plan, policy=declared, engine={"name": engine, "workers": count, "envs": settings.envs}
-            )
-            run = RunFolder.start(out, plan.to_json(), context=context)
+            run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
-        waiting = [t for t in plan.trials if not journal.is_done(TrialId(t.task, t.condition, t.seed))]
-        done = started_with = len(plan.trials) - len(waiting)
-        if on_progress is not None:
-            on_progress(Progress(done, len(plan.trials), 0.0, started_with, None))
+        waiting = [t for t in plan.trials if not journal.is_done(t.id)]
         entries = _entries(run, settings, _by_scene(waiting), count, asked=asked, session=session)
-        stack.enter_context(closing(entries))
-        alarm = None if needs_no_thread(plan.policy) or started_with else FailingStart(plan.policy)
-        for entry in entries:
-            with on_disk(out):
-                journal.append(entry)
-            done += entry.status == "done"
-            if alarm is not None:
-                alarm.hear(entry)
-            if entry.status == "error":
-                logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
-            if on_progress is not None:
-                on_progress(Progress(done, len(plan.trials), time.perf_counter() - began, started_with, entry))
+        _record(plan, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
     return run
+
+
+def _record(
+    plan: Plan,
+    journal: Journal,
+    out: Path,
+    entries: Iterable[JournalEntry],
+    *,
+    began: float,
+    on_progress: Callable[[Progress], None] | None,
+) -> None:
+    """Append entries to the journal as they come, and report each."""
+    planned = len(plan.trials)
+    done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
+    if on_progress is not None:
+        on_progress(Progress(done, planned, 0.0, started_with, None))
+    failing = None if needs_no_thread(plan.policy) or started_with else FailingStart(plan.policy)
+    for entry in entries:
+        with on_disk(out):
+            journal.append(entry)
+        done += entry.status == "done"
+        if failing is not None:
+            failing.add(entry)
+        if entry.status == "error":
+            logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
+        if on_progress is not None:
+            on_progress(Progress(done, planned, time.perf_counter() - began, started_with, entry))
 
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What came of asking the policy before the run.
+    """What is known of the policy before the run.
 
     Attributes:
         info: What it says about itself.
         envs: Environments per worker, unless told otherwise.
-        policies: Makes it, and may hold what was made to be asked; None where a host holds it.
+        policies: Makes it, and may hold the instance that was asked; None where a host holds it.
         host: The process that holds it for all workers, or None.
-        serves_many: Whether one instance of it is to serve several workers.
-        takes_turns: Whether each worker needs an instance with weights of its own.
+        shared: Whether one instance of it serves several workers.
+        one_worker: Whether each worker would load the weights again, so that there is one worker unless more are asked
+            for.
     """
 
     info: PolicyInfo
     envs: int
     policies: PolicyFactory | None = None
     host: Host | None = None
-    serves_many: bool = False
-    takes_turns: bool = False
+    shared: bool = False
+    one_worker: bool = False
 
 
 def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
@@ -179,7 +184,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
 
     Args:
         plan: The plan.
-        stack: Takes what has to be closed at the end of the run.
+        stack: Closes what has to be closed at the end of the run.
         alone: Whether one worker, in this process, runs all trials.
         engine: What runs the workers.
         timeout_s: Deadline of one answer of a policy that the run itself serves [s].
@@ -190,17 +195,17 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
     with ExitStack() as own:
-        # A policy of the user's may hold weights. Asked in a process of its own, it holds them once: there, or, when
-        # that has ended, in the workers.
+        # A policy of the user may hold weights. It is asked in a process of its own, so that they are loaded either
+        # there or, after that process has ended, in the workers.
         host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
             return _Asked(info, envs, PolicyFactory(address))
-        takes_turns = not host.takes_batches
+        one_worker = not host.takes_batches
         if engine == "ray":
-            return _Asked(info, envs, PolicyFactory(address), serves_many=True, takes_turns=takes_turns)
+            return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)
         stack.enter_context(own.pop_all())
-        return _Asked(info, envs, host=host, serves_many=True, takes_turns=takes_turns)
+        return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
 
 
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
@@ -209,26 +214,26 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
     if envs is not None and not 1 <= envs <= MAX_ENVS:
         raise InvalidInputError("--envs", f"{envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
     if not 0.0 < policy_timeout_s < float("inf"):
-        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "Give more than 0")
+        raise InvalidInputError("--policy-timeout", f"{policy_timeout_s:g} s is out of range", "It must be > 0")
     if engine not in get_args(Engine):
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
 def _by_scene(trials: list[Trial]) -> list[Trial]:
-    """Order trials so that those which share compiled scenes follow each other, and long tasks come before short ones.
+    """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
 
-    At the end of a run the workers then wait for short trials. Results do not depend on the order.
+    At the end of a run workers then wait for short trials only. Results do not depend on the order.
     """
     limits = dict[str, int]()
     for trial in {(t.task, t.condition): t for t in trials}.values():
-        task, condition, _ = trial.resolve()
-        limits[trial.task] = max(limits.get(trial.task, 0), task.step_limit(condition))
+        found = trial.resolve()
+        limits[trial.task] = max(limits.get(trial.task, 0), found.task.step_limit(found.condition))
     return sorted(trials, key=lambda t: (-limits[t.task], t.task, t.seed))
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
-    # Loaded when it is needed: Ray is an extra.
-    from betterbench.evaluation.ray_engine.engine import RaySession  # noqa: PLC0415
+    # Imported here because Ray is an extra.
+    from betterbench.evaluation.ray_engine.session import RaySession  # noqa: PLC0415
 
     return RaySession(cluster, workers)
 
@@ -242,7 +247,7 @@ def _entries(
     asked: _Asked,
     session: RaySession | None,
 ) -> Generator[JournalEntry, None, None]:
-    """Yield the line for the journal of every trial, as they end."""
+    """Yield the journal entry of every trial, as they end."""
     if not trials:
         return
     if session is None and asked.policies is not None and (workers == 1 or len(trials) == 1):
@@ -250,14 +255,14 @@ def _entries(
             yield from _in_this_process(worker, trials)
         return
     if asked.policies is not None:
-        asked.policies.close()  # the workers make their own
+        asked.policies.close()  # each worker makes one
     if session is not None:
-        from betterbench.evaluation.ray_engine.engine import ray_entries  # noqa: PLC0415 - as above
+        from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 
-        yield from ray_entries(session, run, settings, trials, served=asked.serves_many)
+        yield from ray_entries(session, run, settings, trials, served=asked.shared)
         return
-    with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None) as crew:
-        yield from crew.entries(trials)
+    with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None) as pool:
+        yield from pool.entries(trials)
 
 
 def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEntry]:

@@ -1,1 +1,1 @@
-"""Policies of this package behind a network protocol, and hosts that hold one policy for many workers."""
+"""Policies behind the openpi protocol: server, sessions, the host of a run, shadow simulations of experts."""

@@ -1,4 +1,4 @@
-"""A host: the process that keeps the weights of a policy for all workers of a run, behind our own protocol."""
+"""A host: the process that holds the weights of a policy for all workers of a run and serves them over openpi."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
-from betterbench.evaluation.workers.pool import deaf_to_interrupts, prepare_process
+from betterbench.evaluation.workers.pool import interrupts_blocked, prepare_process
 from betterbench.interface import PolicyInfo
 from betterbench.policies.connection import LONGEST_WAIT_S
 
@@ -29,13 +29,13 @@ MAX_RESTARTS = 5
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
 
-_GLANCE_S = 0.2
-_LEAVE_S = 5.0
-_FAREWELL_S = 1.0
+_POLL_S = 0.2
+_CLOSE_S = 5.0
+_EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""How long a worker waits for a host [s]: one that died has its weights to load again."""
+"""How long a worker waits for a host [s]: a host that is started again loads its weights again."""
 
 
 class Host:
@@ -57,7 +57,7 @@ class Host:
         self._port = 0
         self.takes_batches = False
         self._process: BaseProcess | None = None
-        self._line: Connection | None = None  # closing it tells the process to leave
+        self._pipe: Connection | None = None  # closing it ends the process
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
@@ -69,7 +69,7 @@ class Host:
         """
         try:
             self._start()
-            self._info, self.takes_batches, self._port = self._told()
+            self._info, self.takes_batches, self._port = self._greeting()
         except BaseException:
             self._end()
             raise
@@ -88,8 +88,8 @@ class Host:
 
     @property
     def address(self) -> str:
-        """Address at which workers ask the policy; how chunks are played is said by its server."""
-        return address_within(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
+        """Address at which workers ask the policy; its server declares how chunks are played."""
+        return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
         """Start the process again if it has died; the workers' clients find it at the same port.
@@ -116,48 +116,48 @@ class Host:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         arguments = (self._policy, self._run, self._timeout_s, self._port, theirs)
-        with deaf_to_interrupts():
+        with interrupts_blocked():
             self._process = context.Process(target=serve, args=arguments, name="betterbench-policy")
-            self._line = ours
+            self._pipe = ours
             self._process.start()
         theirs.close()
 
-    def _told(self) -> tuple[PolicyInfo, bool, int]:
-        """Wait for what the process says of the policy, whether it takes batches, and its port.
+    def _greeting(self) -> tuple[PolicyInfo, bool, int]:
+        """Return what the process says of the policy, whether it takes batches, and its port.
 
         Raises:
-            BetterError: What it says instead, or that it has ended.
+            BetterError: What it sends instead, or that it has ended.
         """
-        process, line = self._process, self._line
-        if process is None or line is None:
+        process, pipe = self._process, self._pipe
+        if process is None or pipe is None:
             raise AssertionError("the host was not started")
         # A child of the process may hold its end of the pipe open when it has died.
-        while not line.poll(_GLANCE_S) and process.is_alive():
+        while not pipe.poll(_POLL_S) and process.is_alive():
             pass
-        said: tuple[PolicyInfo, bool, int] | BetterError | None = None
+        message: tuple[PolicyInfo, bool, int] | BetterError | None = None
         with contextlib.suppress(EOFError, OSError):
-            said = line.recv() if line.poll(0.0) else None
-        if isinstance(said, tuple):
-            return said
-        raise said or PolicyError(
+            message = pipe.recv() if pipe.poll(0.0) else None
+        if isinstance(message, tuple):
+            return message
+        raise message or PolicyError(
             f"{self._policy}: its process ended while loading; what it wrote stands above. "
             "With --workers 1 it is loaded in this process."
         )
 
     def _end(self) -> None:
-        """Let the process close its policy and leave; one that does not is killed."""
+        """Let the process close its policy and end; kill it if it does not."""
         process, self._process = self._process, None
-        line, self._line = self._line, None
-        if line is not None:
-            line.close()
+        pipe, self._pipe = self._pipe, None
+        if pipe is not None:
+            pipe.close()
         if process is not None and process.pid is not None:
-            process.join(_LEAVE_S)
+            process.join(_CLOSE_S)
             process.kill()
             process.join()
             process.close()
 
 
-def address_within(address: str, *, timeout_s: float, patience_s: float) -> str:
+def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     """Return the address at which the workers of a run ask a policy that the run itself serves.
 
     Args:
@@ -165,44 +165,44 @@ def address_within(address: str, *, timeout_s: float, patience_s: float) -> str:
         timeout_s: Deadline of one answer [s].
         patience_s: How long a server that died is waited for [s].
     """
-    # The server keeps the deadline itself, and names it; this one is for a server that does not even do that. The first
-    # answer may have weights to wait for.
+    # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
+    # may have to wait until weights are loaded.
     limit = min(timeout_s + _GRACE_S, LONGEST_WAIT_S)
     warmup = min(limit + patience_s, LONGEST_WAIT_S)
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
-def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, line: Connection) -> None:
-    """Serve a policy until this process is ended; this is the main function of a host.
+def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, pipe: Connection) -> None:
+    """Serve a policy until this process is ended; the main function of a host.
 
     Args:
         policy: Address of the policy.
         run: Action space and observation preset of the run.
         timeout_s: Deadline of one answer [s].
         port: Port to listen on; 0 for any free one.
-        line: Where what the policy says about itself and the port are sent, or why there is none. The process leaves
-            when its other end is closed.
+        pipe: Where what the policy says about itself and the port are sent, or the error that prevents it. The process
+            ends when the other end is closed.
     """
     prepare_process()
-    with _telling(line), PolicyFactory(policy) as policies:
+    with _errors_sent(pipe), PolicyFactory(policy) as policies:
         info, batches = policies.check(*run), policies.takes_batches
-        deadline = Deadline(timeout_s, leave_hanging)
+        deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)
         with contextlib.suppress(OSError):
-            line.send((info, batches, server.port))
+            pipe.send((info, batches, server.port))
         with server, contextlib.suppress(EOFError, OSError):
-            line.recv()
+            pipe.recv()
 
 
-def leave_hanging() -> None:
-    """End this process, whose policy hangs, when those who wait have been told; nothing else ends a call."""
-    threading.Timer(_FAREWELL_S, os._exit, (HUNG,)).start()
+def exit_hung() -> None:
+    """End this process, whose policy hangs, after its clients have been told; nothing else ends a call."""
+    threading.Timer(_EXIT_DELAY_S, os._exit, (HUNG,)).start()
 
 
 @contextlib.contextmanager
-def _telling(line: Connection) -> Iterator[None]:
+def _errors_sent(pipe: Connection) -> Iterator[None]:
     try:
         yield
     except BetterError as problem:
         with contextlib.suppress(OSError):
-            line.send(problem)
+            pipe.send(problem)

@@ -1,4 +1,4 @@
-"""What is served: any policy of ours behind the openpi protocol, for our own workers and for other people's clients."""
+"""The server of a policy behind the openpi protocol, for the workers of a run and for other clients."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from typing import Any
 import betterbench
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
-from betterbench.evaluation.serving.shadow import ShadowSimulations, TrialName
+from betterbench.evaluation.serving.shadow import ShadowSimulations
 from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy
 from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
+from betterbench.interventions import resolve_condition
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
 from betterbench.scenes import engine_version
 from betterbench.scenes.scene import CONTROL_RATE_HZ
+from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
@@ -29,9 +31,9 @@ WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
 """Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
-_LEAVE_S = 5.0
+_CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server notices that an episode begins; the protocol has no message for it."""
+"""How a server notices that an episode begins; the protocol has no message for that."""
 
 
 def open_server(
@@ -41,7 +43,7 @@ def open_server(
     port: int = DEFAULT_PORT,
     chunk: int = DEFAULT_CHUNK,
     batch: int = MAX_BATCH,
-    trial: TrialName | None = None,
+    trial: TrialId | None = None,
     api_key: str | None = None,
     made: Policy | None = None,
     deadline: Deadline | None = None,
@@ -54,11 +56,11 @@ def open_server(
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert.
         batch: Observations that a policy which takes batches gets at once, at most.
-        trial: Trial of clients that name none; an expert finds it by the sentence otherwise.
+        trial: Trial of clients that name none; without it, an expert finds the trial by the instruction.
         api_key: Key that clients have to show, or None.
-        made: The policy, if somebody has made it already; the server closes it.
-        deadline: How long an answer may take, for the workers of a run, which are told what goes wrong in the words of
-            their records; None for everybody else.
+        made: The policy, if it has been made already; the server closes it.
+        deadline: How long an answer may take, for the workers of a run, whose records hold the text of an error; None
+            for all other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
@@ -70,10 +72,10 @@ def open_server(
         raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
     if policy.startswith("replay:"):
         raise InvalidInputError(
-            f"policy {policy}", "a replay knows its trial beforehand, so it cannot be served", "Evaluate it directly"
+            f"policy {policy}", "a replay plays one known trial, so it cannot be served", "Evaluate it directly"
         )
     if trial is not None:
-        trial.resolve()
+        resolve_condition(trial.task, trial.condition)
     if is_privileged(policy):
         shadows = ShadowSimulations(policy)
         return PolicyServer(
@@ -83,38 +85,38 @@ def open_server(
             port=port,
             api_key=api_key,
         )
-    stock = SessionStore(policy, made or make_policy(policy), batch=batch, trial=trial, deadline=deadline)
+    store = SessionStore(policy, made or make_policy(policy), batch=batch, trial=trial, deadline=deadline)
     try:
         return PolicyServer(
-            stock.session, metadata=stock.metadata, host=host, port=port, api_key=api_key, on_stop=stock.close
+            store.session, metadata=store.metadata, host=host, port=port, api_key=api_key, on_stop=store.close
         )
     except BaseException:
-        stock.close()
+        store.close()
         raise
 
 
-def _shadow_metadata(policy: str, chunk: int, trial: TrialName | None) -> dict[str, Any]:
-    ground_truth = {
+def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None) -> dict[str, Any]:
+    more = {
         "chunk": chunk,
-        "trial": str(trial) if trial else "the first training condition whose sentence equals the prompt",
+        "trial": str(trial) if trial else "the first training condition whose instruction equals the prompt",
         "step": "without better/step the whole chunk counts as executed, or what observation/state shows of it",
         "episode": NEW_EPISODE,
     }
-    return declare(policy, EE_DELTA, needs_images=False, batch=1, ground_truth=ground_truth)
+    return declare(policy, EE_DELTA, needs_images=False, batch=1, more=more, expert=True)
 
 
 class SessionStore:
     """The instances of a policy: one for all connections if it takes batches, else one for each at a time.
 
-    An instance whose connection has ended serves the next one, so that no client that comes back, after an error or a
-    dropped connection, has weights loaded again. A new connection always begins with a reset.
+    An instance whose connection has ended serves the next one, so that weights are not loaded again for a client that
+    connects again. A new connection always begins with a reset.
 
     Attributes:
         metadata: What the server declares.
     """
 
     def __init__(
-        self, address: str, first: Policy, *, batch: int, trial: TrialName | None, deadline: Deadline | None = None
+        self, address: str, first: Policy, *, batch: int, trial: TrialId | None, deadline: Deadline | None = None
     ) -> None:
         """Prepare.
 
@@ -123,7 +125,7 @@ class SessionStore:
             first: Its first instance.
             batch: Observations in one call at most.
             trial: Trial of clients that name none.
-            deadline: How long an answer may take, if it is a run that serves.
+            deadline: How long an answer may take, if the run itself serves.
         """
         self._address, self._trial, self._deadline = address, trial, deadline
         self._shares = isinstance(first, BatchPolicy)
@@ -139,7 +141,7 @@ class SessionStore:
             needs_images=info.needs_images,
             batch=self._batch,
             execution=info.execution,
-            ground_truth={**info.metadata, "episode": NEW_EPISODE, "within": deadline is not None},
+            more={**info.metadata, "episode": NEW_EPISODE, "within": deadline is not None},
         )
 
     def session(self) -> PolicySession:
@@ -160,15 +162,15 @@ class SessionStore:
             if not self._closed:
                 self._unused.append(policy)
                 return
-        policy.close(timeout_s=_LEAVE_S)
+        policy.close(timeout_s=_CLOSE_S)
 
     def close(self) -> None:
-        """Free what no session uses, and let sessions free the rest; what hangs is left to its thread."""
+        """Free what no session uses; sessions free the rest when they end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []
         for policy in unused:
-            policy.close(timeout_s=_LEAVE_S)
+            policy.close(timeout_s=_CLOSE_S)
 
 
 def declare(
@@ -177,26 +179,29 @@ def declare(
     *,
     needs_images: bool,
     batch: int,
-    ground_truth: Mapping[str, object],
+    more: Mapping[str, object],
     execution: Execution = WHOLE_CHUNKS,
+    expert: bool = False,
 ) -> dict[str, Any]:
     """Return the metadata frame of a server of ours.
 
     Args:
         policy: Address of the policy.
         space: Action space in which it answers.
-        needs_images: False if it never looks at a image.
+        needs_images: False if it never uses an image.
         batch: Observations it answers at once, at most.
-        ground_truth: Whatever else clients may want to know.
+        more: What else clients may want to know.
         execution: How its chunks are to be played.
+        expert: Whether it simulates the client's trial, which our own clients then name.
     """
     return {
         "betterbench": {
-            **ground_truth,  # first: a policy's own texts replace no convention
+            **more,  # first, so that a policy's own texts replace no convention
             "protocol": PROTOCOL,
             "preset": "native",
             "layouts": ["native", "openpi_libero"],
             "policy": policy,
+            "expert": expert,
             "action_space": space.to_json(),
             "needs_images": needs_images,
             "cameras": {},

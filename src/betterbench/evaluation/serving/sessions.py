@@ -1,4 +1,4 @@
-"""Sessions: what answers one connection to a server of ours."""
+"""Sessions: each answers one connection to a server of this package."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError, PolicyError
-from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations, TrialName
-from betterbench.interface import EpisodeStart, Observation, Policy
+from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations
+from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
 from betterbench.interface.actions import EE_DELTA, action_space
 from betterbench.policies.request import Request, read_request
-from betterbench.tasks import Condition, all_tasks
+from betterbench.tasks import Condition, TrialId, all_tasks
 
 logger = logging.getLogger(__name__)
 
 SAME_PLACE_M = 2e-6
 """Distance below which two positions of the end effector are the same [m]; clients send them as float32."""
 ASTRAY_M = 1e-3
-"""Distance above which a client has left the way of the answered actions [m]."""
+"""Distance above which a client has left the path of the answered actions [m]."""
 
 
 class ShadowSession:
-    """One client of a served expert: finds its trial and its step, and asks the shadow."""
+    """One client of a served expert: finds its trial and its step, and asks the shadow simulation."""
 
-    def __init__(self, shadows: ShadowSimulations, chunk: int, trial: TrialName | None) -> None:
+    def __init__(self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None) -> None:
         """Prepare for a connection.
 
         Args:
             shadows: The shadows of the policy.
             chunk: Actions in one answer.
-            trial: Trial of a client that names none, or None to find it by the sentence.
+            trial: Trial of a client that names none, or None to find it by the instruction.
         """
         self._shadows, self._chunk, self._fixed = shadows, chunk, trial
         self._counter = Counter()
@@ -48,18 +48,21 @@ class ShadowSession:
         """Return the next actions of the expert.
 
         Raises:
-            InvalidInputError: If the request is malformed, or its sentence belongs to no trial.
+            InvalidInputError: If the request is malformed, or no trial has its instruction.
             UnknownNameError: If it names no trial of the suite.
-            PolicyError: If the client has left the way of the answered actions.
+            PolicyError: If the client has left the path of the answered actions.
         """
         request = read_request(message)
-        trial = _named(request.start) if request.start else self._fixed or trial_of(request.instruction)
+        if request.start is not None:
+            _check_space(request.start, EE_DELTA.name, "an expert")
+        trial = request.trial or self._fixed or trial_of(request.instruction)
         step = self._counter.step(request, trial)
         shadow = self._shadows.of(trial)
-        said = shadow.condition.instruction.text
-        if request.start is not None and request.instruction != said:
+        instruction = shadow.condition.instruction.text
+        if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client says {request.instruction!r} and this server {said!r}. They run other versions"
+                f"{trial}: the client's instruction is {request.instruction!r} and this server's is {instruction!r}. "
+                "They run different versions"
             )
         if request.step is None and request.observation is not None:
             step = self._located(request.observation, shadow, step)
@@ -69,13 +72,13 @@ class ShadowSession:
         return {"actions": actions}
 
     def close(self) -> None:
-        """Forget the connection; the shadows stay, for a client that comes back."""
+        """Forget the connection; the shadows stay, for a client that connects again."""
 
     def _located(self, seen: Observation, shadow: ShadowSimulation, step: int) -> int:
-        """Return the control step that a client which does not count is at: the end of the last chunk, or before it.
+        """Return the control step of a client that sends no step: the end of the last chunk, or an earlier one.
 
-        Many clients execute fewer actions than they were answered. Where the end effector has moved exactly as far as
-        up to an earlier step of the chunk, they are there; its origin is the client's own.
+        Many clients execute fewer actions than they were answered. Such a client is at the step of the chunk where the
+        end effector was that it reports, relative to where it was at the start of the episode.
         """
         if self._counter.begins:
             self._origin = seen.ee_position - shadow.position(0)
@@ -105,20 +108,20 @@ class ShadowSession:
 
 
 class Counter:
-    """Counts the control steps of a client that may or may not count itself, and notices where an episode begins."""
+    """Counts the control steps of a client that may not send them, and notices where an episode begins."""
 
     def __init__(self) -> None:
-        """Begin."""
+        """Begin at step 0."""
         self._episode: object = None
         self._next = 0
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request; ``begins`` then tells whether an episode begins with it.
+        """Return the control step of a request, and set ``begins``.
 
         Args:
             request: The request.
-            episode: What tells its episode from another one.
+            episode: Any value that differs between episodes.
         """
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
@@ -129,44 +132,38 @@ class Counter:
         return self._next
 
     def answered(self, step: int, count: int) -> None:
-        """Note what was answered: a client that does not count has executed it all when it asks again.
-
-        Args:
-            step: Control step of the first action.
-            count: Number of actions.
-        """
+        """Note that ``count`` actions from ``step`` on were answered; a client without steps executes them all."""
         self._next = step + count
 
 
-def _named(start: EpisodeStart) -> TrialName:
-    if start.action_space != EE_DELTA.name:
+def _check_space(start: EpisodeStart, space: str, who: str) -> None:
+    if start.action_space != space:
         raise InvalidInputError(
             "better/episode: action_space",
-            f"the client executes {start.action_space!r} and an expert answers in {EE_DELTA.name!r}",
-            f"Evaluate with --action-space {EE_DELTA.name}",
+            f"the client executes {start.action_space!r} and {who} answers in {space!r}",
+            f"Evaluate with --action-space {space}",
         )
-    return TrialName(start.task, start.condition, start.seed)
 
 
-def trial_of(sentence: str) -> TrialName:
-    """Return the first trial of the suite that a sentence belongs to: a training condition, seed 0.
+def trial_of(instruction: str) -> TrialId:
+    """Return the first trial of the suite that has an instruction: of a training condition, with seed 0.
 
     Raises:
-        InvalidInputError: If no training condition has the sentence; the text names the closest ones.
+        InvalidInputError: If no training condition has it; the text names the closest ones.
     """
     conditions: dict[str, Condition] = {}
     for task in all_tasks():
         for condition in task.training:
             conditions.setdefault(condition.instruction.text, condition)
-    found = conditions.get(sentence)
+    found = conditions.get(instruction)
     if found is not None:
-        return TrialName(found.task, found.name, 0)
-    by_small_letters = {text.casefold(): text for text in conditions}
-    close = difflib.get_close_matches(sentence.casefold(), by_small_letters, n=3, cutoff=0.0)
-    listed = "; ".join(f"{by_small_letters[c]!r} ({conditions[by_small_letters[c]].id})" for c in close)
+        return TrialId(found.task, found.name, 0)
+    folded = {text.casefold(): text for text in conditions}
+    close = difflib.get_close_matches(instruction.casefold(), folded, n=3, cutoff=0.0)
+    listed = "; ".join(f"{folded[c]!r} ({conditions[folded[c]].id})" for c in close)
     raise InvalidInputError(
         "prompt",
-        f"no training condition says {sentence[:200]!r}. The closest are {listed}",
+        f"no training condition says {instruction[:200]!r}. The closest are {listed}",
         "Send one of them, name the trial in better/episode, or serve with --task, --condition and --seed",
     )
 
@@ -177,7 +174,7 @@ class PolicySession:
     def __init__(
         self,
         policy: Policy,
-        trial: TrialName | None,
+        trial: TrialId | None,
         *,
         within: bool = False,
         on_close: Callable[[], None] | None = None,
@@ -185,9 +182,9 @@ class PolicySession:
         """Prepare for a connection.
 
         Args:
-            policy: The policy; this session's own, or one that answers each observation for itself.
-            trial: Trial of a client that names none; its seed is what a policy that draws random numbers is told.
-            within: True for the workers of a run: whatever goes wrong is told in the words that a record has for it.
+            policy: The policy; this session's own, or one that answers each observation independently.
+            trial: Trial whose episode number a policy is told by a client that sends none.
+            within: True for the workers of a run: an error is reported in the text that goes into a record.
             on_close: Called when the client has left.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
@@ -204,17 +201,13 @@ class PolicySession:
         if request.observation is None:
             raise InvalidInputError(
                 "the request",
-                "it holds no observation",
+                "holds no observation",
                 "Send better/joint_positions and its like (preset native), or observation/state (preset openpi_libero)",
             )
         space = self._policy.info.action_space
-        start = request.start or EpisodeStart(request.instruction, self._trial.seed if self._trial else 0, space)
-        if start.action_space != space:
-            raise InvalidInputError(
-                "better/episode: action_space",
-                f"the client executes {start.action_space!r} and the policy answers in {space!r}",
-                f"Evaluate with --action-space {space}",
-            )
+        number = episode_number(self._trial.seed if self._trial else 0)
+        start = request.start or EpisodeStart(request.instruction, number, space)
+        _check_space(start, space, "the policy")
         step = self._counter.step(request, request.start)
         if self._counter.begins:
             self._policy.reset(start)
@@ -234,6 +227,6 @@ class PolicySession:
         return {"actions": np.ascontiguousarray(actions, dtype=np.float64)}
 
     def close(self) -> None:
-        """Forget the connection."""
+        """Call ``on_close``."""
         if self._on_close is not None:
             self._on_close()

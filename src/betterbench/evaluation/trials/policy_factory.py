@@ -1,4 +1,4 @@
-"""From a policy's address to the policies of a worker."""
+"""From the address of a policy to the instances that a worker asks."""
 
 from __future__ import annotations
 
@@ -19,22 +19,19 @@ from betterbench.recording import RunFolder
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
 SOURCE = "source file"
-"""Under which name the file of a Python policy, with its fingerprint, stands in the metadata of a policy."""
+"""Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Check that an address means something, before a run is planned for it; a server is asked for its conventions.
+    """Return what a policy says about itself, and check it against a run; a server is asked for its conventions.
 
     Args:
         address: Address of the policy.
         action_space: Action space of the run, which the policy has to answer in; None where there is no run yet.
         observation: Observation preset of the run, likewise.
 
-    Returns:
-        What the policy says about itself.
-
     Raises:
-        UnknownNameError: If the address means nothing.
+        UnknownNameError: If no policy has such an address.
         InvalidInputError: If a plugin cannot be loaded, or the policy answers in another action space.
         RecordError: If the run to replay does not exist.
         PolicyUnavailableError: If a server cannot be reached.
@@ -45,10 +42,10 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def make_policy(address: str) -> Policy:
-    """Return a policy that sees observations and needs to know nothing of the trial.
+    """Return a policy that sees observations.
 
     Raises:
-        UnknownNameError: If the address means nothing.
+        UnknownNameError: If no policy has such an address.
         InvalidInputError: If a plugin cannot be loaded.
         PolicyUnavailableError: If a server cannot be reached.
         HandshakeError: If a server declares other conventions.
@@ -60,7 +57,7 @@ def make_policy(address: str) -> Policy:
     if address.startswith("python:"):
         return load_plugin(address.removeprefix("python:"))
     if is_remote(address) or is_in_process_model(address):
-        # Loaded when it is needed: a run of the expert imports no wire.
+        # Imported here: a run of the expert needs no network library.
         from betterbench.policies.connect import connect  # noqa: PLC0415
 
         return connect(address)
@@ -68,31 +65,31 @@ def make_policy(address: str) -> Policy:
 
 
 def is_privileged(address: str) -> bool:
-    """Tell whether a policy sees the truth instead of observations."""
+    """Return whether a policy sees the privileged state instead of observations."""
     return parse_address(address) is not None
 
 
 def is_remote(address: str) -> bool:
-    """Tell whether a policy answers from a server."""
+    """Return whether a policy answers from a server."""
     scheme, separator, _ = address.partition("://")
     return bool(separator) and scheme in CONNECTED
 
 
 def is_in_process_model(address: str) -> bool:
-    """Tell whether a policy loads the weights of a checkpoint into the process that asks for it."""
+    """Return whether a policy loads the weights of a checkpoint into the process that asks for it."""
     return address.startswith("lerobot:")
 
 
 def needs_no_thread(address: str) -> bool:
-    """Tell whether a policy is ours and answers at once, so that the simulation may wait for it."""
+    """Return whether a policy is built in and answers at once, so that the simulation waits for it."""
     return is_privileged(address) or address in PLAIN or address.startswith("replay:")
 
 
 class PolicyFactory:
-    """Makes the policies of one worker. A context manager, which closes what it made and nobody took."""
+    """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
     def __init__(self, address: str) -> None:
-        """Prepare for one policy; nothing is loaded and no server is asked yet."""
+        """Prepare; nothing is loaded and no server is asked yet."""
         self.address = address
         self._made: Policy | None = None
         self._info: PolicyInfo | None = None
@@ -100,11 +97,11 @@ class PolicyFactory:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Return the policies themselves."""
+        """Return the factory."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close what was made and not taken."""
+        """Close an instance that was made and not taken."""
         self.close()
 
     @property
@@ -124,13 +121,13 @@ class PolicyFactory:
                 self._made = make_policy(self.address)
                 self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
                 source = source_of(self.address.removeprefix("python:")) if self.address.startswith("python:") else ""
-                if source:  # a run goes on with the same file
+                if source:  # a resumed run compares it
                     self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments; the policy is made to find out.
+        """Whether one instance answers the observations of many environments; the policy is made to ask it.
 
         Raises:
             BetterError: As :func:`check_policy`.
@@ -145,8 +142,7 @@ class PolicyFactory:
             observation: Observation preset of the run, likewise.
 
         Returns:
-            What the policy says about itself. The action space of a replay is that of each record, which it compares
-            itself, so it is empty here.
+            What the policy says about itself. The action space of a replay is empty here; it is that of each record.
 
         Raises:
             BetterError: As :func:`check_policy`.
@@ -160,12 +156,7 @@ class PolicyFactory:
         return info
 
     def policy(self, scene: Scene, trial: Trial) -> AnyPolicy:
-        """Return the policy for one episode, of a policy that needs no thread.
-
-        Args:
-            scene: The scene of the episode.
-            trial: The trial.
-        """
+        """Return the policy of one episode, where it needs no thread."""
         if is_privileged(self.address):
             return make_expert(self.address, scene)
         if self.address.startswith("replay:"):
@@ -181,7 +172,7 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return a policy that nobody else has; the caller closes it.
+        """Return an instance for the caller alone, who closes it.
 
         Raises:
             BetterError: As :func:`check_policy`.
@@ -191,7 +182,7 @@ class PolicyFactory:
         return make_policy(self.address) if made is None else made
 
     def close(self) -> None:
-        """Close what was made and not taken; harmless when closed."""
+        """Close an instance that was made and not taken; harmless when closed."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
@@ -217,7 +208,7 @@ def check_action_space(address: str, info: PolicyInfo, action_space: str | None)
 
 
 def close_policy(policy: object) -> None:
-    """End a policy's connection, or free what it holds, if it has a way to do that."""
+    """Call a policy's ``close``, if it has one."""
     close = getattr(policy, "close", None)
     if callable(close):
         close()

@@ -1,4 +1,4 @@
-"""A respondent: the thread in which a policy answers, so that the simulation need not wait for it."""
+"""The thread in which a policy answers, so that the simulation does not wait for it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from betterbench.errors import PolicyError
 from betterbench.evaluation.trials.policy_factory import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import WorldState
+from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answered:
-    """What came of a question.
+    """The outcome of a question.
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` gave to the question.
@@ -33,7 +34,7 @@ class Answered:
 class PolicyThread:
     """Asks one policy in a thread of its own, question after question.
 
-    The policy is made in that thread when it is first asked, so connecting and loading hold up nobody either.
+    The policy is made in that thread when it is first asked, so the simulation does not wait for connecting or loading.
     """
 
     def __init__(
@@ -42,7 +43,7 @@ class PolicyThread:
         outbox: queue.SimpleQueue[Answered],
         tickets: Callable[[], int],
         *,
-        counts: bool,
+        client: bool,
     ) -> None:
         """Start the thread.
 
@@ -50,66 +51,64 @@ class PolicyThread:
             make: Makes the policy; called again at the next question if it fails.
             outbox: Where answers are put.
             tickets: Gives the next number of a question.
-            counts: Whether the policy is a client of ours, which counts its requests.
+            client: Whether the policy is one of our own clients of a server: it counts its requests, and it is told
+                the trial, which it passes on only to a server that declares to serve an expert.
         """
-        self._make, self._outbox, self._tickets, self._counts = make, outbox, tickets, counts
+        self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
-        self._inbox: queue.SimpleQueue[tuple[int, EpisodeStart | Observation | WorldState] | None]
+        self._inbox: queue.SimpleQueue[tuple[int, EpisodeStart | Observation | WorldState, TrialId] | None]
         self._inbox = queue.SimpleQueue()
-        # A daemon: a policy that hangs for ever must not keep the process alive.
-        self._thread = threading.Thread(target=self._work, name="respondent", daemon=True)
+        # A daemon thread: a policy that hangs does not keep the process alive.
+        self._thread = threading.Thread(target=self._work, name="policy", daemon=True)
         self._thread.start()
 
-    def ask(self, seen: EpisodeStart | Observation | WorldState) -> int:
-        """Ask, and return the number under which the answer will be put into the outbox.
-
-        Args:
-            seen: What the policy is shown.
-        """
+    def ask(self, seen: EpisodeStart | Observation | WorldState, trial: TrialId) -> int:
+        """Ask, and return the number under which the answer will be put into the outbox."""
         ticket = self._tickets()
-        self._inbox.put((ticket, seen))
+        self._inbox.put((ticket, seen, trial))
         return ticket
 
     def dismiss(self) -> None:
-        """Let the thread end, and its policy be closed, when it has answered."""
+        """End the thread, and close its policy, after the question that it is answering."""
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from outside, which ends its waiting; only a client's connection may be closed so."""
+        """Close the policy from another thread, which ends its waiting; only our own clients allow that."""
         if self._policy is not None:
             with contextlib.suppress(Exception):
                 close_policy(self._policy)
 
     def join(self, timeout_s: float) -> bool:
-        """Wait for the thread of a respondent that was dismissed, and tell whether it has ended.
-
-        Args:
-            timeout_s: How long to wait [s]; a call that hangs cannot be ended.
-        """
+        """Wait up to so many seconds for the thread after :meth:`dismiss`, and return whether it has ended."""
         self._thread.join(max(0.0, timeout_s))
         return not self._thread.is_alive()
 
     def _work(self) -> None:
         while (item := self._inbox.get()) is not None:
-            ticket, seen = item
+            ticket, seen, trial = item
             outcome: Reply | BaseException
             try:
                 if self._policy is None:
                     with POLICY_BOUNDARY:
                         self._policy = self._make()
+                if self._client and isinstance(seen, EpisodeStart):
+                    name_trial(self._policy, trial)
                 outcome = answer(self._policy, seen)
             except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread of the simulation
                 outcome = problem
-            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy) if self._counts else {}))
+            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy) if self._client else {}))
         self.cut()
 
 
-def no_answer(limit_s: float) -> PolicyError:
-    """Return the error of a trial whose policy did not answer in time.
+def name_trial(client: object, trial: TrialId) -> None:
+    """Tell one of our own clients which trial begins; never call this with a policy of a user."""
+    told = getattr(client, "name_trial", None)
+    if callable(told):
+        told(trial)
 
-    Args:
-        limit_s: The deadline [s].
-    """
+
+def no_answer(limit_s: float) -> PolicyError:
+    """Return the error of a trial whose policy did not answer within a deadline [s]."""
     return PolicyError(f"the policy gave no answer within {limit_s:g} s. Raise --policy-timeout.")
 
 

@@ -15,11 +15,11 @@ from betterbench.policies.batching import BatchCollector
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """How long a policy may take that the run itself serves.
+    """The deadline of a policy that the run itself serves.
 
     Attributes:
         limit_s: Longest time from question to answer [s].
-        on_hang: Called when it has passed; the call that hangs cannot be ended, so its process has to be.
+        on_hang: Called when it has passed: a call that hangs can only be ended with its process.
     """
 
     limit_s: float
@@ -29,12 +29,11 @@ class Deadline:
 class SharedPolicy:
     """A policy of which there is one for all connections; all that wait are answered in one batch.
 
-    The policy is touched by one thread alone, which also tells it where an episode begins. One that takes no batches
-    gets one observation at a time.
+    Only one thread calls the policy. A policy that takes no batches gets one observation at a time.
     """
 
     def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
-        """Start to gather.
+        """Start the thread.
 
         Args:
             policy: The policy.
@@ -49,7 +48,7 @@ class SharedPolicy:
         return _SharedClient(self._policy.info, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop gathering, and free the policy, unless it still hangs.
+        """Stop the thread, and close the policy unless it still hangs.
 
         Args:
             timeout_s: How long to wait for an answer under way [s]; None for as long as it takes.
@@ -62,11 +61,11 @@ class SharedPolicy:
             if start is not None:
                 self._policy.reset(start)
         if isinstance(self._policy, BatchPolicy):
-            said = self._policy.act_batch([observation for _, observation in asked])
+            answers = self._policy.act_batch([observation for _, observation in asked])
         else:
-            said = [self._policy.act(observation) for _, observation in asked]
-        # A policy may write its next answers into the same memory, before these have been read in other threads.
-        return [np.array(answer) for answer in said]
+            answers = [self._policy.act(observation) for _, observation in asked]
+        # A policy may reuse the memory of its answers before other threads have read them.
+        return [np.array(answer) for answer in answers]
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
@@ -84,7 +83,7 @@ class _SharedClient:
         self._start: EpisodeStart | None = None
 
     def reset(self, start: EpisodeStart) -> None:
-        """Note that an episode begins; the policy is told with the first observation."""
+        """Note that an episode begins; the policy is reset with the first observation."""
         self._start = start
 
     def act(self, observation: Observation) -> np.ndarray:

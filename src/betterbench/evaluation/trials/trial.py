@@ -1,4 +1,4 @@
-"""One trial in one worker: build the scene, run the episode, write the record."""
+"""One trial in one worker: the scene is built, the episode is run and the record is written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.episodes import (
     run_episode,
 )
 from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
-from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
@@ -36,12 +36,12 @@ POLICY_TIMEOUT_S = 300.0
 _SPARE_RENDERERS = 3
 
 TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
-"""A trial that waits for its policy, like :data:`betterbench.episodes.Steps`; it returns the line for the journal."""
+"""A trial that waits for its policy, like :data:`betterbench.episodes.Steps`; it returns the journal entry."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """What all trials of a run share; small and picklable, so that a worker can be told.
+    """What all trials of a run share; small and picklable, so that it can be sent to a worker.
 
     Attributes:
         run: Folder of the run.
@@ -67,6 +67,12 @@ class RunSettings:
     served_at: str | None = None
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
 
+    @classmethod
+    def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
+        """Return the settings of a plan that is run into a folder."""
+        space, preset = plan.action_space, plan.observation
+        return cls(str(run), plan.policy, space, preset, plan.quality, plan.robot, envs, policy_timeout_s)
+
     @property
     def asked(self) -> str:
         """Address at which a worker asks the policy."""
@@ -86,7 +92,7 @@ class TrialRunner:
 
         Args:
             settings: What all trials of the run share.
-            policies: Makes the policy; it is taken over. None to prepare for the policy of the settings.
+            policies: Makes the policy, and is closed with the runner. None to make the policy of the settings.
 
         Raises:
             BetterError: If the policy cannot be made, its server not be reached or the run not be read.
@@ -102,14 +108,11 @@ class TrialRunner:
     def steps(self, trial: Trial) -> TrialSteps:
         """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
 
-        Args:
-            trial: The trial.
-
         Yields:
             As :func:`betterbench.episodes.episode_steps`; nothing where the policy needs no thread.
 
         Returns:
-            The line for the journal; the caller writes it, so that one process alone appends.
+            The journal entry; the caller writes it, so that only one process appends.
 
         Raises:
             PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
@@ -123,18 +126,11 @@ class TrialRunner:
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
-            observer = None if is_privileged(self.settings.policy) else self._observer
             if needs_no_thread(self.settings.asked):
-                policy: AnyPolicy = self.policies.policy(scene, trial)
-                try:
-                    result = run_episode(scene, policy, context=context, observer=observer)
-                    ground_truth = dict(getattr(policy, "ground_truth", {}))
-                finally:
-                    if is_privileged(self.settings.policy):
-                        close_policy(policy)
+                result, ground_truth = self._run_here(scene, trial, context)
             else:
                 result = yield from episode_steps(
-                    scene, context=context, observer=observer, execution=self.info.execution
+                    scene, context=context, observer=self._shown_by, execution=self.info.execution
                 )
             ended = time.perf_counter()
             self._write(scene, result)
@@ -144,7 +140,7 @@ class TrialRunner:
             raise
         except (PolicyUnavailableError, HandshakeError) as error:
             status, message = "error", str(error)
-        except Exception as error:  # noqa: BLE001 - a trial that breaks down is listed and run again, the run goes on
+        except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
             status, message = "error", f"{type(error).__name__}: {error}"
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
@@ -156,23 +152,38 @@ class TrialRunner:
         self._observer.close()
         self.policies.close()
 
+    @property
+    def _shown_by(self) -> Observer | None:
+        """What makes the observations; None for a privileged policy, which is shown the state."""
+        return None if is_privileged(self.settings.policy) else self._observer
+
+    def _run_here(self, scene: Scene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
+        """Run an episode of a policy that needs no thread; return its result and what a faulty policy knows of it."""
+        policy: AnyPolicy = self.policies.policy(scene, trial)
+        try:
+            result = run_episode(scene, policy, context=context, observer=self._shown_by)
+            return result, dict(getattr(policy, "ground_truth", {}))
+        finally:
+            if is_privileged(self.settings.policy):
+                close_policy(policy)
+
     def _set_up(self, trial: Trial) -> tuple[Scene, TrialContext]:
-        task, condition, interventions = trial.resolve()
+        found = trial.resolve()
         scene = Scene(
-            task,
-            condition,
+            found.task,
+            found.condition,
             seed=trial.seed,
             action_space=action_space(self.settings.action_space),
             quality=quality_preset(self.settings.quality),
             robot_name=self.settings.robot,
         )
-        shown = not is_privileged(self.settings.policy) and self._observer.spec.cameras
+        shown = self._shown_by is not None and self._observer.spec.cameras
         context = TrialContext(
             policy=self.settings.policy,
             variation=trial.variation,
             axis=trial.axis,
             base_condition=trial.base_condition,
-            interventions=interventions,
+            interventions=() if found.variation is None else tuple(str(i) for i in found.variation.interventions),
             camera_preset=self._observer.spec.name if shown else None,
         )
         return scene, context
@@ -184,9 +195,14 @@ class TrialRunner:
                 self.run.store_scene(scene.compiled.content_hash, scene.files())
 
 
+def broken_entry(trial: Trial, reason: str) -> JournalEntry:
+    """Return the journal entry of a trial that broke down with its worker."""
+    return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})
+
+
 @contextmanager
 def on_disk(place: Path) -> Iterator[None]:
-    """Say in one line why nothing more can be written; trials that follow would fail alike.
+    """Turn an error of a disk that cannot be written any more into one line; further trials would fail alike.
 
     Args:
         place: What is written to, for the message.

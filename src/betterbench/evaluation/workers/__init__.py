@@ -1,1 +1,1 @@
-"""Worker processes and the environments that each of them keeps open."""
+"""Workers: one thread that interleaves several trials, and a pool of processes on this machine that each hold one."""

@@ -1,4 +1,4 @@
-"""A crew: worker processes of this machine, each fed over a pipe with as many trials as it has environments."""
+"""A pool of worker processes on this machine, each fed over a pipe with as many trials as it has environments."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -17,41 +16,45 @@ from typing import Self
 
 from betterbench.errors import BetterError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.worker import Worker, even_share
-from betterbench.recording import JournalEntry
+from betterbench.recording import JournalEntry, RetryLedger
 from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
 
-MAX_DEATHS = 3
-"""How often the process of a trial may die before the trial is given up; from the second time on it runs alone."""
-
-MAX_DEATHS_IN_A_ROW = 12
-"""How many processes may die, with no trial finished in between, before the run is given up."""
-
-MAX_STILLBORN = 3
+MAX_FAILED_STARTS = 3
 """How many processes may die one after the other while they start, before the run goes on with those it has."""
 
+_CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
 _WATCH_S = 0.5
-_FAREWELL_S = 10.0
+_END_S = 10.0
 
 
 @dataclass(eq=False)
-class _WorkerProcess:
-    """One worker process."""
+class WorkerProcess:
+    """One worker process as the pool sees it.
+
+    Attributes:
+        process: The process.
+        connection: Our end of its pipe.
+        trials: Trials that it was given and that have not ended.
+        alone: Whether its one trial was in a process that died.
+        lost: Whether its end of the pipe is closed.
+        ready: Whether it has loaded what it needs.
+    """
 
     process: BaseProcess
     connection: Connection
     trials: dict[TrialId, Trial] = field(default_factory=dict)
-    alone: bool = False  # its one trial was in a process that died
-    lost: bool = False  # its end of the pipe is closed
-    ready: bool = False  # it has loaded what it needs
+    alone: bool = False
+    lost: bool = False
+    ready: bool = False
 
 
 class WorkerPool:
-    """Runs trials in worker processes and does those of a dead one again. A context manager, which ends them all."""
+    """Runs trials in worker processes, and the trials of a process that died again. A context manager."""
 
     def __init__(self, settings: RunSettings, workers: int, *, watch: Callable[[], None] | None = None) -> None:
         """Prepare; processes are started when there is work.
@@ -61,16 +64,13 @@ class WorkerPool:
             workers: Worker processes.
             watch: Called about twice a second.
         """
-        self._setting, self._workers, self._watch = settings, workers, watch
-        self._hands: list[_WorkerProcess] = []
-        self._waiting: deque[Trial] = deque()
-        self._suspects: deque[Trial] = deque()
-        self._deaths: Counter[TrialId] = Counter()
-        self._in_a_row = 0
-        self._stillborn = 0
+        self._settings, self._workers, self._watch = settings, workers, watch
+        self._processes: list[WorkerProcess] = []
+        self._ledger: RetryLedger[Trial] = RetryLedger((), workers="worker processes", cure=_CURE)
+        self._failed_starts = 0
 
     def __enter__(self) -> Self:
-        """Return the crew itself."""
+        """Return the pool."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -78,162 +78,148 @@ class WorkerPool:
         self.close()
 
     def entries(self, trials: Iterable[Trial]) -> Iterator[JournalEntry]:
-        """Yield the line for the journal of every trial, as they end.
-
-        Args:
-            trials: The trials.
+        """Yield the journal entry of every trial, as they end.
 
         Raises:
             WorkerError: If workers keep dying.
-            BetterError: Whatever a worker says has to stop the run.
+            BetterError: An error by which a worker stops the run.
         """
-        self._waiting.extend(trials)
-        while self._waiting or self._suspects or any(h.trials for h in self._hands):
-            self._start_worker()
-            self._hand_out()
+        self._ledger.put_back(trials)
+        while self._ledger.left or any(worker.trials for worker in self._processes):
+            self._start_workers()
+            self._distribute()
             if self._watch is not None:
                 self._watch()
-            places = {h.connection: h for h in self._hands} | {h.process.sentinel: h for h in self._hands}
-            heard = [places[p] for p in wait(list(places), timeout=_WATCH_S)]  # type: ignore[index]
-            # A child of a dead worker may hold its pipe and its sentinel open, so neither tells of its death.
-            heard += [h for h in self._hands if not h.process.is_alive()]
-            for hand in dict.fromkeys(heard):
-                ended = list(self._heard(hand))
-                self._hand_out()  # before the journal waits for the disk
+            for worker in self._wait():
+                ended = list(self._receive(worker))
+                self._distribute()  # before the journal waits for the disk
                 yield from ended
-                if hand.lost or not hand.process.is_alive():
-                    yield from self._handle_worker_exit(hand)
-        for hand in self._hands:
+                if worker.lost or not worker.process.is_alive():
+                    yield from self._handle_worker_exit(worker)
+        for worker in self._processes:
             with contextlib.suppress(OSError):
-                hand.connection.send(None)
-        for hand in self._hands:
-            hand.process.join(_FAREWELL_S)
+                worker.connection.send(None)
+        for worker in self._processes:
+            worker.process.join(_END_S)
 
     def close(self) -> None:
-        """End all processes at once; what they had not finished is as if it had not begun."""
-        hands, self._hands = self._hands, []
-        for hand in hands:
-            if hand.process.is_alive():
-                hand.process.kill()
-        for hand in hands:
-            hand.process.join()
-            hand.connection.close()
-            hand.process.close()
+        """End all processes at once; unfinished trials leave nothing behind."""
+        processes, self._processes = self._processes, []
+        for worker in processes:
+            if worker.process.is_alive():
+                worker.process.kill()
+        for worker in processes:
+            worker.process.join()
+            worker.connection.close()
+            worker.process.close()
 
-    def _start_worker(self) -> None:
+    def _wait(self) -> Iterable[WorkerProcess]:
+        """Return the processes that have sent something or ended, after at most the time between two watches."""
+        sources = {w.connection: w for w in self._processes} | {w.process.sentinel: w for w in self._processes}
+        found = [sources[source] for source in wait(list(sources), timeout=_WATCH_S)]  # type: ignore[index]
+        # A child of a dead worker may hold its pipe and its sentinel open, so that neither shows its death.
+        found += [w for w in self._processes if not w.process.is_alive()]
+        return dict.fromkeys(found)
+
+    def _start_workers(self) -> None:
         """Start processes as long as there is work for them."""
-        for _ in range(min(self._workers - len(self._hands), len(self._waiting) + len(self._suspects))):
-            with deaf_to_interrupts():
-                self._hands.append(start_worker(self._setting))
+        for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
+            with interrupts_blocked():
+                self._processes.append(start_worker(self._settings))
 
-    def _hand_out(self) -> None:
-        """Give every process an even share of the trials, in turns; a suspect has a process for itself."""
-        for hand in self._hands:
-            if self._suspects and not hand.trials and not hand.lost:
-                hand.alone = True
-                self._send(hand, self._suspects.popleft())
-        left = len(self._waiting) + sum(len(hand.trials) for hand in self._hands)
-        room = even_share(left, max(1, len(self._hands)), self._setting.envs)
+    def _distribute(self) -> None:
+        """Give every process an even share of the trials, in turns; a suspect gets a process for itself."""
+        for worker in self._processes:
+            if self._ledger.suspects and not worker.trials and not worker.lost:
+                worker.alone = True
+                self._send(worker, self._ledger.take_suspect())
+        left = self._ledger.waiting + sum(len(worker.trials) for worker in self._processes)
+        room = even_share(left, max(1, len(self._processes)), self._settings.envs)
         for _ in range(room):
-            for hand in self._hands:
-                if self._waiting and not hand.alone and not hand.lost and len(hand.trials) < room:
-                    self._send(hand, self._waiting.popleft())
+            for worker in self._processes:
+                if not worker.alone and not worker.lost and len(worker.trials) < room:
+                    for trial in self._ledger.take(1):
+                        self._send(worker, trial)
 
-    def _send(self, hand: _WorkerProcess, trial: Trial) -> None:
-        hand.trials[TrialId(trial.task, trial.condition, trial.seed)] = trial
+    def _send(self, worker: WorkerProcess, trial: Trial) -> None:
+        worker.trials[trial.id] = trial
         try:
-            hand.connection.send(trial)
+            worker.connection.send(trial)
         except OSError:
-            hand.lost = True  # its death is noticed in a moment, and the trial is done again
+            worker.lost = True  # its exit is handled at the next turn, and the trial is run again
 
-    def _heard(self, hand: _WorkerProcess) -> Iterator[JournalEntry]:
+    def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
         """Yield what a process has sent.
 
         Raises:
-            BetterError: If it says that the run has to stop.
+            BetterError: An error that it has sent, which stops the run.
         """
         try:
-            while hand.connection.poll():
-                said = hand.connection.recv()
-                if isinstance(said, BetterError):
-                    raise said
-                if said is None:
-                    hand.ready, self._stillborn = True, 0
+            while worker.connection.poll():
+                message = worker.connection.recv()
+                if isinstance(message, BetterError):
+                    raise message
+                if message is None:
+                    worker.ready, self._failed_starts = True, 0
                     continue
-                hand.trials.pop(said.key, None)
-                hand.alone = False
-                self._in_a_row = 0
-                yield said
+                worker.trials.pop(message.key, None)
+                worker.alone = False
+                self._ledger.item_ended()
+                yield message
         except (EOFError, OSError):
-            hand.lost = True
+            worker.lost = True
 
-    def _handle_worker_exit(self, hand: _WorkerProcess) -> Iterator[JournalEntry]:
-        """Replace a process that died, and have its trials done again or give them up."""
-        yield from self._heard(hand)
-        self._hands.remove(hand)
-        hand.process.join(_WATCH_S)
-        if hand.process.is_alive():
-            hand.process.kill()
-            hand.process.join()
-        how = _how_it_died(hand.process.exitcode)
-        hand.connection.close()
-        if not hand.ready:
-            self._handle_failed_start(hand, how)
+    def _handle_worker_exit(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
+        """Remove a process that died, and queue its trials again or give them up."""
+        yield from self._receive(worker)
+        self._processes.remove(worker)
+        worker.process.join(_WATCH_S)
+        if worker.process.is_alive():
+            worker.process.kill()
+            worker.process.join()
+        how = _exit_text(worker.process.exitcode)
+        worker.connection.close()
+        if not worker.ready:
+            self._handle_failed_start(worker, how)
             return
-        self._in_a_row += 1
-        logger.warning("a worker process died (%s); its %d trials are done again", how, len(hand.trials))
-        for key, trial in hand.trials.items():
-            self._deaths[key] += 1
-            if self._deaths[key] < MAX_DEATHS:
-                self._suspects.append(trial)
-                continue
-            message = f"its worker process died {MAX_DEATHS} times ({how}); run the same command again to retry it"
-            yield JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", message)
-            self._in_a_row = 0
-        if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
-            raise WorkerError(
-                f"{self._in_a_row} worker processes died one after the other ({how}). "
-                "Run the same command again with fewer --workers, or with 1 to see why."
-            )
+        logger.warning("a worker process died (%s); its %d trials are run again", how, len(worker.trials))
+        for trial in self._ledger.worker_died(list(worker.trials.values()), how):
+            yield broken_entry(trial, self._ledger.reason(how))
 
-    def _handle_failed_start(self, hand: _WorkerProcess, how: str) -> None:
-        """Go on without a worker that died before it was ready, which no trial is to blame for.
+    def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
+        """Go on without a process that died before it was ready; its trials are not suspects.
 
         Raises:
             WorkerError: If no worker gets ready.
         """
-        self._waiting.extendleft(reversed(hand.trials.values()))
-        self._stillborn += 1
-        if self._stillborn < MAX_STILLBORN:
+        self._ledger.put_back(worker.trials.values())
+        self._failed_starts += 1
+        if self._failed_starts < MAX_FAILED_STARTS:
             logger.warning("a worker process died while it started (%s); another one is started", how)
             return
-        if not any(h.ready for h in self._hands):
+        if not any(other.ready for other in self._processes):
             raise WorkerError(
-                f"{self._stillborn} worker processes died while they started ({how}). What they wrote stands above. "
-                "Run the same command again with fewer --workers, or with 1 to see why."
+                f"{self._failed_starts} worker processes died while they started ({how}). What they wrote stands "
+                f"above. {_CURE}"
             )
-        self._workers = len(self._hands)
+        self._workers = len(self._processes)
         logger.warning("another worker process cannot start (%s); the run goes on with %d", how, self._workers)
 
 
-def start_worker(settings: RunSettings) -> _WorkerProcess:
-    """Start a worker process that is deaf to Ctrl-C: the process that started it decides what happens then.
-
-    Args:
-        settings: What all trials of the run share.
-    """
+def start_worker(settings: RunSettings) -> WorkerProcess:
+    """Start a worker process that ignores Ctrl-C: the process that started it decides what happens then."""
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=work, args=(settings, theirs), name="betterbench-worker")
-    with deaf_to_interrupts():
+    with interrupts_blocked():
         process.start()
     theirs.close()
-    return _WorkerProcess(process, ours)
+    return WorkerProcess(process, ours)
 
 
 @contextlib.contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
-    """Hold Ctrl-C back in this thread, and for good in processes that are started meanwhile."""
+def interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C in this thread for a while, and permanently in processes that are started meanwhile."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -242,7 +228,7 @@ def deaf_to_interrupts() -> Iterator[None]:
 
 
 def work(settings: RunSettings, connection: Connection) -> None:
-    """Take trials from a pipe and send back lines for the journal; this is the main function of a worker process.
+    """Take trials from a pipe and send back journal entries; the main function of a worker process.
 
     Args:
         settings: What all trials of the run share.
@@ -253,7 +239,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
     with contextlib.suppress(EOFError, BrokenPipeError):
         try:
             with Worker(settings) as worker:
-                connection.send(None)  # it is ready
+                connection.send(None)
                 _take_and_send(worker, settings.envs, connection)
         except BetterError as problem:
             connection.send(problem)
@@ -271,7 +257,7 @@ def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
 
 
 def prepare_process() -> None:
-    """Keep numerical libraries and the software renderer to one thread each, and let nobody outlive the run."""
+    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
@@ -279,14 +265,14 @@ def prepare_process() -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the run is killed; it would wait for work for ever, and write into a resumed run."""
+    """End this process when the run is killed, so that it cannot write into a run that is resumed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
 
 
-def _how_it_died(exitcode: int | None) -> str:
+def _exit_text(exitcode: int | None) -> str:
     if exitcode is None or exitcode >= 0:
         return f"exit status {exitcode}"
     name = signal.Signals(-exitcode).name if -exitcode in set(signal.Signals) else f"signal {-exitcode}"

@@ -23,29 +23,28 @@ from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialS
 from betterbench.interface import BatchPolicy, Policy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.recording import JournalEntry
+from betterbench.tasks import TrialId
 
 USUAL_ENVS = 8
-"""Environments per worker for a policy that answers from elsewhere: while some wait, the others are simulated. With two
-workers, two cameras and a server of 100 ms, 4 took 1.49 times as long as the simulation alone and 8 take 1.03."""
+"""Environments per worker for a policy that answers from another process: while some wait, the others are simulated.
+With two workers, two cameras and a server that takes 100 ms, a run with 4 environments took 1.49 times as long as the
+simulation alone, and with 8 it took 1.03 times as long."""
 
 MOST_WAITING = 32
-"""Environments of all workers together, unless told otherwise: a server that answers one question at a time, in 0.3 s,
-then still answers the last of a queue within 10 s, well before its deadline."""
+"""Environments of all workers together unless more are asked for: a server that answers one question at a time, in
+0.3 s, then answers the last one in its queue within 10 s, before the deadline."""
 
 MAX_ENVS = 256
 
 LEAVE_S = 2.0
-"""How long the threads of the policies are waited for at the end [s]."""
+"""How long the threads of the policies may take to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
     """Return how many environments a worker keeps open unless told otherwise.
 
-    One for a policy that answers at once, and for a Python policy that answers one observation at a time: each
+    It is 1 for a policy that answers at once, and for a Python policy that answers one observation at a time: each
     environment has an instance of it, and instances may hold weights.
-
-    Args:
-        policies: Makes the policy.
     """
     if needs_no_thread(policies.address):
         return 1
@@ -53,20 +52,15 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return how many environments each of several workers keeps open, so that no server has too long a queue.
-
-    Args:
-        envs: What one worker alone would keep open.
-        workers: Number of workers.
-    """
+    """Return how many environments each of several workers keeps open where one worker alone would keep ``envs``."""
     return max(1, min(envs, MOST_WAITING // workers))
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
-    """Return how many trials a worker is given at once, so that all workers end with the last ones together.
+    """Return how many trials a worker is given at once, so that all workers end at about the same time.
 
-    Trials that were begun together end together. Twelve trials for each worker of eight environments are two times six
-    and not eight and four: the first worker with eight free environments would take all that is left.
+    Trials that begin together end together. So twelve trials per worker of eight environments are given as six and six,
+    not as eight and four.
 
     Args:
         left: Trials that have not ended, those under way included.
@@ -81,7 +75,8 @@ def even_share(left: int, workers: int, envs: int) -> int:
 class _Slot:
     """One environment, and what its trial waits for."""
 
-    respondent: PolicyThread | None = None
+    thread: PolicyThread | None = None
+    trial: TrialId | None = None
     steps: TrialSteps | None = None
     ticket: int = -1  # of the question under way, or -1
     asked_at: float = 0.0
@@ -94,8 +89,8 @@ class _Slot:
 class Worker:
     """Runs trials of a plan, several at once, in the thread that calls it.
 
-    Physics and rendering take turns in that thread; questions to the policy are under way in others. Results depend on
-    neither: every trial is a pure function of its scene and its policy. A context manager, which closes itself.
+    Physics and rendering run in that thread and the policy answers in others. Results do not depend on the order: every
+    trial is a pure function of its scene and its policy. A context manager, which closes itself.
     """
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
@@ -103,7 +98,7 @@ class Worker:
 
         Args:
             settings: What all trials of the run share.
-            policies: Makes the policy; it is taken over. None to make the policy of the settings.
+            policies: Makes the policy, and is closed with the worker. None to make the policy of the settings.
 
         Raises:
             InvalidInputError: If the number of environments is out of range.
@@ -111,7 +106,7 @@ class Worker:
         """
         if not 1 <= settings.envs <= MAX_ENVS:
             raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
-        self._setting = settings
+        self._settings = settings
         self._trial_runner = TrialRunner(settings, policies=policies)
         self._threaded = not needs_no_thread(settings.asked)
         self._timed = self._threaded and not is_remote(settings.asked)
@@ -124,7 +119,7 @@ class Worker:
         self._stop: BetterError | None = None
 
     def __enter__(self) -> Self:
-        """Return the worker itself."""
+        """Return the worker."""
         return self
 
     def __exit__(
@@ -135,40 +130,31 @@ class Worker:
 
     @property
     def free(self) -> int:
-        """Environments that wait for a trial."""
+        """Number of environments without a trial."""
         return sum(slot.steps is None for slot in self._slots)
 
     def start(self, trial: Trial) -> None:
-        """Take a trial; it is run by :meth:`finished`.
-
-        Args:
-            trial: The trial.
+        """Take a trial, which :meth:`finished` runs.
 
         Raises:
             InvalidInputError: If no environment is free.
         """
         for slot in self._slots:
             if slot.steps is None:
-                slot.steps = self._trial_runner.steps(trial)
+                slot.steps, slot.trial = self._trial_runner.steps(trial), trial.id
                 slot.ticket, slot.outcome, slot.waits, slot.figures = -1, None, False, {}
                 self._ready.append(slot)
                 return
-        raise InvalidInputError("trial", "every environment of the worker is taken", "Ask for `free` first")
+        raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
 
     def finished(self, timeout_s: float) -> list[JournalEntry]:
-        """Go on with the trials until one has ended, or the time is over.
-
-        Args:
-            timeout_s: How long to go on [s]; what is begun is not interrupted.
-
-        Returns:
-            The lines for the journal of the trials that have ended.
+        """Go on with the trials until one has ended or so many seconds have passed, and return the journal entries.
 
         Raises:
             PremiseError: If a scene does not show what its instruction presupposes.
             StorageError: If the disk is full.
-            PolicyUnavailableError: If the policy's server cannot be reached. The call before has returned the trial
-                that noticed it, as an error.
+            PolicyUnavailableError: If the policy's server cannot be reached. The call before has returned the entry of
+                the trial in which that happened.
             HandshakeError: If the policy has become another one, likewise.
         """
         if self._stop is not None:
@@ -190,29 +176,29 @@ class Worker:
         return ended
 
     def close(self) -> None:
-        """Drop the trials that have not ended, and close the policy; one that hangs is left to its thread."""
-        respondents = []
+        """Drop the trials that have not ended, and close the policy, unless it hangs."""
+        threads = []
         for slot in self._slots:
             if slot.steps is not None:
                 slot.steps.close()
                 slot.steps = None
-            if slot.respondent is not None:
-                slot.respondent.dismiss()
-                respondents.append(slot.respondent)
-                slot.respondent = None
-                if is_remote(self._setting.asked):
-                    respondents[-1].cut()
+            if slot.thread is not None:
+                slot.thread.dismiss()
+                threads.append(slot.thread)
+                slot.thread = None
+                if is_remote(self._settings.asked):
+                    threads[-1].cut()
         until = time.perf_counter() + LEAVE_S
-        quiet = all([r.join(until - time.perf_counter()) for r in respondents])  # noqa: C419 - each gets its moment
+        ended = [thread.join(until - time.perf_counter()) for thread in threads]
         self._ready.clear()
         with self._lock:
             shared, self._shared = self._shared, None
-        if shared is not None and quiet:
+        if shared is not None and all(ended):
             shared.close()
         self._trial_runner.close()
 
     def _advance(self, slot: _Slot) -> JournalEntry | None:
-        """Go on with one trial until it waits, and return its line for the journal when it has ended."""
+        """Go on with one trial until it waits, and return its journal entry when it has ended."""
         steps = slot.steps
         if steps is None:
             return None
@@ -239,11 +225,11 @@ class Worker:
         return replace(entry, wall={**entry.wall, **slot.figures}) if slot.figures else entry
 
     def _collect(self, timeout_s: float) -> None:
-        """Take answers out of the box, waiting for the first one, and note which trials can go on."""
+        """Wait for an answer, take all that have come, and note which trials can go on."""
         now = time.perf_counter()
         if self._timed:
             due = [s.asked_at for s in self._slots if s.waits]
-            timeout_s = min([timeout_s, *(max(0.0, t + self._setting.policy_timeout_s - now) for t in due)])
+            timeout_s = min([timeout_s, *(max(0.0, t + self._settings.policy_timeout_s - now) for t in due)])
         try:
             answered = self._outbox.get(timeout=timeout_s) if timeout_s > 0.0 else self._outbox.get_nowait()
             while True:
@@ -252,7 +238,7 @@ class Worker:
         except queue.Empty:
             pass
         if self._timed:
-            self._give_up_on_the_late()
+            self._end_overdue()
 
     def _note(self, answered: Answered) -> None:
         for slot in self._slots:
@@ -262,19 +248,21 @@ class Worker:
                 if slot.waits:
                     self._ready.append(slot)
                 return
-        # The answer to a question of a trial that has ended, or that has given up waiting.
+        # Otherwise the trial of the question has ended, or its deadline has passed.
 
     def _ask(self, slot: _Slot, question: Question) -> None:
         """Put a question to the policy, in the thread of the environment."""
-        if slot.respondent is None:
+        if slot.trial is None:
+            raise AssertionError("only a trial asks")
+        if slot.thread is None:
             make = self._share if self._trial_runner.policies.takes_batches else self._trial_runner.policies.take
-            counts = is_remote(self._setting.asked)
-            slot.respondent = PolicyThread(make, self._outbox, lambda: next(self._numbers), counts=counts)
+            client = is_remote(self._settings.asked)
+            slot.thread = PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
         slot.question, slot.asked_at, slot.outcome = question, time.perf_counter(), None
-        slot.ticket = slot.respondent.ask(question.seen)
+        slot.ticket = slot.thread.ask(question.seen, slot.trial)
 
     def _share(self) -> Policy:
-        """Return the instance that all environments ask, as one of them sees it; called in their threads."""
+        """Return the shared instance as one environment sees it; called in the threads of the environments."""
         with self._lock:
             if self._shared is None:
                 taken = self._trial_runner.policies.take()
@@ -283,25 +271,25 @@ class Worker:
                 self._shared = SharedPolicy(taken, MAX_BATCH)
             return self._shared.seat()
 
-    def _give_up_on_the_late(self) -> None:
-        """End the trials whose policy hangs; its thread cannot be ended, so it is left alone and replaced."""
-        limit = self._setting.policy_timeout_s
-        late = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
-        for slot in late:
+    def _end_overdue(self) -> None:
+        """End the trials whose policy hangs, and replace its thread, which cannot be ended."""
+        limit = self._settings.policy_timeout_s
+        overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
+        for slot in overdue:
             slot.ticket = -1
             slot.outcome = no_answer(limit)
             self._ready.append(slot)
-        if not late:
+        if not overdue:
             return
-        hang = self._slots if self._trial_runner.policies.takes_batches else late
+        hang = self._slots if self._trial_runner.policies.takes_batches else overdue
         with self._lock:
             shared, self._shared = self._shared, None
         if shared is not None:
-            # Closing waits for the call that hangs, if it ever ends.
-            threading.Thread(target=shared.close, name="farewell", daemon=True).start()
+            # Closing waits for the call that hangs.
+            threading.Thread(target=shared.close, name="close policy", daemon=True).start()
         for slot in hang:
-            if slot.respondent is not None:
-                slot.respondent.dismiss()
-                slot.respondent = None
+            if slot.thread is not None:
+                slot.thread.dismiss()
+                slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
-                self._ask(slot, slot.question)  # it waited behind the batch that hangs
+                self._ask(slot, slot.question)  # it was queued behind the batch that hangs

@@ -1,0 +1,58 @@
+"""What the trials of a plan can show: the smallest differences that they detect."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+
+from betterbench.evaluation.planning.plan import Plan
+from betterbench.statistics import smallest_paired_difference
+
+USUAL_OPPOSITE = 0.1
+"""Share of pairs against the difference for the second figure of :func:`what_trials_show`: two policies usually fail on
+different trials. The first figure holds when one of them fails on a subset of the other's failures."""
+
+
+def what_trials_show(plan: Plan) -> str:
+    """Return which drops the trials of a plan can and cannot show, overall, within an axis and within a variation.
+
+    Args:
+        plan: The plan, in which every trial of a variation has its twin.
+    """
+    varied = [t for t in plan.trials if t.variation is not None]
+    if not varied:
+        return "No trial is of a variation: they only show how well the training conditions were learned."
+    levels: tuple[tuple[str, Collection[int]], ...] = (
+        ("overall", (len(varied),)),
+        ("within an axis", Counter(t.axis for t in varied).values()),
+        ("within a variation", Counter((t.task, t.variation) for t in varied).values()),
+    )
+    best, usual, hidden = [], [], []
+    for name, counts in levels:
+        fewest, most = min(counts), max(counts)
+        pairs = (str(fewest) if fewest == most else f"{fewest} to {most}") + (" pair" if most == 1 else " pairs")
+        found = _smallest(fewest, most, opposite=0.0)
+        if not found:
+            hidden.append(f"{name} ({pairs})")
+            continue
+        best.append(f"{found} points {name} ({pairs})")
+        usual.append(_smallest(fewest, most, opposite=USUAL_OPPOSITE) or "any size not")
+    sentences = []
+    if best:
+        sentences.append(
+            f"With 80 % power they show a drop against the twins, or against another policy, of {_listed(best)}. "
+            f"Where {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, of {_listed(usual)} points."
+        )
+    if hidden:
+        sentences.append(f"They are too few to show any drop {_listed(hidden)}; give more --trials.")
+    return " ".join(sentences)
+
+
+def _listed(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _smallest(fewest: int, most: int, *, opposite: float) -> str:
+    """Return the smallest difference that the most and the fewest pairs show, in points; empty if none do."""
+    values = [smallest_paired_difference(n, opposite=opposite).value for n in (most, fewest)]
+    return " to ".join(dict.fromkeys(f"{100 * v:.{1 if v < 0.1 else 0}f}" for v in values if v is not None))

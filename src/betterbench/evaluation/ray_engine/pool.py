@@ -1,0 +1,261 @@
+"""A run on a Ray cluster: its workers and replicas of the policy are actors.
+
+No file system is shared. Workers send finished records to the process that drives the run, which alone writes. When a
+worker dies, only the trials that it was running are lost, and other workers run them again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import BetterError, InvalidInputError, PolicyUnavailableError, WorkerError
+from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.ray_engine.cluster import PLACING_S
+from betterbench.evaluation.ray_engine.remote_worker import Delivery, RemoteWorker, Turn, versions_here
+from betterbench.evaluation.ray_engine.replicas import Replicas
+from betterbench.evaluation.ray_engine.session import (
+    TRY_AGAIN,
+    RaySession,
+    as_better_error,
+    cluster_lost,
+    first_line,
+    kill,
+    loss_errors,
+)
+from betterbench.evaluation.trials.trial import RunSettings, broken_entry, on_disk
+from betterbench.evaluation.workers.worker import even_share
+from betterbench.recording import JournalEntry, RetryLedger, RunFolder, write_durably
+
+logger = logging.getLogger(__name__)
+
+_CLOSE_S = 3.0
+_WAIT_S = 5.0
+_CALLS = 2  # one under way and one behind it, so that a worker never waits for this process
+
+
+def ray_entries(
+    session: RaySession, run: RunFolder, settings: RunSettings, trials: Sequence[Trial], *, served: bool = False
+) -> Iterator[JournalEntry]:
+    """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
+
+    Args:
+        session: The cluster.
+        run: The run; only this process writes to it.
+        settings: What all trials of the run share.
+        trials: The trials.
+        served: Whether the policy is held by replicas, which the workers ask.
+
+    Raises:
+        InvalidInputError: If the cluster has no place, or has other versions.
+        WorkerError: If workers keep dying, cannot start, or the cluster itself is gone.
+        BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
+    """
+    pool = RayPool(session, run, settings, trials)
+    try:
+        yield from pool.entries(served=served)
+    except loss_errors(session.ray) as error:
+        raise cluster_lost(error) from error
+    finally:
+        pool.close()
+
+
+@dataclass(slots=True, eq=False)
+class _WorkerActor:
+    """A worker as the pool sees it.
+
+    Attributes:
+        actor: Handle of the actor.
+        calls: Calls under way, the oldest first.
+        trials: Trials that it was given and that have not ended.
+        placed: Whether it has a place on the cluster.
+        ready: Whether it has been prepared.
+        alone: Whether its one trial was with a worker that died.
+        replica: Number of the replica of the policy that it asks, or None.
+        broken: Its trials that have broken down.
+    """
+
+    actor: Any
+    calls: deque[Any]
+    trials: list[Trial] = field(default_factory=list)
+    placed: bool = False
+    ready: bool = False
+    alone: bool = False
+    replica: int | None = None
+    broken: list[Trial] = field(default_factory=list)
+
+
+class RayPool:
+    """The workers of a run on Ray."""
+
+    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, trials: Sequence[Trial]) -> None:
+        """Prepare; see :func:`ray_entries`."""
+        self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
+        self._ledger = RetryLedger(trials, workers="workers of the cluster", cure=TRY_AGAIN)
+        self._replicas = Replicas(session, settings)
+        self._workers: list[_WorkerActor] = []
+        self._made = 0
+        self._asked_at = 0.0
+
+    def entries(self, *, served: bool) -> Iterator[JournalEntry]:
+        """Yield the journal entries of all trials as they end."""
+        if served:
+            self._replicas.start()
+        for _ in range(min(self._session.workers, self._ledger.left)):
+            self._add_worker()
+        while self._left:
+            for worker in self._workers:
+                self._feed(worker)
+            calls = {call: worker for worker in self._workers for call in worker.calls}
+            done, _ = self._ray.wait(list(calls), num_returns=1, timeout=_WAIT_S)
+            for call in done:
+                yield from self._take(calls[call], call)
+            placed = any(worker.placed for worker in self._workers)
+            if not placed and time.monotonic() - self._asked_at > PLACING_S:
+                raise InvalidInputError(
+                    "--engine ray",
+                    f"the cluster has no place for a worker of one processor (free: {self._session.free_text()})",
+                    "Wait until other work is done, or add machines",
+                )
+
+    def close(self) -> None:
+        """End all actors; the same command runs their unfinished trials again."""
+        with contextlib.suppress(*loss_errors(self._ray)):
+            closing = [worker.actor.close.remote() for worker in self._workers if worker.ready]
+            if closing:
+                self._ray.wait(closing, num_returns=len(closing), timeout=_CLOSE_S)
+        kill(self._ray, [worker.actor for worker in self._workers])
+        self._workers = []
+        self._replicas.close()
+
+    @property
+    def _left(self) -> bool:
+        return bool(self._ledger.left or any(worker.trials for worker in self._workers))
+
+    def _add_worker(self, replica: int | None = None) -> None:
+        """Add a worker; where the policy has replicas it asks the one of that number, or the next in turn."""
+        settings, addresses = self._settings, self._replicas.addresses
+        if addresses:
+            replica = self._made % len(addresses) if replica is None else replica
+            settings = replace(settings, served_at=addresses[replica])
+        self._made += 1
+        known = [path.stem for path in sorted((self._run.path / "scenes").glob("*.zip"))]
+        description = (self._run.path / "run.json").read_bytes()
+        # Ray restarts no actor by itself: only this process knows which trials were lost.
+        remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(RemoteWorker)
+        actor = remote.remote(settings, description, known)
+        calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._replicas.environment)])
+        self._workers.append(_WorkerActor(actor, calls, replica=replica))
+        self._asked_at = time.monotonic()
+
+    def _feed(self, worker: _WorkerActor) -> None:
+        """Give a worker its share of the trials, and one more while there are plenty."""
+        if not worker.ready:
+            return
+        if len(worker.calls) >= _CALLS or (worker.alone and worker.trials):
+            new: list[Trial] = []
+        elif self._ledger.suspects and not worker.trials:
+            new, worker.alone = [self._ledger.take_suspect()], True
+        else:
+            plenty = self._ledger.waiting > self._settings.envs * len(self._workers)
+            left = self._ledger.waiting + sum(len(other.trials) for other in self._workers)
+            share = even_share(left, len(self._workers), self._settings.envs)
+            new, worker.alone = self._ledger.take(max(0, share + plenty - len(worker.trials))), False
+        worker.trials += new
+        while worker.trials and len(worker.calls) < _CALLS:
+            worker.calls.append(worker.actor.turn.remote(tuple(new)))
+            new = []
+
+    def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
+        """Write what a call has brought, and yield its entries.
+
+        Raises:
+            WorkerError: If the worker cannot start.
+            BetterError: If it reports that the run has to stop.
+        """
+        if call not in worker.calls:
+            return  # of a worker that has died in the meantime
+        errors = self._ray.exceptions
+        try:
+            found = self._ray.get(call)
+        except errors.RayTaskError as error:  # it lives, but the call raised
+            if not worker.ready or isinstance(error.cause, BetterError):
+                raise as_better_error(error, "A worker on the cluster cannot start") from error
+            yield from self._handle_exit(worker, error)
+            return
+        except errors.RayError as error:  # it died, or its answer was lost with its machine
+            yield from self._handle_exit(worker, error)
+            return
+        worker.calls.remove(call)
+        worker.placed = True
+        if isinstance(found, Turn):
+            for scene, data in found.scenes.items():
+                if not self._run.scene_path(scene).exists():
+                    self._write(self._run.scene_path(scene), data)
+            for delivery in found.deliveries:
+                yield self._store(worker, delivery)
+            if isinstance(found.problem, PolicyUnavailableError) and self._replace_replicas():
+                return
+            if found.problem is not None:
+                raise found.problem
+        elif isinstance(found, Mapping):
+            self._accept(worker, found)
+
+    def _store(self, worker: _WorkerActor, delivery: Delivery) -> JournalEntry:
+        """Write the record of a trial that has ended, and return its entry."""
+        entry = delivery.entry
+        if delivery.record is not None:
+            self._write(self._run.record_path(entry.task, entry.condition, entry.seed), delivery.record)
+        worker.broken += [t for t in worker.trials if t.id == entry.key and entry.status == "error"]
+        worker.trials = [t for t in worker.trials if t.id != entry.key]
+        self._ledger.item_ended()
+        return entry
+
+    def _write(self, path: Path, data: bytes) -> None:
+        with on_disk(self._run.path):
+            write_durably(path, data)
+
+    def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
+        """Compare the versions of a worker that is ready.
+
+        Raises:
+            InvalidInputError: If they differ from those here.
+            WorkerError: If the worker could not be opened.
+        """
+        here = versions_here()
+        other = {name: value for name, value in versions.items() if here.get(name, value) != value}
+        if other:
+            there = ", ".join(f"{name} {value} (here {here[name]})" for name, value in sorted(other.items()))
+            raise InvalidInputError(
+                "--engine ray", f"a machine of the cluster has {there}", "Install the same versions everywhere"
+            )
+        if "problem" in versions:
+            raise WorkerError(f"A worker on the cluster cannot start: {versions['problem']}")
+        worker.ready = True
+
+    def _handle_exit(self, worker: _WorkerActor, error: Exception) -> Iterator[JournalEntry]:
+        """Replace a worker that is lost, and queue its trials again or give them up."""
+        logger.warning("a worker of the cluster died; %d trials go to others", len(worker.trials))
+        self._workers.remove(worker)
+        kill(self._ray, [worker.actor])
+        how = first_line(error)
+        for trial in self._ledger.worker_died(worker.trials, how):
+            yield broken_entry(trial, self._ledger.reason(how))
+        if self._left:
+            self._add_worker(worker.replica)
+
+    def _replace_replicas(self) -> bool:
+        """Replace the replicas that have died, with the workers that asked them; False if none was replaced."""
+        dead = self._replicas.replace_dead()
+        for worker in [w for w in self._workers if w.replica in dead]:
+            self._workers.remove(worker)
+            kill(self._ray, [worker.actor])
+            self._ledger.put_back([*worker.trials, *worker.broken])
+            self._add_worker(worker.replica)
+        return bool(dead)

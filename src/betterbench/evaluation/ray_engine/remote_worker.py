@@ -1,0 +1,152 @@
+"""What a worker actor of a Ray cluster does. Importing this module does not import Ray."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import betterbench
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.evaluation.planning.plan import Trial
+from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.evaluation.workers.worker import Worker
+from betterbench.recording import JournalEntry, RunFolder
+from betterbench.scenes import engine_version
+from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.user_files import load_sources
+
+TURN_S = 2.0
+"""How long a worker goes on before it reports, even if no trial has ended [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """A trial that has ended, with its record.
+
+    Attributes:
+        entry: Its journal entry.
+        record: Content of its record; None for a trial that broke down.
+    """
+
+    entry: JournalEntry
+    record: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """What a worker reports.
+
+    Attributes:
+        deliveries: The trials that have ended since its last report.
+        scenes: Scenes that are new to this worker, by their hash.
+        problem: Why the run has to stop, or None.
+    """
+
+    deliveries: tuple[Delivery, ...] = ()
+    scenes: Mapping[str, bytes] = field(default_factory=dict)
+    problem: BetterError | None = None
+
+
+def versions_here() -> dict[str, str]:
+    """Return what has to be equal on all machines of a run for a trial to have the same bits on each."""
+    return {
+        "betterbench": betterbench.__version__,
+        "suite": SUITE_VERSION,
+        "mujoco": engine_version(),
+        "architecture": platform.machine(),
+    }
+
+
+class RemoteWorker:
+    """A worker on another machine, which shares no folder with the run and delivers records as bytes.
+
+    It runs the trials in a temporary folder with a copy of ``run.json``, and deletes what it has delivered.
+    """
+
+    def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
+        """Nothing is opened before :meth:`prepare`.
+
+        Args:
+            settings: What all trials of the run share; its folder is replaced.
+            description: Content of ``run.json``.
+            known: Hashes of the scenes that the run holds already.
+        """
+        self._settings, self._description, self._known = settings, description, tuple(known)
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._worker: Worker | None = None
+        self._waiting: deque[Trial] = deque()
+
+    def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
+        """Open the worker.
+
+        Args:
+            secrets: Variables to set in the environment (the key of a policy's replicas).
+
+        Returns:
+            The versions here, to be compared, and "problem" if the worker cannot be opened.
+        """
+        os.environ.setdefault("LP_NUM_THREADS", "0")
+        os.environ.update(secrets)
+        load_sources(self._settings.task_files)
+        versions = versions_here()
+        self._folder = tempfile.TemporaryDirectory(prefix="betterbench-")
+        path = Path(self._folder.name)
+        (path / "run.json").write_bytes(self._description)
+        run = RunFolder.open(path)
+        for scene in self._known:
+            run.scene_path(scene).parent.mkdir(exist_ok=True)
+            run.scene_path(scene).touch()
+        try:
+            self._worker = Worker(replace(self._settings, run=str(path)))
+        except BetterError as error:
+            return {**versions, "problem": str(error)}
+        return versions
+
+    def turn(self, trials: Sequence[Trial]) -> Turn:
+        """Take more trials, go on with all for a while, and report; trials wait until an environment is free."""
+        if self._worker is None:
+            raise InvalidInputError("worker", "is not prepared", "Call prepare first")
+        self._waiting.extend(trials)
+        while self._waiting and self._worker.free:
+            self._worker.start(self._waiting.popleft())
+        try:
+            ended = self._worker.finished(TURN_S)
+        except BetterError as error:
+            return Turn(problem=error)
+        return Turn(tuple(Delivery(entry, self._record(entry)) for entry in ended), self._scenes() if ended else {})
+
+    def close(self) -> None:
+        """Close the worker and delete its folder; harmless when closed."""
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.close()
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            folder.cleanup()
+
+    def _run(self) -> RunFolder:
+        if self._folder is None:
+            raise InvalidInputError("worker", "is closed", "Make another one")
+        return RunFolder.open(Path(self._folder.name))
+
+    def _record(self, entry: JournalEntry) -> bytes | None:
+        if entry.status != "done":
+            return None
+        path = self._run().record_path(entry.task, entry.condition, entry.seed)
+        data = path.read_bytes()
+        path.unlink()
+        return data
+
+    def _scenes(self) -> dict[str, bytes]:
+        """Return the scenes written since the last call; an empty file stays, so that none is written again."""
+        found = {}
+        for path in sorted(self._run().path.glob("scenes/*.zip")):
+            if path.stat().st_size:
+                found[path.stem] = path.read_bytes()
+                path.write_bytes(b"")
+        return found

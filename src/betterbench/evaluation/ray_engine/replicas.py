@@ -1,0 +1,161 @@
+"""Replicas: actors of a Ray cluster that hold copies of the policy and answer the workers of the run."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import secrets
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from betterbench.errors import BetterError, InvalidInputError, WorkerError
+from betterbench.evaluation.ray_engine.cluster import PLACING_S
+from betterbench.evaluation.ray_engine.session import (
+    TRY_AGAIN,
+    RaySession,
+    as_better_error,
+    first_line,
+    kill,
+    loss_errors,
+)
+from betterbench.evaluation.serving.host import exit_hung, run_address
+from betterbench.evaluation.serving.server import open_server
+from betterbench.evaluation.trials.shared_policy import Deadline
+from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.policies.server import PolicyServer
+
+logger = logging.getLogger(__name__)
+
+MAX_REPLACEMENTS = 5
+"""How many replicas are replaced before the run stops as if the policy's server could not be reached."""
+
+_CHECK_S = 3.0
+_PATIENCE_S = 10.0
+_KEY_NAME = "BETTERBENCH_REPLICA_KEY"
+
+
+class Replicas:
+    """The replicas of a run.
+
+    Attributes:
+        addresses: Where workers ask each of them.
+        environment: Variables that a worker needs in its environment to ask them.
+    """
+
+    def __init__(self, session: RaySession, settings: RunSettings) -> None:
+        """Prepare; nothing is started before :meth:`start`."""
+        self._session, self._settings = session, settings
+        self._actors: list[Any] = []
+        self._replaced = 0
+        self.addresses: list[str] = []
+        self.environment: Mapping[str, str] = {}
+
+    def start(self) -> None:
+        """Start all replicas, and wait until they answer.
+
+        Raises:
+            BetterError: As :meth:`_started`.
+        """
+        self.environment = {_KEY_NAME: secrets.token_hex(24)}
+        self._actors, self.addresses = self._started(self._session.cluster.replicas)
+
+    def replace_dead(self) -> list[int]:
+        """Replace the replicas that have died, and return their numbers; none if they all live or too many have died.
+
+        Raises:
+            BetterError: As :meth:`_started`.
+        """
+        dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
+        self._replaced += len(dead)
+        if not dead or self._replaced > MAX_REPLACEMENTS:
+            return []
+        logger.warning("replicas of the policy died and are replaced: %d", len(dead))
+        kill(self._session.ray, [self._actors[number] for number in dead])
+        for number, actor, address in zip(dead, *self._started(len(dead)), strict=True):
+            self._actors[number], self.addresses[number] = actor, address
+        return dead
+
+    def close(self) -> None:
+        """End all replicas."""
+        actors, self._actors = self._actors, []
+        kill(self._session.ray, actors)
+
+    def _started(self, count: int) -> tuple[list[Any], list[str]]:
+        """Start some replicas, and return them with their addresses.
+
+        Raises:
+            InvalidInputError: If the cluster has no place for them.
+            WorkerError: If one dies while it loads the policy, or cannot load it.
+            BetterError: If the policy cannot be made there.
+        """
+        ray, gpus = self._session.ray, self._session.replica_gpus()
+        remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
+        actors = [remote.remote(self._settings.policy) for _ in range(count)]
+        try:
+            placed = [actor.__ray_ready__.remote() for actor in actors]
+            key = self.environment[_KEY_NAME]
+            starting = [actor.start.remote(key, self._settings.policy_timeout_s) for actor in actors]
+            self._wait_for_places(placed, gpus)
+            return actors, [self._address(call) for call in starting]
+        except BaseException:
+            kill(ray, actors)
+            raise
+
+    def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
+        """Wait until replicas have a place on the cluster, not until they have loaded the policy.
+
+        Raises:
+            InvalidInputError: If the cluster has no place for them.
+        """
+        _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
+        if late:
+            raise InvalidInputError(
+                "--replicas",
+                f"{len(late)} of {len(placed)} replicas with {gpus:g} graphics cards each have no place "
+                f"(free: {self._session.free_text()})",
+                "Ask for fewer, or for a part of a card with --replica-gpus",
+            )
+
+    def _address(self, starting: Any) -> str:  # noqa: ANN401 -- a reference of Ray
+        """Wait until a replica has loaded the policy, however long that takes, and return where workers ask it."""
+        ray, policy = self._session.ray, self._settings.policy
+        try:
+            address, problem = ray.get(starting)
+        except ray.exceptions.RayTaskError as error:
+            raise as_better_error(error, f"A replica cannot load {policy}") from error
+        except ray.exceptions.RayError as error:
+            raise WorkerError(f"A replica died while it loaded {policy} ({first_line(error)}). {TRY_AGAIN}") from error
+        if problem is not None:
+            raise problem
+        asked = run_address(address, timeout_s=self._settings.policy_timeout_s, patience_s=_PATIENCE_S)
+        return f"{asked}&api_key_env={_KEY_NAME}"
+
+    def _answers(self, actor: Any) -> bool:  # noqa: ANN401 -- a handle of Ray
+        try:
+            return bool(self._session.ray.get(actor.is_up.remote(), timeout=_CHECK_S))
+        except loss_errors(self._session.ray):
+            return False
+
+
+class _Replica:
+    """One copy of the policy behind the openpi protocol, on the address of its machine; callers need the key."""
+
+    def __init__(self, policy: str) -> None:
+        self._policy = policy
+        self._server: PolicyServer | None = None
+
+    def is_up(self) -> bool:
+        """Return whether it serves."""
+        return self._server is not None
+
+    def start(self, key: str, limit_s: float) -> tuple[str, BetterError | None]:
+        """Serve, and return the address, or what prevents it; an answer may take ``limit_s`` [s]."""
+        node: str = importlib.import_module("ray").util.get_node_ip_address()
+        try:
+            self._server = open_server(
+                self._policy, host=node, port=0, api_key=key, deadline=Deadline(limit_s, exit_hung)
+            )
+        except BetterError as error:
+            return "", error
+        self._server.start()
+        return self._server.address, None

@@ -1,0 +1,136 @@
+"""The connection to a Ray cluster, and what its errors mean in one line."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+from typing import Any, Self
+
+from betterbench.errors import BetterError, InvalidInputError, WorkerError
+from betterbench.evaluation.ray_engine.cluster import Cluster
+
+TRY_AGAIN = "Look at Ray's logs, then run the same command again: it goes on where it stopped."
+
+_OBJECT_STORE_BYTES = 128 * 1024 * 1024
+
+
+def import_ray() -> Any:  # noqa: ANN401 -- a module without types
+    """Return Ray, with its usage statistics switched off."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    return importlib.import_module("ray")
+
+
+def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
+    """Return what Ray raises when something on the cluster, or the cluster itself, is lost."""
+    return ray.exceptions.RayError, ConnectionError
+
+
+def first_line(error: Exception) -> str:
+    """Return why something failed in one line, without the traceback that Ray puts before it."""
+    cause = getattr(error, "cause", None)
+    text = str(error) if cause is None else f"{type(cause).__name__}: {cause}"
+    return (text.splitlines() or [type(error).__name__])[0][:200].rstrip(".: ")
+
+
+def cluster_lost(error: Exception) -> WorkerError:
+    """Return the error of a run whose cluster does not answer."""
+    return WorkerError(f"The Ray cluster does not answer any more ({first_line(error)}). {TRY_AGAIN}")
+
+
+def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an error of Ray
+    """Return the error of this package that was raised on the cluster, or one line about any other error there."""
+    if isinstance(error.cause, BetterError):
+        return error.cause
+    return WorkerError(f"{what}: {first_line(error)}. {TRY_AGAIN}")
+
+
+class RaySession:
+    """A connection to a cluster, or a cluster of this machine alone, for the time of a run. A context manager.
+
+    Attributes:
+        cluster: Where actors are placed.
+        ray: The module.
+    """
+
+    def __init__(self, cluster: Cluster, workers: int | None) -> None:
+        """Prepare.
+
+        Args:
+            cluster: Where actors are placed.
+            workers: Worker actors, one processor each; None for as many as the cluster has processors.
+        """
+        self.cluster, self.ray = cluster, import_ray()
+        self._workers = workers
+        self._owned = False
+
+    def __enter__(self) -> Self:
+        """Connect, or start a cluster.
+
+        Raises:
+            InvalidInputError: If the cluster cannot be reached.
+        """
+        ray = self.ray
+        if ray.is_initialized():
+            return self
+        address = self.cluster.given
+        quiet = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.WARNING}
+        try:
+            if address is None or address == "local":
+                processors = max(self._workers or 1, os.cpu_count() or 1)
+                ray.init("local", num_cpus=processors, object_store_memory=_OBJECT_STORE_BYTES, **quiet)
+            else:
+                ray.init(address, log_to_driver=False, logging_level=logging.WARNING)
+        except BaseException as error:
+            ray.shutdown()  # Ray may have started some of its processes, whatever it raises
+            if not isinstance(error, Exception):
+                raise  # Ctrl-C
+            where = address or "this machine"
+            raise InvalidInputError(
+                "--ray-address", f"no Ray cluster at {where} ({first_line(error)})", "Start one with `ray start`"
+            ) from error
+        self._owned = True
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Disconnect, and end the cluster if it was started here."""
+        if self._owned:
+            self.ray.shutdown()
+
+    @property
+    def workers(self) -> int:
+        """Number of workers: what was asked for, or what the cluster has processors for."""
+        return self._workers or max(1, int(self._total("CPU")))
+
+    def replica_gpus(self) -> float:
+        """Graphics cards of each replica of the policy."""
+        asked = self.cluster.replica_gpus
+        if asked is not None:
+            return asked
+        return 1.0 if self._total("GPU") >= self.cluster.replicas else 0.0
+
+    def free_text(self) -> str:
+        """Return what the cluster has free, for messages."""
+        free = self.ray.available_resources()
+        return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
+
+    def _total(self, resource: str) -> float:
+        """Return how much of a resource the cluster has, free or not.
+
+        Raises:
+            WorkerError: If the cluster is gone.
+        """
+        try:
+            return float(self.ray.cluster_resources().get(resource, 0.0))
+        except loss_errors(self.ray) as error:
+            raise cluster_lost(error) from error
+
+
+def kill(ray: Any, actors: Any) -> None:  # noqa: ANN401 -- a module without types and its handles
+    """End actors; those that have ended already, with their cluster or without, are skipped."""
+    for actor in actors:
+        try:
+            ray.kill(actor)
+        except loss_errors(ray):
+            continue

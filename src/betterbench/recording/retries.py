@@ -1,0 +1,101 @@
+"""The retry ledger: what is left to do, with which items workers died, and when to give up."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Hashable, Iterable, Sequence
+from typing import Generic, TypeVar
+
+from betterbench.errors import WorkerError
+
+MAX_DEATHS = 3
+"""How many workers may die with an item before the item is given up; from the second time on it runs alone."""
+
+MAX_DEATHS_IN_A_ROW = 12
+"""How many workers may die, with no item ended in between, before the whole work is given up."""
+
+Item = TypeVar("Item", bound=Hashable)
+
+
+class RetryLedger(Generic[Item]):
+    """The items that no worker holds, and the deaths of workers so far.
+
+    Whoever distributes the work takes items from the ledger and reports what became of them. The items of a worker that
+    died are suspects: each of them runs again alone, so that an item which kills its worker takes no other one along.
+    """
+
+    def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
+        """Begin with all items waiting.
+
+        Args:
+            items: What is to be done, in order.
+            workers: What the workers are called in messages ("worker processes").
+            cure: What to do when workers keep dying, a sentence for the error message.
+        """
+        self._workers, self._cure = workers, cure
+        self._waiting = deque(items)
+        self._suspects: deque[Item] = deque()
+        self._deaths: Counter[Item] = Counter()
+        self._in_a_row = 0
+
+    @property
+    def waiting(self) -> int:
+        """Number of items that any worker may take."""
+        return len(self._waiting)
+
+    @property
+    def suspects(self) -> int:
+        """Number of items that have to run alone."""
+        return len(self._suspects)
+
+    @property
+    def left(self) -> int:
+        """Number of all items that no worker holds."""
+        return len(self._waiting) + len(self._suspects)
+
+    def take(self, count: int) -> list[Item]:
+        """Return up to so many waiting items for a worker."""
+        return [self._waiting.popleft() for _ in range(min(count, len(self._waiting)))]
+
+    def take_suspect(self) -> Item:
+        """Return an item for a worker that holds nothing else, and gets nothing else until this item has ended."""
+        return self._suspects.popleft()
+
+    def put_back(self, items: Iterable[Item]) -> None:
+        """Queue items again before all others; their worker did not end because of them."""
+        self._waiting.extendleft(reversed(list(items)))
+
+    def item_ended(self) -> None:
+        """Note that a worker has brought an item to its end."""
+        self._in_a_row = 0
+
+    def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
+        """Queue the items of a worker that died again, each to run alone.
+
+        Args:
+            items: What the worker held.
+            how: How it died, for messages.
+
+        Returns:
+            The items that are given up, because too many workers died with them.
+
+        Raises:
+            WorkerError: If too many workers died one after the other.
+        """
+        self._in_a_row += 1
+        self._deaths.update(items)
+        given_up = [item for item in items if self._deaths[item] >= MAX_DEATHS]
+        self._suspects.extend(item for item in items if item not in given_up)
+        if given_up:
+            self._in_a_row = 0
+        if self._in_a_row >= MAX_DEATHS_IN_A_ROW:
+            raise WorkerError(f"{self._in_a_row} {self._workers} died one after the other ({how}). {self._cure}")
+        return given_up
+
+    def reason(self, how: str) -> str:
+        """Return why an item is given up, in one line.
+
+        Args:
+            how: How the last worker died.
+        """
+        return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"
