@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.trace import Trace
-from betterbench.recording.record import Bools, Floats
+from betterbench.diagnosis.trace import Bools, Floats, Trace
 from betterbench.tasks import THRESHOLDS
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
-from betterbench.diagnosis.trace import Trace
-from betterbench.recording.record import Bools
+from betterbench.diagnosis.trace import Bools, Trace
 from betterbench.tasks import THRESHOLDS
 
 

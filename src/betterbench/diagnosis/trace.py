@@ -10,10 +10,12 @@ import numpy.typing as npt
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
-from betterbench.recording.record import Bools, Floats
 from betterbench.state import SceneInfo
 from betterbench.tasks import THRESHOLDS, Condition
 from betterbench.tasks.relations import RELATIONS, relation
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
