@@ -103,7 +103,7 @@ def test_a_malformed_stored_diagnosis_is_one_error_and_is_left_alone(folder, cap
     status, out, err = run_verb(capsys, "diagnose", str(folder))
     assert status == 2
     assert not out
-    assert "diagnosis.json: is corrupt" in err.replace("\n", "")
+    assert "diagnosis.json: is not JSON" in err.replace("\n", "")
     assert (folder / "diagnosis.json").read_text() == "{"
 
 

@@ -25,8 +25,6 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
 
-Trials = Sequence[TrialDiagnosis]
-
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -119,7 +117,7 @@ class _Question(NamedTuple):
     measure: str
     scope: str
 
-    def counted(self, trials: Trials) -> Counted:
+    def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
         """Return the trials of the scope, each with whether it shows what is counted."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 

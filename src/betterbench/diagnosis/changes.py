@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeVar
 from betterbench.diagnosis.failure_mode import labels_of_second_pass
 from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
 
-Key = TypeVar("Key")
-Value = TypeVar("Value")
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
@@ -122,8 +122,8 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 
 
 def _differences(
-    before: Mapping[Key, Value], now: Mapping[Key, Value]
-) -> Iterator[tuple[Key, Value | None, Value | None]]:
+    before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
+) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
     """Yield the keys whose values differ, with both values, in the order of the new mapping."""
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)

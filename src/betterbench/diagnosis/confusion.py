@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from importlib import resources
 from typing import Any
 
-from pydantic import TypeAdapter, with_config
+from pydantic import TypeAdapter
 
-from betterbench.diagnosis.forms import STRICT, LabelField, read_form
+from betterbench.diagnosis.forms import LabelField, file_form, read_file_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
@@ -18,7 +18,7 @@ PACKAGED = "calibration.json"
 """File of the packaged calibration, beside this module in ``data``."""
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class ProbeCell:
     """One probe on one variation.
@@ -47,7 +47,7 @@ class ProbeCell:
         return self.chance >= 1.0
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class Judged:
     """One trial of a faulty policy with its true label and the one that it was given.
@@ -179,13 +179,13 @@ class Calibration:
         }
 
     @classmethod
-    def from_json(cls, raw: bytes | str, *, where: str = PACKAGED) -> Calibration:
+    def from_json(cls, raw: bytes, *, where: str = PACKAGED) -> Calibration:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        file = read_form(_FILE, raw, where=where, cure="Run better calibrate again")
+        file = read_file_form(_FILE, raw, where=where, cure="Run better calibrate again")
         return cls(
             {(c.truth, c.label): c.n for c in file.counts},
             file.policies,
@@ -196,7 +196,7 @@ class Calibration:
         )
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _CountForm:
     truth: LabelField
@@ -204,7 +204,7 @@ class _CountForm:
     n: int
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _File:
     counts: list[_CountForm]

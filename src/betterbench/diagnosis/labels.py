@@ -9,7 +9,7 @@ from typing import NamedTuple
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.failure_mode import TrialView, labels_of_second_pass
 from betterbench.diagnosis.modes import MODES
-from betterbench.diagnosis.ruling import ALONE, Ruling, Status
+from betterbench.diagnosis.ruling import ALONE, RuleStatus, Ruling
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
@@ -69,7 +69,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     return min(kept, key=lambda entry: entry[:2])[2]
 
 
-def _status(label: Label, ruling: Ruling) -> Status:
+def _status(label: Label, ruling: Ruling) -> RuleStatus:
     mode = MODES[label]
     return ruling.status(mode.rule) if mode.needs_rule and mode.rule is not None else "upheld"
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, with_config
+from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.forms import STRICT, read_form
+from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -22,6 +21,7 @@ from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import RecordError
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.metadata import dump_json
 from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
 
@@ -110,7 +110,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
     """One trial of a plan, as the file names it."""
@@ -121,7 +121,7 @@ class _PlannedForm:
     variation: str | None = None
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _PlanForm:
     """What the diagnosis reads of a plan."""
@@ -140,7 +140,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
         RecordError: If the plan lacks them or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
-    plan = read_form(_PLAN, json.dumps(run.plan), where=where, cure="Restore the file, or start the run again")
+    plan = read_file_form(_PLAN, dump_json(run.plan), where=where, cure="Restore the file, or start the run again")
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     if len(set(trials)) < len(trials):
         twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter, with_config
-from pydantic_core import PydanticCustomError
+from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 
 import betterbench
-from betterbench.diagnosis.forms import STRICT, read_form
+from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.verdict import RunDiagnosis
-from betterbench.errors import RecordError
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_bounded
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
 
@@ -25,7 +25,7 @@ _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or delete it to store a new one"
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
     """What a stored diagnosis says about one grasp attempt: when it began [s], at what, and its result."""
@@ -39,7 +39,7 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
     return Field(validation_alias=AliasPath("evidence", name))
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
     """What a stored diagnosis says about one trial.
@@ -63,7 +63,7 @@ class StoredTrial:
     has_record: Annotated[bool, BeforeValidator(lambda path: path is not None), Field(validation_alias="record")]
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
     """What a stored diagnosis says about one metric."""
@@ -77,12 +77,11 @@ class StoredMetric:
 
 def _readable(version: object) -> object:
     if isinstance(version, int) and not isinstance(version, bool) and version != STORED_SCHEMA_VERSION:
-        text = "it is {version} and not {wanted}, so another version of betterbench wrote the file"
-        raise PydanticCustomError("schema_version", text, {"version": version, "wanted": STORED_SCHEMA_VERSION})
+        raise ValueError(f"is {version} and not {STORED_SCHEMA_VERSION}: another version of betterbench wrote the file")
     return version
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _File:
     schema_version: Annotated[int, BeforeValidator(_readable)]
@@ -110,13 +109,13 @@ class StoredDiagnosis:
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod
-    def from_json(cls, raw: bytes | str, *, where: str) -> StoredDiagnosis:
+    def from_json(cls, raw: bytes, *, where: str) -> StoredDiagnosis:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
             RecordError: If the schema version is another one, or a field is missing or of the wrong type.
         """
-        file = read_form(_FILE, raw, where=where, cure=_CURE)
+        file = read_file_form(_FILE, raw, where=where, cure=_CURE)
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,
@@ -154,12 +153,10 @@ def read_stored(run: RunFolder) -> StoredDiagnosis | None:
         RecordError: If the file cannot be read or is malformed.
     """
     path = stored_path(run)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise RecordError(f"{path}: is larger than {_MAX_BYTES} bytes. {_CURE}.")
-        raw = path.read_bytes()
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except OSError as error:
-        raise RecordError(f"{path}: is corrupt ({error}). {_CURE}.") from error
+    try:
+        raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
+    except InvalidInputError as error:
+        raise RecordError(str(error)) from error
     return StoredDiagnosis.from_json(raw, where=str(path))

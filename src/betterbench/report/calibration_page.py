@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
 from betterbench.report.html import data_uri, environment, write
-from betterbench.report.wording import listed
 from betterbench.statistics import Rate, percent
+from betterbench.statistics.wording import listed
 
 KINDS = {
     Kind.NONE: "right",

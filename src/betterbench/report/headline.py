@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.legend import LEGEND
 from betterbench.report.outcomes import Segment, segments_of
-from betterbench.report.wording import THIN, Figure, listed, plural, points
+from betterbench.report.wording import THIN, Figure
+from betterbench.statistics.wording import listed, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
@@ -179,7 +180,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
     )
     if gap.value is None:
         return f"{text}; without twins there is no illusion gap."
-    size = f"{points(gap.value)} points"
+    size = f"{points(gap.value, 0)} points"
     ends = f"95{THIN}% interval {gap.interval()}, {gap.count()}" if gap.interval() else gap.count()
     return f"{text}: an illusion gap of {size} ({ends})."
 

@@ -24,7 +24,7 @@ from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.task_views import task_views
-from betterbench.report.wording import listed, p_text, plural
+from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
 
 STRIP_FRAMES = 3

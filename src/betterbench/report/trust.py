@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import RunDiagnosis, packaged_calibration
 from betterbench.report.calibration_page import rate_text, redundant, suspicious
-from betterbench.report.wording import listed
 from betterbench.statistics import Rate
+from betterbench.statistics.wording import listed
 from betterbench.tasks import SUITE_VERSION
 
 

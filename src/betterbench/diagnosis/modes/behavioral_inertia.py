@@ -41,7 +41,7 @@ def _exposed(x: Exposure) -> bool:
     rule=HABIT,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of inertia."""
     episode = trial.episode
     before: Step | None = None

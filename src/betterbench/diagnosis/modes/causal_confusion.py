@@ -25,7 +25,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Skips a required step or repeats a finished one",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of causal confusion."""
     episode = trial.episode
     for step in episode.steps:

@@ -24,7 +24,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Stops for good with something left to do",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an early halt."""
     episode = trial.episode
     if episode.condition.expected is not Expected.SUCCEED:

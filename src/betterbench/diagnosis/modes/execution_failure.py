@@ -28,7 +28,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Chooses the right target and fails at the manipulation",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
     episode = trial.episode
     if trial.unexplained:

@@ -32,7 +32,7 @@ def _exposed(x: Exposure) -> bool:
     title="Lexical-kinematic shortcut",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a first attempt that follows the word to a wrong object."""
     episode = trial.episode
     step = episode.first_choice

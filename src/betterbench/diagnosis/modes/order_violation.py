@@ -26,7 +26,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Does the right things in the wrong order",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a violated order."""
     episode = trial.episode
     if not episode.instruction.ordered:

@@ -25,7 +25,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Freezes or wanders where the scene looks like the middle of a demonstration",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a phase conflict. An episode with an attempt has none."""
     episode = trial.episode
     if not episode.condition.mid_task_look or episode.steps:

@@ -13,7 +13,7 @@ from betterbench.tasks.labels import Label
     definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an episode that the policy or the operator broke off."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):

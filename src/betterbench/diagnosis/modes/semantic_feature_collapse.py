@@ -42,7 +42,7 @@ def _exposed(x: Exposure) -> bool:
     detail=_shared_by,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a collapse, with what the object shares with the target."""
     episode = trial.episode
     for step in episode.steps:

@@ -13,7 +13,7 @@ from betterbench.tasks.labels import Label
     short="solved",
     definition="The goal is met, at rest and released, before the step limit.",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a goal that is met."""
     return _success(trial, Expected.SUCCEED, "The goal is met.")
 
@@ -23,7 +23,7 @@ def find(trial: TrialView) -> Evidence | None:
     short="stayed still",
     definition="Nothing was left to do, nothing was touched, and the arm settled.",
 )
-def find_freeze(trial: TrialView) -> Evidence | None:
+def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly did nothing."""
     return _success(trial, Expected.STAY_STILL, "Nothing was to be done, and nothing was touched.")
 
@@ -33,7 +33,7 @@ def find_freeze(trial: TrialView) -> Evidence | None:
     short="refused",
     definition="What was asked for was absent, and nothing was grasped in its place.",
 )
-def find_refusal(trial: TrialView) -> Evidence | None:
+def _find_refusal(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly took nothing in place of what is absent."""
     return _success(trial, Expected.REFUSE, "The target is absent, and nothing forbidden was touched.")
 

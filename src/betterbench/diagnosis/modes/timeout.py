@@ -21,7 +21,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Does the right things until the step limit ends the trial",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a timeout, if nothing else explains the trial."""
     if not trial.unexplained or not trial.out_of_time:
         return None

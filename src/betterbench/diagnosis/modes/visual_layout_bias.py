@@ -39,7 +39,7 @@ def _exposed(x: Exposure) -> bool:
     needs_rule=True,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a wrong first attempt at a slot; the second pass says whether the slot is a favorite."""
     episode = trial.episode
     step = episode.first_choice

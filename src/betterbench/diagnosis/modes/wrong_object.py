@@ -15,7 +15,7 @@ from betterbench.tasks.labels import Label
     conclusion="It goes for the wrong object; this run cannot tell by which rule.",
     finding="Goes for a wrong object, by no proven rule",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a wrong object or place."""
     episode = trial.episode
     for step in episode.steps:
