@@ -37,9 +37,9 @@ def packed(form: object) -> bytes:
     return msgpack.packb(form, default=code)
 
 
-def right_answer(seed: int, step: int) -> np.ndarray:
+def right_answer(episode: int, step: int) -> np.ndarray:
     """Returns what a well-behaved server answers: a function of trial and step, so that records can be compared."""
-    draw = np.random.default_rng([seed, step])
+    draw = np.random.default_rng([episode, step])
     return np.hstack([draw.uniform(-1.0, 1.0, (CHUNK, 6)), -np.ones((CHUNK, 1))])
 
 
@@ -152,7 +152,7 @@ class Misbehaving:
             self.requests += 1
             if fault is not None:
                 self.faults.append(fault)
-        actions = right_answer(request["better/episode"]["seed"], request["better/step"])
+        actions = right_answer(request["better/episode"]["episode"], request["better/step"])
         if fault in FRAMES:
             connection.send(FRAMES[fault](actions))
             return

@@ -21,6 +21,7 @@ from betterbench.errors import PolicyUnavailableError, RunConflictError, Storage
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
+from betterbench.interface import episode_number
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -30,9 +31,9 @@ STEPS = 3 * CHUNK
 
 def shortened(trial: Trial, ordinary=Trial.resolve):
     """Resolves a trial to a task with a short step limit."""
-    task, condition, interventions = ordinary(trial)
-    template = dataclasses.replace(task.template, base_steps=STEPS, steps_per_subgoal=0, still_steps=STEPS)
-    return dataclasses.replace(task, template=template), condition, interventions
+    found = ordinary(trial)
+    template = dataclasses.replace(found.task.template, base_steps=STEPS, steps_per_subgoal=0, still_steps=STEPS)
+    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
 
 
 @pytest.fixture(autouse=True)
@@ -60,7 +61,7 @@ def at_second(fault):
     left = [fault]
 
     def script(request, number):
-        wanted = request["better/episode"]["seed"] == 1 and request["better/step"] == CHUNK
+        wanted = request["better/episode"]["episode"] == episode_number(1) and request["better/step"] == CHUNK
         return left.pop() if wanted and left else None
 
     return script
@@ -147,7 +148,11 @@ def test_a_broken_request_is_asked_again_and_changes_no_record(fault, tiny_plan,
 
 def test_a_request_that_fails_for_ever_ends_its_trial_and_not_the_run(tiny_plan, tmp_path, calm):
     def script(request, number):
-        return "drop" if request["better/episode"]["seed"] == 1 and request["better/step"] == CHUNK else None
+        return (
+            "drop"
+            if request["better/episode"]["episode"] == episode_number(1) and request["better/step"] == CHUNK
+            else None
+        )
 
     with Misbehaving(script) as server:
         run = evaluate(tiny_plan(server.address, trials=3), tmp_path / "run", envs=3)
@@ -197,7 +202,7 @@ def test_a_server_that_goes_away_for_good_stops_the_run_which_the_same_command_f
     gone = threading.Event()
 
     def script(request, number):
-        if request["better/episode"]["seed"] == 1:
+        if request["better/episode"]["episode"] == episode_number(1):
             gone.set()
             return "drop"
         return None
@@ -270,7 +275,7 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
 
 def test_ctrl_c_stops_at_once_and_the_same_command_finishes(tiny_plan, tmp_path, calm):
     def script(request, number):
-        if request["better/episode"]["seed"] == 1:
+        if request["better/episode"]["episode"] == episode_number(1):
             os.kill(os.getpid(), signal.SIGINT)
             return "late"
         return None
@@ -321,7 +326,7 @@ def test_a_worker_that_is_killed_is_replaced_and_its_trials_are_done_again(tiny_
     killed = []
 
     def script(request, number):
-        if not killed and request["better/episode"]["seed"] == 1 and request["better/step"] == CHUNK:
+        if not killed and request["better/episode"]["episode"] == episode_number(1) and request["better/step"] == CHUNK:
             killed.extend(p.pid for p in multiprocessing.active_children())
             for pid in killed:
                 os.kill(pid, signal.SIGKILL)
@@ -340,11 +345,11 @@ def test_ctrl_c_ends_all_worker_processes(tiny_plan, tmp_path, monkeypatch, calm
     children = []
 
     def script(request, number):
-        if request["better/episode"]["seed"] == 1 and not children:
+        if request["better/episode"]["episode"] == episode_number(1) and not children:
             children.extend(p.pid for p in multiprocessing.active_children())
             for pid in (*children, os.getpid()):  # as a terminal does
                 os.kill(pid, signal.SIGINT)
-        return "late" if request["better/episode"]["seed"] == 1 and request["better/step"] else None
+        return "late" if request["better/episode"]["episode"] == episode_number(1) and request["better/step"] else None
 
     with Misbehaving(script) as server:
         plan = tiny_plan(server.address, trials=3)

@@ -85,9 +85,6 @@ class Chunks:
         """Render the images of the next question, if it follows at once, before the state is used for anything else.
 
         Rendering empties the processor's caches; what follows up to the next action then fills them only once.
-
-        Args:
-            step: Control steps taken since reset.
         """
         if self._observer is None:
             return

@@ -21,7 +21,6 @@ class ActiveEnv:
     """A group of vector environments, of which one holds its environments."""
 
     def __init__(self) -> None:
-        """Begin with no active one."""
         self._active: _LazyVectorEnv | None = None
 
     def take(self, env: _LazyVectorEnv) -> None:
@@ -76,7 +75,6 @@ class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarr
     """
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
-        """Prepare."""
         super().__init__(make, group)
         self.envs = list(stand_ins)
 

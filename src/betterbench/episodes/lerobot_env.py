@@ -37,7 +37,6 @@ class _Seen:
     """What LeRobot looks for, with ``hasattr``, in an environment that lives in another process."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
-        """Copy it."""
         self.task, self.task_description = env.task, env.task_description
 
 

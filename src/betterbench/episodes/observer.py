@@ -21,12 +21,7 @@ class Observer:
     """Makes observations, and keeps the renderers of the last models, because making one takes tens of milliseconds."""
 
     def __init__(self, spec: ObservationSpec, *, renderers: int = _KEPT_RENDERERS) -> None:
-        """Prepare for one observation preset.
-
-        Args:
-            spec: The preset.
-            renderers: Renderers that are kept, one per model: at least the number of scenes that are alive at once.
-        """
+        """Prepare; ``renderers`` is the number of renderers that are kept, one per model."""
         self.spec = spec
         self._kept = max(1, renderers)
         self._names = tuple(c.name for c in spec.cameras)

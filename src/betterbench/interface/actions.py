@@ -145,15 +145,9 @@ class ActionSpace:
             InvalidInputError: If a field is missing, unknown or of the wrong type.
         """
         try:
-            return cls(
-                name=str(form["name"]),
-                components=tuple(str(c) for c in form["components"]),
-                units=tuple(str(u) for u in form["units"]),
-                low=tuple(float(v) for v in form["low"]),
-                high=tuple(float(v) for v in form["high"]),
-                scale=tuple(float(v) for v in form["scale"]),
-                convention=str(form["convention"]),
-            )
+            texts = {name: tuple(str(v) for v in form[name]) for name in ("components", "units")}
+            numbers = {name: tuple(float(v) for v in form[name]) for name in ("low", "high", "scale")}
+            return cls(name=str(form["name"]), convention=str(form["convention"]), **texts, **numbers)  # type: ignore[arg-type]
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInputError(
                 "action space", f"{error} is missing or malformed", "Send the JSON form that ActionSpace.to_json writes"
@@ -171,35 +165,28 @@ def _as_array(action: object, name: str) -> np.ndarray:
 
 
 _TWIST = ("x", "y", "z", "rx", "ry", "rz", "gripper")
-_TWIST_UNITS = ("m", "m", "m", "rad", "rad", "rad", "1")
-_TWIST_SCALE = (TRANSLATION_PER_UNIT_M,) * 3 + (ROTATION_PER_UNIT_RAD,) * 3 + (1.0,)
 _JOINTS = (*(f"joint{i}" for i in range(1, 8)), "gripper")
 
-EE_DELTA = ActionSpace(
-    name="ee_delta",
-    components=_TWIST,
-    units=_TWIST_UNITS,
-    low=(-1.0,) * 7,
-    high=(1.0,) * 7,
-    scale=_TWIST_SCALE,
-    convention=(
-        "base frame; translation, then rotation vector about base axes, both added to the last commanded pose, "
-        f"which leads the measured pose by a bounded distance; {GRIPPER_CONVENTION}"
-    ),
-)
 
-EE_DELTA_MEASURED = ActionSpace(
-    name="ee_delta_measured",
-    components=_TWIST,
-    units=_TWIST_UNITS,
-    low=(-1.0,) * 7,
-    high=(1.0,) * 7,
-    scale=_TWIST_SCALE,
-    convention=(
-        "base frame; translation, then rotation vector about base axes, both added to the measured pose; "
-        f"{GRIPPER_CONVENTION}"
-    ),
-)
+def _twist(name: str, reference: str) -> ActionSpace:
+    """Return an action space of translation and rotation vector, both added to a reference pose."""
+    return ActionSpace(
+        name=name,
+        components=_TWIST,
+        units=("m", "m", "m", "rad", "rad", "rad", "1"),
+        low=(-1.0,) * 7,
+        high=(1.0,) * 7,
+        scale=(TRANSLATION_PER_UNIT_M,) * 3 + (ROTATION_PER_UNIT_RAD,) * 3 + (1.0,),
+        convention=(
+            f"base frame; translation, then rotation vector about base axes, both added to the {reference}; "
+            f"{GRIPPER_CONVENTION}"
+        ),
+    )
+
+
+EE_DELTA = _twist("ee_delta", "last commanded pose, which leads the measured pose by a bounded distance")
+
+EE_DELTA_MEASURED = _twist("ee_delta_measured", "measured pose")
 
 EE_POSE = ActionSpace(
     name="ee_pose",

@@ -19,14 +19,7 @@ from betterbench.scenes.stage import quality_preset
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to render.
-
-    Attributes:
-        task: Task id.
-        condition: Name of the condition.
-        seed: Seed.
-        time_s: Simulated time [s].
-    """
+    """One image to render: of a trial at a simulated time [s]."""
 
     task: str
     condition: str
@@ -94,10 +87,7 @@ def write_video(
         seed: Seed.
         camera: Name of the camera.
         size: Side of the images [pixel], even.
-        out: File to write; by default a file in the run's folder.
-
-    Returns:
-        The file, H.264 in MP4.
+        out: File to write, H.264 in MP4; by default a file in the run's folder.
 
     Raises:
         InvalidInputError: If the size is odd.

@@ -34,11 +34,7 @@ def show_condition(
 def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) -> Image.Image:
     """Return a variation's training scene beside its test scene, with what changed outlined.
 
-    Args:
-        task_id: Task id.
-        name: Name of the variation.
-        seed: Seed of both.
-        size: Side of each scene's image [pixel].
+    Both have the same seed, and their images are ``size`` pixels wide and high.
 
     Raises:
         UnknownNameError: If there is no such task or variation.

@@ -155,10 +155,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         ]
 
     def reset(self, task: dict[str, Any]) -> Observation:
-        """Begin a trial.
-
-        Args:
-            task: One of :meth:`get_tasks`, with the number of the episode.
+        """Begin a trial: one of :meth:`get_tasks`, with the number of the episode.
 
         Raises:
             InvalidInputError: If the episode has no trial in the plan.
@@ -178,12 +175,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Play what the model server answered.
-
-        A reply that cannot be played ends the episode, as it does in ``better eval``.
-
-        Args:
-            action: The reply.
+        """Play what the model server answered; a reply that cannot be played ends the episode, as in ``better eval``.
 
         Raises:
             InvalidInputError: If there is no current episode.
@@ -216,12 +208,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return result
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
-        """Return the message for the model server: images, instruction and, if asked for, the state.
-
-        Args:
-            raw_obs: What is seen.
-            task: The task.
-        """
+        """Return the message for the model server: images, instruction and, if asked for, the state."""
         del task
         return self.adapter.request(raw_obs)
 
@@ -264,13 +251,10 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         }
 
     def get_hold_action(self, last_action: dict[str, Any] | None) -> dict[str, Any]:
-        """Return the reply that holds still, for the harness's live mode.
-
-        Args:
-            last_action: The last reply, which is repeated where actions are absolute.
+        """Return the reply that holds still, for the harness's live mode: the last one, where actions are absolute.
 
         Raises:
-            NotImplementedError: If there is none to repeat, or the gripper's number has no neutral place.
+            NotImplementedError: If there is none to repeat, or the gripper's number has no neutral value.
         """
         neutral = action_space(self.adapter.answer.space).neutral
         if neutral is not None and self.adapter.answer.gripper.endswith("positive"):

@@ -108,12 +108,7 @@ def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
 
 
 def same_policy(run: RunFolder, policy: Mapping[str, Any], *, allow_changed: bool) -> RunFolder:
-    """Check that the policy declares what it declared when the run began, and return the run.
-
-    Args:
-        run: The run, just started or resumed.
-        policy: What the policy declares now.
-        allow_changed: True to go on with another one; the change is then noted in the run.
+    """Check that the policy declares what it declared when the run began; a change that is allowed is noted in the run.
 
     Raises:
         RunConflictError: If it declares something else and that is not allowed; the text names both values.

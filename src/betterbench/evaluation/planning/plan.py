@@ -153,12 +153,7 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of a trial that exists.
-
-    Args:
-        task: Task id.
-        condition: Name of the condition; the first training condition if None.
-        seed: Seed.
+    """Return the id of a trial that exists; its condition is the first training condition if None.
 
     Raises:
         UnknownNameError: If there is no such task or condition.

@@ -14,11 +14,7 @@ different trials. The first figure holds when one of them fails on a subset of t
 
 
 def what_trials_show(plan: Plan) -> str:
-    """Return which drops the trials of a plan can and cannot show, overall, within an axis and within a variation.
-
-    Args:
-        plan: The plan, in which every trial of a variation has its twin.
-    """
+    """Return which drops the trials of a plan can and cannot show, overall, within an axis and within a variation."""
     varied = [t for t in plan.trials if t.variation is not None]
     if not varied:
         return "No trial is of a variation: they only show how well the training conditions were learned."

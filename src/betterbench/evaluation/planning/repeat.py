@@ -95,11 +95,7 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Check that a policy still declares what it declared for a run.
-
-    Args:
-        path: ``run.json`` of the run, or its folder.
-        policy: What the policy declares now.
+    """Check that a policy still declares what it declared for the run at a path.
 
     Raises:
         RunConflictError: If it does not; the text names both values.
@@ -117,12 +113,7 @@ def _open(path: Path) -> RunFolder:
 
 
 def version_differences(there: Mapping[str, Any], plan: Plan) -> Iterator[str]:
-    """Yield every version and convention that differs and that results depend on, with both values.
-
-    Args:
-        there: JSON form of the plan of the run that is repeated.
-        plan: The plan as it would be run here.
-    """
+    """Yield what differs between a stored plan and one made here, and what results depend on, with both values."""
     here = json.loads(dump_json(plan.to_json()))
     for name in sorted((set(there) | set(here)) - set(_NOT_COMPARED)):
         old, new = there.get(name), here.get(name)

@@ -68,27 +68,16 @@ def ray_entries(
 
 @dataclass(slots=True, eq=False)
 class _WorkerActor:
-    """A worker as the pool sees it.
-
-    Attributes:
-        actor: Handle of the actor.
-        calls: Calls under way, the oldest first.
-        trials: Trials that it was given and that have not ended.
-        placed: Whether it has a place on the cluster.
-        ready: Whether it has been prepared.
-        alone: Whether its one trial was with a worker that died.
-        replica: Number of the replica of the policy that it asks, or None.
-        broken: Its trials that have broken down.
-    """
+    """A worker as the pool sees it."""
 
     actor: Any
-    calls: deque[Any]
-    trials: list[Trial] = field(default_factory=list)
-    placed: bool = False
-    ready: bool = False
-    alone: bool = False
-    replica: int | None = None
-    broken: list[Trial] = field(default_factory=list)
+    calls: deque[Any]  # under way, the oldest first
+    trials: list[Trial] = field(default_factory=list)  # given to it, and not ended
+    placed: bool = False  # it has a place on the cluster
+    ready: bool = False  # it has been prepared
+    alone: bool = False  # its one trial was with a worker that died
+    replica: int | None = None  # number of the replica of the policy that it asks
+    broken: list[Trial] = field(default_factory=list)  # trials that have broken down
 
 
 class RayPool:

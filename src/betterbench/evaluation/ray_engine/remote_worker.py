@@ -26,12 +26,7 @@ TURN_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """A trial that has ended, with its record.
-
-    Attributes:
-        entry: Its journal entry.
-        record: Content of its record; None for a trial that broke down.
-    """
+    """The journal entry of a trial that has ended, and its record; None for a trial that broke down."""
 
     entry: JournalEntry
     record: bytes | None
@@ -82,10 +77,7 @@ class RemoteWorker:
         self._waiting: deque[Trial] = deque()
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
-        """Open the worker.
-
-        Args:
-            secrets: Variables to set in the environment (the key of a policy's replicas).
+        """Open the worker with further variables in its environment.
 
         Returns:
             The versions here, to be compared, and "problem" if the worker cannot be opened.

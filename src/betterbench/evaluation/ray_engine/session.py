@@ -55,12 +55,7 @@ class RaySession:
     """
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
-        """Prepare.
-
-        Args:
-            cluster: Where actors are placed.
-            workers: Worker actors, one processor each; None for as many as the cluster has processors.
-        """
+        """Prepare; without a number of workers there are as many as the cluster has processors."""
         self.cluster, self.ray = cluster, import_ray()
         self._workers = workers
         self._owned = False
@@ -94,7 +89,6 @@ class RaySession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Disconnect, and end the cluster if it was started here."""
         if self._owned:
             self.ray.shutdown()
 

@@ -99,15 +99,12 @@ class ExternalRun:
         return read_outcome(self.folder.record_path(trial.task, trial.condition, trial.seed))
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
-        """Play a whole trial with a callable.
+        """Play a whole trial with a callable, and return its journal entry.
 
         Args:
             trial: A trial of the plan.
             act: Returns one action (dim,) or a chunk (horizon, dim) for an observation. An exception of it ends the
                 trial as ``policy_error``, and the run can go on.
-
-        Returns:
-            The journal entry of the trial.
 
         Raises:
             BetterError: As :meth:`begin` and :meth:`act`.
@@ -142,11 +139,9 @@ class ExternalRun:
         return seen
 
     def act(self, actions: np.ndarray) -> Observation | None:
-        """Play what the policy answers.
+        """Play one action (dim,), or a chunk (horizon, dim) that is played whole.
 
-        Args:
-            actions: One action (dim,), or a chunk (horizon, dim) that is played whole. Actions that cannot be played
-                end the trial as ``policy_error`` with the reason in its record.
+        Actions that cannot be played end the trial as ``policy_error`` with the reason in its record.
 
         Returns:
             The observation for the next answer, or None if the episode has ended and :attr:`entry` is its entry.
@@ -165,11 +160,7 @@ class ExternalRun:
             self._advance(PolicyError(reason))
 
     def abandon(self, reason: str) -> None:
-        """End the current episode, if there is one; it does not count, and the same run runs it again.
-
-        Args:
-            reason: Why, for the journal.
-        """
+        """End the current episode, if there is one, for a reason that the journal keeps; the same run runs it again."""
         if self._steps is not None:
             self._advance(PolicyUnavailableError(f"{reason}. Run it again by starting the same run again"))
 
@@ -179,11 +170,9 @@ class ExternalRun:
         self._trial_runner.close()
 
     def __enter__(self) -> Self:
-        """Return the run."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it."""
         self.close()
 
     def _advance(self, reply: Reply | PolicyError | None) -> Observation | None:
@@ -225,7 +214,6 @@ class _Declared(PolicyFactory):
     """The declaration of a policy that answers outside of this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
-        """Keep what it declares."""
         super().__init__(info.name)
         self._info = info
 

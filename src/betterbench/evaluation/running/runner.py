@@ -40,15 +40,7 @@ _TURN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is.
-
-    Attributes:
-        done: Trials in the journal.
-        planned: Trials in the plan.
-        elapsed_s: Time since this process began [s].
-        started_with: Trials that were in the journal when this process began.
-        last: The trial that has just ended, or None.
-    """
+    """How far a run is; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s]."""
 
     done: int
     planned: int
@@ -159,36 +151,18 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What is known of the policy before the run.
-
-    Attributes:
-        info: What it says about itself.
-        envs: Environments per worker, unless told otherwise.
-        policies: Makes it, and may hold the instance that was asked; None where a host holds it.
-        host: The process that holds it for all workers, or None.
-        shared: Whether one instance of it serves several workers.
-        one_worker: Whether each worker would load the weights again, so that there is one worker unless more are asked
-            for.
-    """
+    """What is known of the policy before the run."""
 
     info: PolicyInfo
-    envs: int
-    policies: PolicyFactory | None = None
-    host: Host | None = None
-    shared: bool = False
-    one_worker: bool = False
+    envs: int  # per worker, unless told otherwise
+    policies: PolicyFactory | None = None  # may hold the instance that was asked; None where a host holds it
+    host: Host | None = None  # holds the policy for all workers
+    shared: bool = False  # one instance serves several workers
+    one_worker: bool = False  # each worker would load the weights again
 
 
 def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
-    """Make the policy, or connect to it, and compare its conventions with those of the run.
-
-    Args:
-        plan: The plan.
-        stack: Closes what has to be closed at the end of the run.
-        alone: Whether one worker, in this process, runs all trials.
-        engine: What runs the workers.
-        timeout_s: Deadline of one answer of a policy that the run itself serves [s].
-    """
+    """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     address = plan.policy
     if alone or needs_no_thread(address) or is_remote(address):
         policies = PolicyFactory(address)

@@ -76,7 +76,6 @@ class Host:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it."""
         self._end()
 
     @property

@@ -183,13 +183,13 @@ def declare(
     execution: Execution = WHOLE_CHUNKS,
     expert: bool = False,
 ) -> dict[str, Any]:
-    """Return the metadata frame of a server of ours.
+    """Return the metadata frame of a server.
 
     Args:
         policy: Address of the policy.
         space: Action space in which it answers.
         needs_images: False if it never uses an image.
-        batch: Observations it answers at once, at most.
+        batch: Largest number of observations that it answers at once.
         more: What else clients may want to know.
         execution: How its chunks are to be played.
         expert: Whether it simulates the client's trial, which our own clients then name.

@@ -31,13 +31,7 @@ class ShadowSession:
     """One client of a served expert: finds its trial and its step, and asks the shadow simulation."""
 
     def __init__(self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None) -> None:
-        """Prepare for a connection.
-
-        Args:
-            shadows: The shadows of the policy.
-            chunk: Actions in one answer.
-            trial: Trial of a client that names none, or None to find it by the instruction.
-        """
+        """Prepare; ``trial`` is that of a client that names none, or None to find it by the instruction."""
         self._shadows, self._chunk, self._fixed = shadows, chunk, trial
         self._counter = Counter()
         self._origin = np.zeros(3)
@@ -111,18 +105,12 @@ class Counter:
     """Counts the control steps of a client that may not send them, and notices where an episode begins."""
 
     def __init__(self) -> None:
-        """Begin at step 0."""
         self._episode: object = None
         self._next = 0
         self.begins = False
 
     def step(self, request: Request, episode: object) -> int:
-        """Return the control step of a request, and set ``begins``.
-
-        Args:
-            request: The request.
-            episode: Any value that differs between episodes.
-        """
+        """Return the control step of a request, and set ``begins``; ``episode`` differs between episodes."""
         key = (episode, request.instruction)
         self.begins = key != self._episode or request.step == 0
         if self.begins:

@@ -35,10 +35,6 @@ class ShadowSimulation:
     def __init__(self, policy: str, trial: TrialId) -> None:
         """Build the scene and reset it.
 
-        Args:
-            policy: Address of the privileged policy.
-            trial: The trial.
-
         Raises:
             UnknownNameError: If there is no such policy, task or condition.
             PolicyError: If the scene does not show what its instruction presupposes.
@@ -130,7 +126,6 @@ class ShadowSimulations:
     """The shadow simulations of one served policy, by trial."""
 
     def __init__(self, policy: str) -> None:
-        """Prepare for one privileged policy."""
         self._policy = policy
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
         # Building a scene fills caches that all scenes share.

@@ -1,4 +1,4 @@
-"""The policies that can be asked for, by address; importing this starts nothing."""
+"""The policies that can be evaluated, by address."""
 
 from __future__ import annotations
 
@@ -9,13 +9,7 @@ from betterbench.experts import EXPERTS, REPLAYS
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """One policy as ``better list policies`` shows it.
-
-    Attributes:
-        address: How to ask for it.
-        summary: What it is, one sentence.
-        privileged: True if it sees the truth instead of observations.
-    """
+    """One policy as ``better list policies`` shows it; a privileged one sees the state instead of observations."""
 
     address: str
     summary: str
@@ -28,7 +22,7 @@ PLAIN = {
 }
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
-    "python": PolicyEntry("python:MODULE:CLASS", "A class of yours with info, reset and act.", privileged=False),
+    "python": PolicyEntry("python:MODULE:CLASS", "Your own class with info, reset and act.", privileged=False),
 }
 CONNECTED = {
     "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
@@ -42,7 +36,7 @@ CONNECTED = {
 
 
 def known_policies() -> tuple[PolicyEntry, ...]:
-    """Return all policies that can be asked for."""
+    """Return all policies that can be evaluated."""
     privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
     privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
     return (*privileged, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())

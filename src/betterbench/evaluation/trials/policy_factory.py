@@ -42,14 +42,7 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def make_policy(address: str) -> Policy:
-    """Return a policy that sees observations.
-
-    Raises:
-        UnknownNameError: If no policy has such an address.
-        InvalidInputError: If a plugin cannot be loaded.
-        PolicyUnavailableError: If a server cannot be reached.
-        HandshakeError: If a server declares other conventions.
-    """
+    """Return a policy that sees observations; raises what :func:`check_policy` raises."""
     if address == "noop":
         return Noop()
     if address == "random":
@@ -97,20 +90,14 @@ class PolicyFactory:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Return the factory."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close an instance that was made and not taken."""
         self.close()
 
     @property
     def info(self) -> PolicyInfo:
-        """What the policy says about itself; it is made to be asked, once.
-
-        Raises:
-            BetterError: As :func:`check_policy`.
-        """
+        """What the policy says about itself; it is made once to ask it, and raises what :func:`check_policy` raises."""
         if self._info is None:
             if is_privileged(self.address):
                 self._info = PolicyInfo(self.address, action_space=EE_DELTA.name, needs_images=False)
@@ -127,26 +114,11 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments; the policy is made to ask it.
-
-        Raises:
-            BetterError: As :func:`check_policy`.
-        """
+        """Whether one instance answers the observations of many environments; the policy is made to ask it."""
         return bool(self.info) and self._takes_batches
 
     def check(self, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-        """Check that the policy exists and has the conventions of a run; see :func:`check_policy`.
-
-        Args:
-            action_space: Action space of the run, or None where there is no run yet.
-            observation: Observation preset of the run, likewise.
-
-        Returns:
-            What the policy says about itself. The action space of a replay is empty here; it is that of each record.
-
-        Raises:
-            BetterError: As :func:`check_policy`.
-        """
+        """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty."""
         info = self.info
         check_action_space(self.address, info, action_space)
         adapts = is_remote(self.address) or is_in_process_model(self.address)
@@ -172,11 +144,7 @@ class PolicyFactory:
         return self._made
 
     def take(self) -> Policy:
-        """Return an instance for the caller alone, who closes it.
-
-        Raises:
-            BetterError: As :func:`check_policy`.
-        """
+        """Return an instance for the caller alone, who closes it."""
         with self._lock:
             made, self._made = self._made, None
         return make_policy(self.address) if made is None else made
@@ -189,12 +157,7 @@ class PolicyFactory:
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
-    """Check that a policy answers in the action space of a run.
-
-    Args:
-        address: Address of the policy.
-        info: What it says about itself; a replay names no action space.
-        action_space: Action space of the run, or None where there is no run yet.
+    """Check that a policy answers in the action space of a run, if there is a run yet; a replay names no action space.
 
     Raises:
         InvalidInputError: If it answers in another one.

@@ -33,13 +33,7 @@ class SharedPolicy:
     """
 
     def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
-        """Start the thread.
-
-        Args:
-            policy: The policy.
-            batch: Observations in one call at most.
-            deadline: How long an answer may take; None for as long as it takes.
-        """
+        """Start the thread; ``batch`` is the largest number of observations in one call."""
         self._policy, self._deadline = policy, deadline
         self._collector: BatchCollector[_Asked, np.ndarray] = BatchCollector(self._answer, limit=batch)
 
@@ -48,11 +42,7 @@ class SharedPolicy:
         return _SharedClient(self._policy.info, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
-        """Stop the thread, and close the policy unless it still hangs.
-
-        Args:
-            timeout_s: How long to wait for an answer under way [s]; None for as long as it takes.
-        """
+        """Stop the thread, after at most so many seconds if given, and close the policy unless it still hangs."""
         if self._collector.close(timeout_s=timeout_s):
             close_policy(self._policy)
 

@@ -90,10 +90,6 @@ class TrialRunner:
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
         """Open the run, and ask the policy what it needs.
 
-        Args:
-            settings: What all trials of the run share.
-            policies: Makes the policy, and is closed with the runner. None to make the policy of the settings.
-
         Raises:
             BetterError: If the policy cannot be made, its server not be reached or the run not be read.
         """
@@ -203,9 +199,6 @@ def broken_entry(trial: Trial, reason: str) -> JournalEntry:
 @contextmanager
 def on_disk(place: Path) -> Iterator[None]:
     """Turn an error of a disk that cannot be written any more into one line; further trials would fail alike.
-
-    Args:
-        place: What is written to, for the message.
 
     Raises:
         StorageError: If the disk is full or broken, or may not be written any more.

@@ -34,47 +34,30 @@ _END_S = 10.0
 
 @dataclass(eq=False)
 class WorkerProcess:
-    """One worker process as the pool sees it.
-
-    Attributes:
-        process: The process.
-        connection: Our end of its pipe.
-        trials: Trials that it was given and that have not ended.
-        alone: Whether its one trial was in a process that died.
-        lost: Whether its end of the pipe is closed.
-        ready: Whether it has loaded what it needs.
-    """
+    """One worker process as the pool sees it."""
 
     process: BaseProcess
     connection: Connection
-    trials: dict[TrialId, Trial] = field(default_factory=dict)
-    alone: bool = False
-    lost: bool = False
-    ready: bool = False
+    trials: dict[TrialId, Trial] = field(default_factory=dict)  # given to it, and not ended
+    alone: bool = False  # its one trial was in a process that died
+    lost: bool = False  # its end of the pipe is closed
+    ready: bool = False  # it has loaded what it needs
 
 
 class WorkerPool:
     """Runs trials in worker processes, and the trials of a process that died again. A context manager."""
 
     def __init__(self, settings: RunSettings, workers: int, *, watch: Callable[[], None] | None = None) -> None:
-        """Prepare; processes are started when there is work.
-
-        Args:
-            settings: What all trials of the run share.
-            workers: Worker processes.
-            watch: Called about twice a second.
-        """
+        """Prepare; processes are started when there is work, and ``watch`` is called about twice a second."""
         self._settings, self._workers, self._watch = settings, workers, watch
         self._processes: list[WorkerProcess] = []
         self._ledger: RetryLedger[Trial] = RetryLedger((), workers="worker processes", cure=_CURE)
         self._failed_starts = 0
 
     def __enter__(self) -> Self:
-        """Return the pool."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End all processes."""
         self.close()
 
     def entries(self, trials: Iterable[Trial]) -> Iterator[JournalEntry]:

@@ -60,12 +60,7 @@ def even_share(left: int, workers: int, envs: int) -> int:
     """Return how many trials a worker is given at once, so that all workers end at about the same time.
 
     Trials that begin together end together. So twelve trials per worker of eight environments are given as six and six,
-    not as eight and four.
-
-    Args:
-        left: Trials that have not ended, those under way included.
-        workers: Number of workers.
-        envs: Environments of each.
+    not as eight and four. ``left`` counts the trials that have not ended, those under way included.
     """
     share = math.ceil(left / workers)
     return math.ceil(share / math.ceil(share / envs)) if share else 0
@@ -94,11 +89,7 @@ class Worker:
     """
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Prepare, and ask the policy what it needs.
-
-        Args:
-            settings: What all trials of the run share.
-            policies: Makes the policy, and is closed with the worker. None to make the policy of the settings.
+        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own.
 
         Raises:
             InvalidInputError: If the number of environments is out of range.
@@ -119,13 +110,11 @@ class Worker:
         self._stop: BetterError | None = None
 
     def __enter__(self) -> Self:
-        """Return the worker."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close it."""
         self.close()
 
     @property
