@@ -13,10 +13,10 @@ from betterbench.tasks.labels import Label
 file_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
 """Class decorator: fields have exactly their type and numbers are finite; keys of other versions are left alone."""
 
-Form = TypeVar("Form")
+_Form = TypeVar("_Form")
 
 
-def read_file_form(adapter: TypeAdapter[Form], raw: bytes, *, where: str, cure: str) -> Form:
+def read_file_form(adapter: TypeAdapter[_Form], raw: bytes, *, where: str, cure: str) -> _Form:
     """Return what a JSON document holds; ``where`` names its file and ``cure`` says what to do about a wrong one.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -217,13 +218,12 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
     column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
     names = {label.partition("(")[0] for label in column}
     found = []
-    for kind in (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried):
-        for t, target in enumerate(objects):
-            for place in kind.regions(target):
-                for i in items:
-                    c = column.get(kind.label(objects[i].name, target.name, place))
-                    if c is not None:
-                        found.append(Whereabout(i, kind.name, t, place, record.predicates[:rows, c]))
+    carried = (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried)
+    for kind, (t, target) in itertools.product(carried, enumerate(objects)):
+        for region, i in itertools.product(kind.regions(target), items):
+            c = column.get(kind.label(objects[i].name, target.name, region))
+            if c is not None:
+                found.append(Whereabout(i, kind.name, t, region, record.predicates[:rows, c]))
     return tuple(found)
 
 
