@@ -1,4 +1,4 @@
-"""A policy server that does nothing but take its time: what is left of a run's wall time is ours."""
+"""A policy server that only waits: the rest of a run's wall time belongs to the benchmark."""
 
 from __future__ import annotations
 

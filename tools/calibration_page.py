@@ -11,20 +11,21 @@ from betterbench.report.calibration_page import calibration_markdown, write_cali
 
 HEAD = """# Calibration
 
-A diagnosis is an instrument, and an instrument is worth what it has been measured at. Every policy of
-[the zoo](diagnosis.md#the-zoo) decides by one broken rule, at several strengths and with a hand that shakes; it notes
-its own first wrong decision, and the diagnosis, which reads the records alone, has to find it out.
+Calibration measures how often the diagnosis gives the true label. Every [faulty policy](diagnosis.md#faulty-policies)
+decides by one broken rule, at several strengths and with action noise. It writes down its own first wrong decision,
+and the diagnosis, which reads the records alone, has to find that fault.
 
 ```sh
 better calibrate --out runs/calibration
 ```
 
-makes such numbers again, with a page that lists every mistake beside its evidence. It can be interrupted and goes
-on; a task takes a few minutes with `--tasks fast_food`. The table of policies names the strengths that the packaged
+makes these numbers again, with a page that lists every mistake beside its evidence. It can be interrupted and
+resumed; with `--tasks fast_food` it takes a few minutes. The table of policies names the strengths that the packaged
 numbers come from.
 
-What the matrix cannot say: the zoo has grown together with the diagnosis, so it holds the faults that somebody thought
-of. A policy with a fault of another kind gets the label whose evidence comes closest, and its film is beside it.
+What the matrix cannot say: the faulty policies were written together with the diagnosis, so they hold the faults that
+its authors thought of. A policy with a fault of another kind gets the label whose evidence comes closest, with its
+film beside it.
 
 ![confusion matrix](pictures/confusion.png)
 

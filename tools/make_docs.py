@@ -92,11 +92,10 @@ def library_page(tasks: list[Task]) -> str:
             "# Asset library",
             "",
             (
-                "Every object is made by a parametric generator of our own: a category is one function, and each of its"
-                " looks is the same function with another random generator. Which look an object has is"
-                " drawn with the seed"
-                f" of the trial; its color is part of the condition. There are {len(rows)} categories. The sheet shows"
-                " three looks of each in its default color and one in another color, where it has one."
+                "Every object is made by a parametric generator of our own: a category is one function, and each of "
+                "its looks is the same function with another random generator. Which look an object has is drawn "
+                f"with the seed of the trial; its color is part of the condition. There are {len(rows)} categories. "
+                "The sheet shows three looks of each in its default color and one in another color, where it has one."
             ),
             "",
             "![every asset and some of its looks](pictures/library.jpg)",

@@ -100,10 +100,7 @@ def run(
     Args:
         command: Program and arguments.
         env: Environment of the program; this process's own where None.
-        quiet: Keep the output instead of showing it.
-
-    Returns:
-        The finished process; ``stdout`` holds both streams where `quiet`.
+        quiet: Keep the output, both streams in ``stdout``, instead of showing it.
     """
     words = [str(word) for word in command]
     stdout, stderr = (subprocess.PIPE, subprocess.STDOUT) if quiet else (sys.stderr, None)
@@ -148,15 +145,12 @@ def pip_settings(environ: Mapping[str, str]) -> dict[str, str]:
 
 
 def uv_environment(environ: Mapping[str, str], *, main_index_only: bool = False) -> dict[str, str]:
-    """Translates pip's configuration into uv's variables; a UV_* variable that is already set stays as it is.
+    """Returns the environment for uv and its pip, with pip's configuration; a UV_* variable that is set stays as it is.
 
     Args:
         environ: The process environment.
         main_index_only: Leave further indexes and folders of wheels out: a lock is made from the main index alone,
             where each release has the files of every platform.
-
-    Returns:
-        The environment for uv and for the pip that installs it.
     """
     settings = pip_settings(environ)
     env = dict(environ)

@@ -46,12 +46,10 @@ def index_page(tasks: Sequence[Task]) -> str:
             "# Tasks and variations",
             "",
             (
-                "Each task has a training regime, in which words, places and orders go together more"
-                " tightly than the task"
-                " demands, and variations that take them apart. A variation is a training condition with"
-                " one intervention;"
-                " with the same seed everything else is the same to the last bit. The last four columns count the"
-                f" variations by axis: {axes}."
+                "Each task has a training distribution, in which words, places and orders go together more tightly "
+                "than the task demands, and variations that take them apart. A variation is a training condition "
+                "with one intervention; with the same seed everything else is the same to the last bit. The last "
+                f"four columns count the variations by axis: {axes}."
             ),
             "",
             _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
@@ -64,9 +62,8 @@ def index_page(tasks: Sequence[Task]) -> str:
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a"
-                " task of your own"
-                " stands in [Adding a task](adding-a-task.md)."
+                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a task of your "
+                "own stands in [Adding a task](adding-a-task.md)."
             ),
             "",
         ]
@@ -88,24 +85,23 @@ def task_page(task: Task) -> str:
         *[line for part in described for line in (part, "")],
         *[f"- **{part.partition(':')[0]}:**{part.partition(':')[2]}" for part in headed],
         "",
-        "## Training regime",
+        "## Training distribution",
         "",
-        f"![the settings of the training regime](../pictures/{task.id}_training.jpg)",
+        f"![the settings of the training distribution](../pictures/{task.id}_training.jpg)",
         "",
         *_layout_table(task),
         "",
         *_condition_table(task),
         "",
-        "What this regime teaches besides the task, computed from the conditions above:",
+        "What this distribution teaches besides the task, computed from the conditions above:",
         "",
         *[f"- {line}" for line in _confounds(task)],
         "",
         "## Variations",
         "",
         (
-            "Each picture shows the training scene at the left and the test scene at the right, as"
-            " the front camera of a"
-            " policy sees them, seed 0. What the intervention changed is outlined."
+            "Each picture shows the training scene at the left and the test scene at the right, as the front camera "
+            "of a policy sees them, seed 0. What the intervention changed is outlined."
         ),
         "",
     ]
@@ -115,7 +111,7 @@ def task_page(task: Task) -> str:
 
 
 def settings_of(task: Task) -> dict[str, Condition]:
-    """Return the distinct initial settings of a training regime: letter to the first condition that shows it."""
+    """Return the distinct initial settings of a training distribution: letter to the first condition that shows it."""
     found: dict[tuple[object, ...], Condition] = {}
     for condition in task.training:
         found.setdefault(_setting(condition), condition)
@@ -128,10 +124,9 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "# Templates",
         "",
         (
-            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and the"
-            " protocol that goes with them. A task fills it in with objects and places; region,"
-            " tolerance, settling, step"
-            " limit and expert come with it."
+            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and "
+            "the protocol that goes with them. A task fills it in with objects and places; region, tolerance, "
+            "settling, step limit and expert come with it."
         ),
         "",
         _row(["template", "what is hard about it", "tasks"]),
@@ -148,9 +143,8 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "## The JSON form",
         "",
         (
-            "Every template has a JSON form, for tools that write scenarios. Types are categories of"
-            " meaning, not names of"
-            f" assets. This is {shown.title}:"
+            "Every template has a JSON form, for tools that write scenarios. Types are categories of meaning, not "
+            f"names of assets. This is {shown.title}:"
         ),
         "",
         "```json",
@@ -189,10 +183,9 @@ def _template_section(template: Template) -> list[str]:
         *(f"- relation `{name}`: {_first_sentences(name)}" for name in names),
         f"- success: every subgoal is done, at rest and released, for {template.dwell_s:g} s.{only}",
         (
-            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal"
-            f" (one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the"
-            f" right answer is to"
-            " stay still"
+            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the right answer is "
+            "to stay still"
         ),
     ]
 
@@ -276,8 +269,8 @@ def _confounds(task: Task) -> list[str]:
             lines.append(f"The {kind} always goes to the same place: {places[0]}.")
     lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in trained.standing_kinds.items() if len(kinds) == 1]
     if lone:
-        lines.append(f"Places where only one kind of thing ever stood: {', '.join(lone)}.")
-    lines.append(f"At most {trained.initial_items} movable things stand on the table at the start.")
+        lines.append(f"Places where only one kind of object ever stood: {', '.join(lone)}.")
+    lines.append(f"At most {trained.initial_items} movable objects stand on the table at the start.")
     return lines
 
 
@@ -313,7 +306,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- axis: {variation.axis.value.replace('_', ' ')}",
         f"- hypothesis: {variation.hypothesis}",
         f"- intervention on `{variation.base}`: {', '.join(f'`{i}`' for i in variation.interventions)}",
-        *([] if changes.objects else ["- the scene is that of training; only the sentence changes"]),
+        *([] if changes.objects else ["- the scene is that of training; only the instruction changes"]),
         f"- instruction: {told}",
         f"- expected: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",

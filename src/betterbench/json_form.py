@@ -20,15 +20,17 @@ from typing import TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError
 
-Value = TypeVar("Value")
+FormT = TypeVar("FormT")
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 """Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
 
 
-def read_form(adapter: TypeAdapter[Value], form: object, *, where: str, cure: str) -> Value:
+def read_form(
+    adapter: TypeAdapter[FormT], form: object, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
+) -> FormT:
     """Return the value that a JSON form stands for.
 
     Args:
@@ -36,30 +38,33 @@ def read_form(adapter: TypeAdapter[Value], form: object, *, where: str, cure: st
         form: JSON as ``bytes``, which is the fastest, or a value that was parsed before.
         where: File (and place in it) for the error.
         cure: What to do about a wrong form, for the error.
+        raises: Class of the error.
 
     Raises:
-        InvalidInputError: If a field is missing, unknown or malformed; the text names the first one.
+        BetterError: Of that class, if a field is missing, unknown or malformed; the text names the first one.
     """
-    with form_errors(where, cure):
+    with form_errors(where, cure, raises):
         return adapter.validate_json(form if isinstance(form, bytes) else json.dumps(form))
 
 
 @contextmanager
-def form_errors(where: str, cure: str) -> Iterator[None]:
+def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
     """Turn what is raised while a form is read into one line that names the file, the field and the cure.
 
     Raises:
-        InvalidInputError: In place of what pydantic, ``json`` or the dataclass itself raised.
+        BetterError: In place of what pydantic, ``json`` or the dataclass itself raised.
     """
     try:
         yield
-    except ValidationError as error:
-        field, problem = first_problem(error)
-        raise InvalidInputError(f"{where}: {field}" if field else where, problem, cure) from error
-    except InvalidInputError as error:  # of the dataclass itself
-        raise InvalidInputError(f"{where}: {error.where}", error.problem, error.cure) from error
-    except (TypeError, ValueError, RecursionError) as error:  # of json.dumps
-        raise InvalidInputError(where, f"is not JSON ({error})", cure) from error
+    except (ValidationError, InvalidInputError, TypeError, ValueError, RecursionError) as error:
+        if isinstance(error, ValidationError):
+            field, problem = first_problem(error)
+            wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
+        elif isinstance(error, InvalidInputError):  # of the dataclass itself
+            wrong = InvalidInputError(f"{where}: {error.where}", error.problem, error.cure)
+        else:  # of json.dumps
+            wrong = InvalidInputError(where, f"is not JSON ({error})", cure)
+        raise wrong if raises is InvalidInputError else raises(str(wrong)) from error
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str) -> bytes:

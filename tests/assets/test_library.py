@@ -1,16 +1,24 @@
-"""What every asset of the procedural library has to keep, look by look."""
+"""What every asset of the procedural library has to keep, look by look.
+
+``pytest tests/assets -k CATEGORY`` checks all looks of one category.
+"""
 
 from __future__ import annotations
 
 import math
+import re
+import runpy
 import subprocess
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from betterbench.assets import build, categories, colors, looks
+from betterbench.assets.authoring import generator, unregister
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
 from betterbench.robots.panda import PAD_FRICTION, PAD_HALF_SIZE, PAD_SOLIMP, PAD_SOLMIX, PAD_SOLREF
@@ -27,12 +35,7 @@ PAD_M = PAD_HALF_SIZE[2]
 """Distance by which the pads reach below the tool center point [m]."""
 MOUNTED = ("lower_drawer", "upper_drawer")
 """Things that hang in rails instead of standing. The origin is that of their box without the knob."""
-ALL = [(category, look) for category in categories() for look in looks(category)]
 TABLE = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [1, 1, 0.02], "pos": [0, 0, -0.02], "condim": 4}
-
-
-def every(function):
-    return pytest.mark.parametrize(("category", "look"), ALL, ids=[f"{c}-{n}" for c, n in ALL])(function)
 
 
 def world():
@@ -43,24 +46,20 @@ def world():
     return spec
 
 
-@every
-def test_it_keeps_its_budgets(category, look):
-    asset = build(category, look=look)
+def keeps_its_budgets(asset):
     assert 0 < asset.face_count <= FACE_BUDGET
-    assert 0 < len(asset.collision) <= GEOM_EXCEPTIONS.get(category, GEOM_BUDGET)
+    assert 0 < len(asset.collision) <= GEOM_EXCEPTIONS.get(asset.category, GEOM_BUDGET)
     assert asset.license
     assert asset.source
     assert asset.description
-    assert asset.color in colors(category)
+    assert asset.color in colors(asset.category)
     for part in asset.visual:
         assert part.faces.max() < len(part.vertices)
         assert part.texture is None or max(part.texture.pixels.shape) <= 256
         assert np.ptp(part.vertices, axis=0).min() > 1e-5, "MuJoCo refuses planar meshes"
 
 
-@every
-def test_its_inertia_is_that_of_a_body(category, look):
-    asset = build(category, look=look)
+def has_the_inertia_of_a_body(asset):
     xx, yy, zz, xy, xz, yz = asset.inertia
     moments = np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     assert moments[0] > 0.0
@@ -72,15 +71,13 @@ def test_its_inertia_is_that_of_a_body(category, look):
     assert np.all(np.array(asset.center_of_mass) <= high * asset.size_m)
 
 
-@every
-def test_its_box_holds_what_is_seen_and_touched(category, look):
-    asset = build(category, look=look)
+def has_a_box_that_holds_what_is_seen_and_touched(asset):
     seen = np.concatenate([part.vertices for part in asset.visual])
     low, high = seen.min(axis=0), seen.max(axis=0)
     assert high - low == pytest.approx(asset.size_m, abs=2e-3)
     assert low[2] == pytest.approx(0.0, abs=2e-3)
     middle = 0.5 * (low + high)[:2]
-    if category in MOUNTED:
+    if asset.category in MOUNTED:
         knob = asset.region("knob")
         front = asset.region("front").position[0]
         assert (low[0], high[0]) == pytest.approx((-front, knob.position[0] + knob.half_size[0]), abs=2e-3)
@@ -94,9 +91,7 @@ def test_its_box_holds_what_is_seen_and_touched(category, look):
         assert -2e-3 <= z <= high[2]
 
 
-@every
-def test_its_grasps_fit_a_parallel_jaw(category, look):
-    asset = build(category, look=look)
+def has_grasps_that_fit_a_parallel_jaw(asset):
     seen = np.concatenate([part.vertices for part in asset.visual])
     low, high = seen.min(axis=0), seen.max(axis=0)
     for grasp in asset.grasps:
@@ -112,21 +107,45 @@ def test_its_grasps_fit_a_parallel_jaw(category, look):
             assert z - PAD_M > asset.region("floor").position[2], "the inner pad must clear the floor"
 
 
-@every
-def test_it_stands_where_it_is_put(category, look):
-    pose = rest_pose(build(category, look=look))
+def stands_where_it_is_put(asset):
+    pose = rest_pose(asset)
     assert tilt_of(pose.quaternion) < math.radians(1.0)
     assert math.hypot(*pose.position[:2]) < 2e-3
     assert -1e-3 < pose.position[2] < 1e-3
 
 
-@pytest.mark.parametrize("category", categories())
-def test_looks_differ_and_colors_do_not_change_the_shape(category):
+def looks_differ_and_colors_do_not_change_the_shape(category):
     assert len(looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in looks(category)}) == len(looks(category))
     shapes = {build(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
     assert build(category) is build(category, look=0, color=colors(category)[0])
+
+
+CONTRACTS = (
+    keeps_its_budgets,
+    has_the_inertia_of_a_body,
+    has_a_box_that_holds_what_is_seen_and_touched,
+    has_grasps_that_fit_a_parallel_jaw,
+    stands_where_it_is_put,
+)
+
+
+def check_category(category):
+    """Check all looks of a category; a failure names the asset (category, color and look) and the contract."""
+    for look in looks(category):
+        asset = build(category, look=look)
+        for contract in CONTRACTS:
+            try:
+                contract(asset)
+            except AssertionError as error:
+                raise AssertionError(f"{asset.identity}: {contract.__name__}: {error}") from error
+    looks_differ_and_colors_do_not_change_the_shape(category)
+
+
+@pytest.mark.parametrize("category", categories())
+def test_every_look_keeps_the_contracts(category):
+    check_category(category)
 
 
 def test_every_process_makes_the_same_bits():
@@ -145,6 +164,81 @@ def test_unknown_names_are_answered_with_the_closest_known_ones():
         build("mug", color="redd")
     with pytest.raises(InvalidInputError, match="look"):
         build("mug", look=99)
+
+
+NEW = """
+import numpy as np
+from betterbench.assets.authoring import Draft, block, generator
+
+@generator("{category}", colors=("red",))
+def {name}(rng: np.random.Generator, _color: str) -> Draft:
+    return Draft(
+        shape="box",
+        description="A box.",
+        tags=("box",),
+        mass_kg=0.1,
+        parts=block("box", (-0.02, -0.02, 0.0), (0.02, 0.02, rng.uniform(0.03, 0.05)), (1.0, 0.0, 0.0)),
+    )
+"""
+
+
+def load(path, code):
+    """Runs a user's file, as a task file is run."""
+    path.write_text(code)
+    runpy.run_path(str(path))
+
+
+def test_a_file_of_the_user_registers_its_own_asset(tmp_path):
+    load(tmp_path / "mine.py", NEW.format(category="carton", name="carton"))
+    try:
+        load(tmp_path / "mine.py", NEW.format(category="carton", name="carton"))
+        assert "carton" in categories()
+        assert colors("carton") == ("red",)
+        check_category("carton")
+        with pytest.raises(UnknownNameError, match=r"Did you mean 'carton'"):
+            build("cartons")
+    finally:
+        unregister("carton")
+    assert "carton" not in categories()
+    with pytest.raises(UnknownNameError):
+        build("carton")
+
+
+def test_two_generators_of_one_name_are_one_clear_error(tmp_path):
+    before = build("mug").content_hash()
+    with pytest.raises(InvalidInputError, match=r"'mug'.*cup in .*mine\.py registers it, and so does mug in .*mug\.py"):
+        load(tmp_path / "mine.py", NEW.format(category="mug", name="cup"))
+    assert build("mug").content_hash() == before
+
+
+def test_a_generator_needs_a_name_a_color_and_a_look():
+    for wrong in ({"category": "", "colors": ("red",)}, {"category": "x", "colors": ()}):
+        with pytest.raises(InvalidInputError, match="a name, a color and a look"):
+            generator(**wrong)
+    with pytest.raises(InvalidInputError, match="a name, a color and a look"):
+        generator("x", colors=("red",), looks=0)
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "adding-an-asset.md"
+
+
+def test_the_assets_of_the_contributors_page_work(tmp_path, monkeypatch):
+    """Carries the page out: both files, the checks that it names, and the picture."""
+    candle, book, look = re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
+    (tmp_path / "look.py").write_text(look)
+    for name, code in (("candle", candle), ("book", book)):
+        load(tmp_path / f"{name}.py", code)
+        try:
+            check_category(name)
+        finally:
+            unregister(name)
+        picture = tmp_path / f"{name}.png"
+        monkeypatch.setattr(sys, "argv", ["look.py", str(tmp_path / f"{name}.py"), name, str(picture)])
+        try:
+            runpy.run_path(str(tmp_path / "look.py"))
+        finally:
+            unregister(name)
+        assert np.ptp(np.asarray(Image.open(picture)), axis=(0, 1)).min() > 50, "there is something to see"
 
 
 @pytest.mark.parametrize("look", looks("takeaway_box")[:3])

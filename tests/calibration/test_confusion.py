@@ -54,7 +54,7 @@ def test_only_reasoning_against_execution_is_crossed():
 
 
 def test_the_json_form_reads_back(calibration):
-    again = Calibration.from_json(json.dumps(calibration.to_json()))
+    again = Calibration.from_json(json.dumps(calibration.to_json()).encode())
     assert again == calibration
 
 
@@ -63,12 +63,14 @@ def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
     form = calibration.to_json()
     for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
         with pytest.raises(RecordError, match=f"calibration.json: {spoil}.*better calibrate"):
-            Calibration.from_json(json.dumps(bad))
+            Calibration.from_json(json.dumps(bad).encode())
     with pytest.raises(RecordError):
-        Calibration.from_json("[]")
+        Calibration.from_json(b"[]")
+    with pytest.raises(RecordError, match=r"rate: 3 successes in 2 trials is impossible"):
+        Calibration.from_json(json.dumps({**form, "policies": {"zoo:x": {"k": 3, "n": 2}}}).encode())
     unknown = {**form, "counts": [{"truth": "success", "label": "succes", "n": 1}]}
     with pytest.raises(RecordError, match=r"counts\[0\]\.label: .*Did you mean 'success'"):
-        Calibration.from_json(json.dumps(unknown))
+        Calibration.from_json(json.dumps(unknown).encode())
 
 
 def test_the_truth_is_what_was_decided_unless_the_goal_was_met():

@@ -32,7 +32,7 @@ def test_a_certificate_survives_its_json(trial, certificate):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: f.update(form="another"), "no certificate"),
+        (lambda f: f.update(form="another"), "not a certificate"),
         (lambda f: f.update(schema_version=2), "schema_version"),
         (lambda f: f["trials"][0].pop("seed"), "trials[0].seed: is missing"),
         (lambda f: f["trials"][0]["clauses"].pop("c"), "clauses"),
@@ -68,10 +68,10 @@ def test_ranges_are_inverse_to_each_other(seeds, text):
     assert parse_ranges(text) == frozenset(seeds)
 
 
-@pytest.mark.parametrize("text", ["a", "1-", "-1", "1-2-3", "0-99999999", "0-9999999", "1,,2", "١"])
-def test_hostile_ranges_are_refused(text):
-    with pytest.raises(InvalidInputError, match="no range"):
-        parse_ranges(text) if text != "1-" else parse_ranges("1-x")
+def test_hostile_ranges_are_refused():
+    for text in ["a", "1-", "-1", "1-2-3", "0-99999999", "0-9999999", "1,,2", "١"]:
+        with pytest.raises(InvalidInputError, match="not a range"):
+            parse_ranges(text) if text != "1-" else parse_ranges("1-x")
 
 
 # ------------------------------------------------------------------------------------------------------------ coverage

@@ -135,8 +135,8 @@ def test_killed_workers_and_a_killed_process_lose_no_more_than_what_was_in_fligh
         "from pathlib import Path\nfrom betterbench.tasks import TrialId\n"
         "from betterbench.certification.runner import certify\n"
         "if __name__ == '__main__':\n"
-        "    certify([TrialId('morning_coffee', 'T1', s) for s in range(4)] + [TrialId('morning_coffee', 'train1', 0)],"
-        f" Path({str(tmp_path / 'killed')!r}), workers=2)\n"
+        "    certify([TrialId('morning_coffee', 'T1', s) for s in range(4)]"
+        f" + [TrialId('morning_coffee', 'train1', 0)], Path({str(tmp_path / 'killed')!r}), workers=2)\n"
     )
     file = tmp_path / "job.py"
     file.write_text(script)

@@ -71,7 +71,7 @@ def test_changes_are_shown_and_the_new_diagnosis_replaces_the_old_one(older, cap
     text = " ".join(out.split())
     assert status == 0
     assert "Changes since the stored diagnosis of version 0.0.1 (now" in text
-    assert "1 trial with another label" in text
+    assert "1 trial with a different label" in text
     assert "threshold halt_time: 2 before, 3 now" in text
     assert "1 × timeout → policy_error" in text
     assert "before 0.00 s old_rule: It was late." in text
@@ -95,7 +95,7 @@ def test_another_version_that_judges_alike_says_so(folder, capsys):
     path = folder / "diagnosis.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "package_version": "0.0.1"}))
     _, out, _ = run_verb(capsys, "diagnose", str(folder))
-    assert "judges every trial alike" in " ".join(out.split())
+    assert "gives every trial the same label and evidence" in " ".join(out.split())
 
 
 def test_a_malformed_stored_diagnosis_is_one_error_and_is_left_alone(folder, capsys):
@@ -103,7 +103,7 @@ def test_a_malformed_stored_diagnosis_is_one_error_and_is_left_alone(folder, cap
     status, out, err = run_verb(capsys, "diagnose", str(folder))
     assert status == 2
     assert not out
-    assert "diagnosis.json: is corrupt" in err.replace("\n", "")
+    assert "diagnosis.json: is not JSON" in err.replace("\n", "")
     assert (folder / "diagnosis.json").read_text() == "{"
 
 

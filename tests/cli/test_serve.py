@@ -111,7 +111,7 @@ def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
         (("openpi://127.0.0.1:1", "--chunk", "8"), "Leave out --chunk"),
         (("exprt", "--chunk", "8"), "Did you mean 'expert'"),
         (("exprt", "--batch", "8"), "Did you mean 'expert'"),
-        (("expert", "--port", "99999"), "99999 is no port"),
+        (("expert", "--port", "99999"), "99999 is not a port"),
         (("expert", "--api-key-env", "BETTER_NO_SUCH_KEY"), "BETTER_NO_SUCH_KEY is empty"),
     ],
 )

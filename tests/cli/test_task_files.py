@@ -4,42 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-MINE = '''
-"""Morning coffee with enamel mugs."""
-
-from dataclasses import replace
-
-from betterbench.assets.procedural.mug import mug
-from betterbench.assets.procedural.registry import generator
-from betterbench.tasks import get_task
-from betterbench.tasks.registry import task
-
-
-@generator("enamel_mug", colors=("red", "blue"), looks=2)
-def enamel_mug(rng, color):
-    """Make an enamel mug."""
-    return mug(rng, color)
-
-
-@task
-def my_coffee():
-    """Put the instructed enamel mug on the marked ring.
-
-    Randomizations: those of morning_coffee.
-    """
-    base = get_task("morning_coffee")
-
-    def mine(spec):
-        return replace(spec, category="enamel_mug") if spec.category == "mug" else spec
-
-    training = tuple(replace(c, task="my_coffee", objects=tuple(map(mine, c.objects))) for c in base.training)
-    return replace(base, id="my_coffee", title="My Coffee", training=training, variations=base.variations[:1])
-'''
+PAGE = Path(__file__).parents[2] / "docs" / "own-tasks.md"
+(MINE,) = re.findall(r"```py\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+"""The file that the documentation shows."""
 
 
 def better(*arguments, cwd=None, **environment):
@@ -159,6 +133,30 @@ def test_the_cure_works(mine, tmp_path):
     certificate = ("--certificate", tmp_path / "certificate")
     status, _, err = better("eval", "--policy", "expert", *chosen, *certificate, "--out", tmp_path / "run")
     assert status == 0, err
+
+
+REMOTE = """
+import pathlib, sys
+from betterbench.evaluation.ray_engine.cluster import RemoteWorker
+from betterbench.evaluation.trials.trial import RunSettings
+from betterbench.tasks.user_files import TaskFile
+
+source, run = (pathlib.Path(name).read_text() for name in sys.argv[1:])
+file = TaskFile("/on/another/machine/my_tasks.py", source)
+settings = RunSettings(
+    "unused", "expert", "ee_delta", "default", "standard", "panda", task_files=(file,)
+)
+worker = RemoteWorker(settings, run.encode(), ())
+print("problem" in worker.prepare({}))
+worker.close()
+"""
+
+
+def test_a_worker_on_another_machine_needs_no_file(run, mine):
+    environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
+    command = [sys.executable, "-c", REMOTE, str(mine), str(run / "run.json")]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.stdout.strip() == "False", done.stderr
 
 
 ERRORS = {

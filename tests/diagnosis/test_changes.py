@@ -199,8 +199,8 @@ def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
-        (lambda _: [], "json: the document: "),
-        (lambda form: {**form, "schema_version": 99}, "schema_version: it is 99 and not 1"),
+        (lambda _: [], r"diagnosis\.json: is not a JSON object"),
+        (lambda form: {**form, "schema_version": 99}, "schema_version: is 99 and not 1"),
         (lambda form: {**form, "schema_version": True}, "schema_version: Input should be a valid integer"),
         (lambda form: {**form, "package_version": 3}, "package_version: Input should be a valid string"),
         (
@@ -210,9 +210,12 @@ def test_a_new_ruling_of_the_diagnosis_itself_is_recognized(run, monkeypatch):
         (lambda form: {**form, "thresholds": {"halt_time": float("inf")}}, "thresholds.halt_time: .* finite number"),
         (lambda form: {**form, "trials": {}}, "trials: Input should be a valid array"),
         (lambda form: {**form, "trials": [3]}, r"trials\[0\]: "),
-        (lambda form: {**form, "trials": [{**form["trials"][0], "evidence": 3}]}, r"trials\[0\]\.evidence\.rule: "),
+        (
+            lambda form: {**form, "trials": [{**form["trials"][0], "evidence": 3}]},
+            r"trials\[0\]\.evidence\.rule: is miss",
+        ),
         (lambda form: {**form, "trials": [{**form["trials"][0], "label": None}]}, r"\[0\]\.label: .*valid string"),
-        (lambda form: {**form, "metrics": [{"name": "x", "scope": "y", "k": 1}]}, r"metrics\[0\]\.n: Field required"),
+        (lambda form: {**form, "metrics": [{"name": "x", "scope": "y", "k": 1}]}, r"metrics\[0\]\.n: is missing"),
     ],
 )
 def test_a_malformed_file_is_one_clear_error(run, spoil, text):
@@ -227,5 +230,5 @@ def test_a_malformed_file_is_one_clear_error(run, spoil, text):
 @pytest.mark.parametrize("data", [b"", b"{", b"\xff\xfe", b"[" * 100_000])
 def test_a_file_that_is_no_json_is_one_clear_error(run, data):
     stored_path(run).write_bytes(data)
-    with pytest.raises(RecordError, match=r"diagnosis\.json: is corrupt"):
+    with pytest.raises(RecordError, match=r"diagnosis\.json: is not JSON"):
         read_stored(run)

@@ -27,7 +27,7 @@ SNIPPETS = [
     (page.name, i, code)
     for page in PAGES
     for i, code in enumerate(blocks(page, "python"))
-    if page.name != "adding-a-task.md"
+    if not page.name.startswith("adding-a")  # their code is carried out by tests of their own
 ]
 
 

@@ -72,11 +72,11 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"views": [{"key": "a", "camera": "front", "fit": "fill"}]}, r"views\.0\.fit: .*'pad', 'crop' or 'stretch'"),
-        ({"views": [{"key": "a"}]}, r"views\.0\.camera: Field required"),
-        ({"states": [{"key": "s", "parts": ["ee_positon"]}]}, r"states\.0\.parts\.0"),
+        ({"views": [{"key": "a", "camera": "front", "fit": "fill"}]}, r"views\[0\]\.fit: .*'pad', 'crop' or 'stretch'"),
+        ({"views": [{"key": "a"}]}, r"views\[0\]\.camera: is missing"),
+        ({"states": [{"key": "s", "parts": ["ee_positon"]}]}, r"states\[0\]\.parts\[0\]"),
         ({"states": [{"key": "s", "parts": []}]}, "state s: it has no parts"),
-        ({"color": "red"}, "color: .*not permitted|color: Unexpected"),
+        ({"color": "red"}, "color: is unknown"),
         ({"instruction": {"key": ["a", ""]}}, "a key is empty"),
         ({"states": [{"key": "prompt", "parts": ["step"]}]}, "two entries use the key 'prompt'"),
         ({"answer": {"space": "ee_delt"}}, "Did you mean 'ee_delta'"),
@@ -213,9 +213,8 @@ def test_libero_numbers_are_played_as_they_are():
     assert np.array_equal(read(AnswerRule("ee_delta", TWIST), chunk), chunk)
 
 
-@pytest.mark.parametrize(
-    ("polarity", "number", "closes"),
-    [
+def test_each_polarity_closes_when_it_means_to():
+    for polarity, number, closes in [
         ("close_positive", 0.3, True),
         ("close_positive", -0.3, False),
         ("open_positive", 0.3, False),
@@ -224,12 +223,10 @@ def test_libero_numbers_are_played_as_they_are():
         ("closed_fraction", 0.2, False),
         ("open_fraction", 0.8, False),
         ("open_fraction", 0.2, True),
-    ],
-)
-def test_each_polarity_closes_when_it_means_to(polarity, number, closes):
-    assert "positive closes" in EE_DELTA.convention
-    action = read(AnswerRule("ee_delta", TWIST, gripper=polarity), [0, 0, 0, 0, 0, 0, number])
-    assert bool(EE_DELTA.clip(action[0])[6] > 0) is closes
+    ]:
+        assert "positive closes" in EE_DELTA.convention
+        action = read(AnswerRule("ee_delta", TWIST, gripper=polarity), [0, 0, 0, 0, 0, 0, number])
+        assert bool(EE_DELTA.clip(action[0])[6] > 0) is closes
 
 
 def test_physical_units_are_divided_by_ours():
@@ -304,7 +301,7 @@ def test_numbers_that_are_not_finite_stay_so_and_spoil_no_other_row(rule, bad):
 
 
 def test_a_rotation_that_is_none_is_a_policy_error():
-    with pytest.raises(PolicyError, match=r"the reply's rotation is none .*Send quaternion_xyzw"):
+    with pytest.raises(PolicyError, match=r"the reply holds an invalid rotation .*Send quaternion_xyzw"):
         read(AnswerRule("ee_pose", TWIST, rotation="quaternion_xyzw"), [0, 0, 0, 0, 0, 0, 0, 1])
 
 
@@ -344,14 +341,13 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
     assert parse("preset=openpi_libero") == OPENPI_LIBERO
 
 
-@pytest.mark.parametrize(
-    ("query", "text"),
-    [
-        ("preset=openpi_libero&size=big", "size=big is no size"),
+def test_malformed_changes_are_one_clear_line():
+    for query, text in [
+        ("preset=openpi_libero&size=big", "size=big is not a size"),
         ("preset=openpi_libero&turn=45", "Unknown turn '45'"),
         ("preset=openpi_libero&keep=2", "keep = 2"),
-        ("preset=openpi_libero&keep=x", "keep=x is no number"),
-        ("preset=openpi_libero&ee_offset=1,2", "no triple"),
+        ("preset=openpi_libero&keep=x", "keep=x must be ≥ 0"),
+        ("preset=openpi_libero&ee_offset=1,2", "not a triple"),
         ("preset=openpi_libero&ee_offset=1,2,nan", "ee_offset_m"),
         ("preset=openpi_libero&gripper=close_positve", "Did you mean 'close_positive'"),
         ("preset=openpi_libero&camera.observation/imag=front", "Did you mean 'observation/image'"),
@@ -363,17 +359,15 @@ def test_an_address_changes_what_differs_from_a_preset(tmp_path):
         ("preset=native&rotation=rpy", "actions of ours"),
         ("preset=native&units=physical", "actions of ours"),
         ("preset=native&frame=tool", "actions of ours"),
-        ("preset=openpi_droid&rotation=rpy", "rotation means nothing for joint_delta"),
-        ("preset=openpi_droid&units=physical", "units means nothing for joint_delta"),
-        ("preset=openpi_libero&action_space=ee_pose&units=physical", "units means nothing for ee_pose"),
+        ("preset=openpi_droid&rotation=rpy", "rotation has no effect for joint_delta"),
+        ("preset=openpi_droid&units=physical", "units has no effect for joint_delta"),
+        ("preset=openpi_libero&action_space=ee_pose&units=physical", "units has no effect for ee_pose"),
         ("preset=openpi_droid&ee_offset=1,2,3", "openpi_droid knows no position of the end effector"),
         ("preset=native&ee_offset=1,2,3", "the native layout is in the frame of the robot's base"),
-    ],
-)
-def test_malformed_changes_are_one_clear_line(query, text):
-    with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
-        parse(query)
-    assert "\n" not in str(caught.value)
+    ]:
+        with pytest.raises((InvalidInputError, UnknownNameError), match=text) as caught:
+            parse(query)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -389,9 +383,8 @@ def test_servers_have_default_ports(text, server):
     assert PolicyAddress.parse(text).server() == server
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_addresses_that_mean_nothing_are_refused():
+    for text in [
         "openpi://",
         "openpi:",
         "openpi",
@@ -417,11 +410,9 @@ def test_servers_have_default_ports(text, server):
         "openpi://host?images=png",
         "lerobot://checkpoint",
         "lerobot:",
-    ],
-)
-def test_addresses_that_mean_nothing_are_refused(text):
-    with pytest.raises((InvalidInputError, UnknownNameError)):
-        PolicyAddress.parse(text)
+    ]:
+        with pytest.raises((InvalidInputError, UnknownNameError)):
+            PolicyAddress.parse(text)
 
 
 def test_options_of_an_address_are_typed():

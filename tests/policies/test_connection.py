@@ -117,22 +117,19 @@ def test_the_long_deadline_is_for_the_first_reply_and_spent_once():
     assert given == [50.0, 50.0, 2.0, 2.0]
 
 
-@pytest.mark.parametrize(
-    ("query", "text"),
-    [
+def test_terms_that_make_no_sense_are_refused():
+    for query, text in [
         ("timeout=0", "a deadline of 0"),
         ("timeout=1e9", "timeout=1e.09 is too much"),
         ("warmup=1e300", "warmup=1e.300 is too much"),
         ("patience=1e9", "patience=1e.09 is too much"),
         ("retries=1e9", "retries=1e.09 is too much"),
-        ("retries=1.5", "no whole number"),
-        ("patience=-1", "no number of at least 0"),
-        ("patience=nan", "no number of at least 0"),
-    ],
-)
-def test_terms_that_make_no_sense_are_refused(query, text):
-    with pytest.raises(InvalidInputError, match=text):
-        ConnectionLimits.of(PolicyAddress.parse(f"openpi://host?{query}"))
+        ("retries=1.5", "must be a whole number"),
+        ("patience=-1", "must be ≥ 0"),
+        ("patience=nan", "must be ≥ 0"),
+    ]:
+        with pytest.raises(InvalidInputError, match=text):
+            ConnectionLimits.of(PolicyAddress.parse(f"openpi://host?{query}"))
 
 
 def test_terms_come_from_the_address():

@@ -1,4 +1,4 @@
-"""Images as policies are shown them: every turn, mirror and fit on a image without any symmetry."""
+"""Images as policies are shown them: every turn, mirror and fit on an image without any symmetry."""
 
 from __future__ import annotations
 

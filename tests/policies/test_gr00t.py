@@ -347,7 +347,7 @@ def test_a_policy_with_history_is_not_asked_ahead(client, option):
             modalities(action=modality(["single_arm", "gripper"], range(16))),
             "action: the server answers gripper, single_arm, this side reads ee_position, ee_rotation, gripper",
         ),
-        (modalities(language=modality(["a", "b"])), "language: the server wants a, b, this side gives one sentence"),
+        (modalities(language=modality(["a", "b"])), "language: the server wants a, b, this side gives one instruction"),
         (modalities(steps=(0, 1)), r"wants video at the steps \[0, 1\]"),
         (modalities(steps=(0, -1)), r"wants video at the steps \[0, -1\]"),
         ({"video": 3}, "something else than modality configs"),
@@ -368,7 +368,7 @@ def test_a_server_that_declares_nothing_is_taken_at_its_first_answer(client):
         assert "assumed" not in client(server, f"{QUICK}&preset=gr00t_new_embodiment").info.metadata
 
 
-def test_the_sentence_goes_under_the_name_that_the_server_gives_it(client):
+def test_the_instruction_goes_under_the_name_that_the_server_gives_it(client):
     with Server(modalities_=modalities(language=modality(["annotation.human.coarse_action"]))) as server:
         client(server).act(seen())
         observation = server.questions("get_action")[0]["data"]["observation"]
@@ -422,8 +422,8 @@ def reply(**changes):
         (reply(gripper=np.zeros((2, 8, 1))), r"shape \(2, 8, 1\)"),
         (reply(gripper=np.zeros((8,))), r"shape \(8,\)"),
         (reply(**{n: np.zeros((1, 0, s)) for n, s in ACTIONS.items()}), "empty chunk"),
-        ([{**chunk()[0], "gripper": "closed"}, {}], "'gripper' is no array of real numbers"),
-        ([{**chunk()[0], "gripper": array([[["a"]]], "<U1")}, {}], "'gripper' is no array of real numbers"),
+        ([{**chunk()[0], "gripper": "closed"}, {}], "'gripper' is not an array of real numbers"),
+        ([{**chunk()[0], "gripper": array([[["a"]]], "<U1")}, {}], "'gripper' is not an array of real numbers"),
         ([{}, {}], "the reply has no action"),
         ([None, {}], "no actions"),
         ("actions", "no actions"),

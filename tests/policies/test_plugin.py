@@ -159,7 +159,7 @@ def test_a_plugin_declares_its_action_space(plugin):
         check_policy(f"python:{plugin}:InJointSpace", action_space="ee_delta")
 
 
-def test_known_policies_are_listed_once_each_with_a_sentence():
+def test_known_policies_are_listed_once_each_with_a_line():
     entries = known_policies()
     assert len({e.address for e in entries}) == len(entries)
     assert all(e.summary.endswith(".") for e in entries)

@@ -50,7 +50,7 @@ def test_what_our_client_writes_is_what_our_server_reads_to_the_bit():
 
 
 @pytest.mark.parametrize("shape", [(), (1,)])
-def test_a_sentence_may_come_as_the_array_that_transforms_make_of_it(shape):
+def test_an_instruction_may_come_as_the_array_that_transforms_make_of_it(shape):
     assert read_request(message(prompt=np.full(shape, SEEN.instruction))).instruction == SEEN.instruction
 
 

@@ -336,15 +336,15 @@ def test_a_broken_connection_starts_the_episode_again():
     ("reply", "text"),
     [
         (lambda _: [b"garbage"], "cannot be read"),
-        (lambda _: ["text"], "no message"),
-        (lambda _: [msgpack.packb({"type": "action"})], "no message"),
+        (lambda _: ["text"], "not a message"),
+        (lambda _: [msgpack.packb({"type": "action"})], "not a message"),
         (lambda m: [Message(MessageType.ACTION, {"actions": np.zeros(7)}, m.seq + 1)], "answered message"),
         (lambda m: [Message(MessageType.HELLO, {}, m.seq)], "answered message"),
         (lambda m: [msgpack.packb({"type": [1], "payload": {}, "seq": m.seq})], "without a type"),
         (lambda _: [msgpack.packb({"type": "action", "payload": {}, "seq": "1"})], "without a type"),
         (lambda m: [Message(MessageType.ACTION, {"action": np.zeros(7)}, m.seq)], "no 'actions'"),
         (lambda m: [Message(MessageType.ACTION, {"actions": np.zeros(6)}, m.seq)], r"shape \(6,\)"),
-        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "answer nothing"),
+        (lambda _: [action(Message(MessageType.ACTION, {}, 0))] * 100, "do not answer the request"),
     ],
 )
 def test_a_bad_answer_is_one_clear_policy_error(reply, text):

@@ -175,44 +175,40 @@ def openpi_array(change):
     return msgpack.packb({"a": {b"__ndarray__": True, b"data": b"\x00" * 8, b"dtype": "<f4", b"shape": [2]} | change})
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
+def test_arrays_that_lie_are_refused():
+    for change, text in [
         ({b"shape": [3]}, "does not take 8 bytes"),
         ({b"shape": [1]}, "does not take 8 bytes"),
         ({b"shape": [2**32, 2**32]}, "does not take"),
-        ({b"shape": [-2]}, "no list of whole numbers"),
-        ({b"shape": [2.0]}, "no list of whole numbers"),
-        ({b"shape": [True, 2]}, "no list of whole numbers"),
+        ({b"shape": [-2]}, "not a list of whole numbers"),
+        ({b"shape": [2.0]}, "not a list of whole numbers"),
+        ({b"shape": [True, 2]}, "not a list of whole numbers"),
         ({b"shape": [1] * 17}, "no shape"),
         ({b"shape": None}, "no shape"),
         ({b"shape": [0, 2**39, 2**39], b"data": b""}, "cannot be read"),
-        ({b"dtype": "|O"}, "no plain number"),
-        ({b"dtype": "O8"}, "no plain number"),
-        ({b"dtype": "<M8[s]"}, "no plain number"),
-        ({b"dtype": "<c8"}, "no plain number"),
-        ({b"dtype": "|V8"}, "no plain number"),
-        ({b"dtype": "f4,f4"}, "no plain number"),
-        ({b"dtype": "<f4\n"}, "no plain number"),
-        ({b"dtype": 3}, "no plain number"),
+        ({b"dtype": "|O"}, "not a plain number"),
+        ({b"dtype": "O8"}, "not a plain number"),
+        ({b"dtype": "<M8[s]"}, "not a plain number"),
+        ({b"dtype": "<c8"}, "not a plain number"),
+        ({b"dtype": "|V8"}, "not a plain number"),
+        ({b"dtype": "f4,f4"}, "not a plain number"),
+        ({b"dtype": "<f4\n"}, "not a plain number"),
+        ({b"dtype": 3}, "not a plain number"),
         ({b"dtype": "<U0"}, "does not take"),
         ({b"dtype": "<U2", b"data": b"\xff" * 8, b"shape": [1]}, "characters that do not exist"),
         ({b"data": "text"}, "data of an array are a str"),
         ({b"data": None}, "data of an array are a NoneType"),
-    ],
-)
-def test_arrays_that_lie_are_refused(change, text):
-    with pytest.raises(PolicyError, match=text):
-        decode_openpi(openpi_array(change))
+    ]:
+        with pytest.raises(PolicyError, match=text):
+            decode_openpi(openpi_array(change))
 
 
 def npy(header, data=b"\x00" * 8, version=1):
     return b"\x93NUMPY" + bytes([version, 0]) + len(header).to_bytes(2, "little") + header + data
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
+def test_npy_bytes_that_lie_are_refused_and_never_unpickled():
+    for data in [
         b"",
         b"\x93NUMPY",
         b"\x93NUMPY\x01\x00",
@@ -226,11 +222,9 @@ def npy(header, data=b"\x00" * 8, version=1):
         npy(b"__import__('os').system('true')"),
         pickle.dumps({"a": 1}),
         b"PK\x03\x04" + b"\x00" * 60,
-    ],
-)
-def test_npy_bytes_that_lie_are_refused_and_never_unpickled(data):
-    with pytest.raises(PolicyError, match=r"GR00T frame .* cannot be read"):
-        decode_gr00t(msgpack.packb({"__ndarray_class__": True, "as_npy": data}))
+    ]:
+        with pytest.raises(PolicyError, match=r"GR00T frame .* cannot be read"):
+            decode_gr00t(msgpack.packb({"__ndarray_class__": True, "as_npy": data}))
 
 
 def png(width, height):
@@ -244,10 +238,9 @@ def png(width, height):
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
 
 
-@pytest.mark.parametrize(
-    ("data", "shape", "coding", "text"),
-    [
-        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "a image has the shape"),
+def test_images_that_lie_are_refused_before_they_are_decompressed():
+    for data, shape, coding, text in [
+        (png(60_000, 60_000), [60_000, 60_000, 3], "png", "an image has the shape"),
         (png(60_000, 60_000), [8, 8, 3], "png", "cannot be read"),
         (png(12_000, 12_000), [8, 8, 3], "png", "cannot be read"),
         (png(6_000, 6_000), [8, 8, 3], "png", r"holds \(6000, 6000\) of mode RGB"),
@@ -255,21 +248,19 @@ def png(width, height):
         (png(8, 8), [8, 8, 4], "png", "holds .* of mode RGB"),
         (png(8, 8), [8, 8, 3], "jpeg", "cannot be read"),
         (png(8, 8), [8, 8, 3], "tiff", "the format 'tiff'"),
-        (png(8, 8), [8, 8], "png", "a image has the shape"),
+        (png(8, 8), [8, 8], "png", "an image has the shape"),
         (png(8, 8), None, "png", "no shape"),
         (png(8, 8)[:40], [8, 8, 3], "png", "cannot be read"),
         (b"GIF89a" + b"\x00" * 50, [8, 8, 3], "png", "cannot be read"),
         ("text", [8, 8, 3], "png", "its data are a str"),
-    ],
-)
-def test_images_that_lie_are_refused_before_they_are_decompressed(data, shape, coding, text):
-    frame = msgpack.packb({"__image__": True, "format": coding, "data": data, "shape": shape})
-    tracemalloc.start()
-    with pytest.raises(PolicyError, match=f"vla-eval frame .*{text}"):
-        decode_vla_eval(frame)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 20_000_000
+    ]:
+        frame = msgpack.packb({"__image__": True, "format": coding, "data": data, "shape": shape})
+        tracemalloc.start()
+        with pytest.raises(PolicyError, match=f"vla-eval frame .*{text}"):
+            decode_vla_eval(frame)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 20_000_000
 
 
 def test_an_honest_image_of_that_make_is_read():

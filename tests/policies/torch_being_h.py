@@ -191,7 +191,7 @@ def test_what_is_no_whole_chunk_is_one_clear_line(unified):
     with (
         Server([chunk(action_unified=unified)]) as server,
         connected(server) as client,
-        pytest.raises(PolicyError, match="action_unified is no chunk of numbers"),
+        pytest.raises(PolicyError, match="action_unified is not a chunk of numbers"),
     ):
         client.act(seen())
 
@@ -273,11 +273,11 @@ def laughing():
         (rezipped(saved(chunk()), compressed), "it is compressed"),
         (rezipped(saved(chunk()), hoarding), "it wants a bytearray"),
         (laughing(), "more than 200000 values"),
-        (saved({1: 2}), "keys that are no texts"),
+        (saved({1: 2}), "keys that are not texts"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
         (saved({"a": torch.zeros(3, 3).to_sparse()}), "sparse"),
         (saved({"a": {1, 2}}), "it holds a set"),
-        (saved({"a": np.array(["text"])}), "no plain number"),
+        (saved({"a": np.array(["text"])}), "not a plain number"),
     ],
 )
 def test_broken_and_hostile_payloads_give_one_clear_error(data, text):

@@ -225,7 +225,7 @@ def test_ensembling_of_the_checkpoint_becomes_ours(tmp_path):
 @pytest.mark.parametrize("space", ["joint_position", "joint_delta", "ee_pose"])
 def test_eight_numbers_mean_what_the_address_says(tmp_path, space):
     folder = save(act_config(**features(action=8)), tmp_path / "eight")
-    with pytest.raises(InvalidInputError, match="nothing says what they mean"):
+    with pytest.raises(InvalidInputError, match="their meaning is not known"):
         connect(f"lerobot:{folder}")
     policy = connect(f"lerobot:{folder}?action_space={space}&state=joints")
     assert policy.info.action_space == space
@@ -303,9 +303,9 @@ def changed(act, tmp_path, change):
     [
         ("device=gpu", "device=gpu cannot be used"),
         ("device=cuda:99", "device=cuda:99 cannot be used"),
-        ("preset=openpi_libero", "observation/image: the checkpoint says nothing, the adapter a image of 224 x 224"),
+        ("preset=openpi_libero", "observation/image: the checkpoint says nothing, the adapter an image of 224 x 224"),
         ("preset=openpi_libero", "observation.state: the checkpoint says 8 numbers, the adapter nothing"),
-        ("size=64", "the checkpoint says a image of 96 x 96, the adapter a image of 64 x 64"),
+        ("size=64", "the checkpoint says an image of 96 x 96, the adapter an image of 64 x 64"),
         ("action_space=joint_delta", "action: the checkpoint says 7 numbers, the adapter 8 numbers"),
         ("state=eef", "Did you mean 'ee'"),
         ("camera.observation.images.top=front", "camera.observation.images.top|observation.images.top"),
@@ -321,7 +321,7 @@ def test_options_that_do_not_fit_are_named(act, options, text):
     ("given", "text"),
     [
         (features(state=14), "its observation.state has 14 numbers"),
-        (features(cameras=("top",)), r"nothing says which camera observation.images.top shows.*camera.observation"),
+        (features(cameras=("top",)), r"the camera that observation.images.top shows is not known.*camera.observation"),
         (features(cameras=("wrist", "hand")), "would all show the camera wrist"),
         (
             features(extra={"observation.environment_state": PolicyFeature(type=FeatureType.ENV, shape=(4,))}),
@@ -347,7 +347,7 @@ def test_an_unknown_image_is_named_by_the_address(tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda f: (f / "policy_preprocessor.json").unlink(), "nothing says how its numbers are normalized"),
+        (lambda f: (f / "policy_preprocessor.json").unlink(), "the normalization of its numbers is not known"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
         (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
         (lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'), "LeRobot cannot load it"),

@@ -336,7 +336,7 @@ def test_no_member_of_a_scene_leaves_its_folder(tmp_path, name) -> None:
     folder.scene_path(HASH).parent.mkdir()
     with zipfile.ZipFile(folder.scene_path(HASH), "w") as archive:
         archive.writestr(name, b"x")
-    with pytest.raises(RecordError, match="This is no scene of a run"):
+    with pytest.raises(RecordError, match="This is not a scene of a run"):
         folder.load_scene(HASH)
 
 

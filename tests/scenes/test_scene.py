@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 
 import mujoco
 import numpy as np
@@ -21,8 +22,7 @@ from betterbench.tasks import THRESHOLDS, Condition, Expected, GoalTracker, Targ
 
 pytestmark = pytest.mark.physics
 
-CONDITIONS = [(t.id, c.name) for t in all_tasks() for c in (*t.training, *t.variations)]
-each_condition = pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=[f"{t}/{n}" for t, n in CONDITIONS])
+TASKS = [t.id for t in all_tasks()]
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
 
 
@@ -36,9 +36,16 @@ def build_scene(condition: Condition, seed: int = 0) -> Scene:
     return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=8)
 def scene(task_id: str, name: str, seed: int = 0) -> Scene:
     return build_scene(condition_of(task_id, name), seed)
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def scenes(request: pytest.FixtureRequest) -> list[Scene]:
+    """All conditions of one task. Tests that ask for them run task by task, so that each scene is built once."""
+    task = get_task(request.param)
+    return [build_scene(condition_of(task.id, c.name)) for c in (*task.training, *task.variations)]
 
 
 def world(state: WorldState) -> dict[str, tuple[object, ...]]:
@@ -48,77 +55,72 @@ def world(state: WorldState) -> dict[str, tuple[object, ...]]:
     }
 
 
-@each_condition
-def test_initial_state_is_at_rest(task_id, name):
-    s = scene(task_id, name)
-    before = s.reset()
-    assert all(v < THRESHOLDS.rest_speed for v in before.linear_speeds)
-    fastest = 0.0
-    for _ in range(100):
-        s.step(STILL)
-        fastest = max(fastest, *s.state().linear_speeds)
-    after = s.state()
-    for o in before.info.objects:
-        moved = distance(before.pose(o.name).position, after.pose(o.name).position)
-        assert moved < 0.5e-3, f"{o.name} moved {moved * 1e3:.2f} mm in 5 s"
-    assert fastest < THRESHOLDS.rest_speed
-    assert distance(before.ee_pose.position, after.ee_pose.position) < 2e-3
-    s.reset()
+def test_initial_state_is_at_rest(scenes):
+    for s in scenes:
+        before = s.reset()
+        assert all(v < THRESHOLDS.rest_speed for v in before.linear_speeds), s.condition.id
+        fastest = 0.0
+        for _ in range(100):
+            s.step(STILL)
+            fastest = max(fastest, *s.state().linear_speeds)
+        after = s.state()
+        for o in before.info.objects:
+            moved = distance(before.pose(o.name).position, after.pose(o.name).position)
+            assert moved < 0.5e-3, f"{s.condition.id}: {o.name} moved {moved * 1e3:.2f} mm in 5 s"
+        assert fastest < THRESHOLDS.rest_speed, s.condition.id
+        assert distance(before.ee_pose.position, after.ee_pose.position) < 2e-3, s.condition.id
 
 
-@each_condition
-@pytest.mark.parametrize("seed", [0, 3])
-def test_initial_state_is_free_of_penetration(task_id, name, seed):
-    s = scene(task_id, name, seed)
-    s.reset()
-    assert s.data.ncon > 0, "objects stand on something"
-    assert s.data.contact.dist.min() > -0.5e-3
-    labels = s.compiled.geom_labels
-    robot = {s.body_names.index(n) for n in ("left_finger", "right_finger", "hand", "arm")}
-    touching = {int(x) for x in labels[s.data.contact.geom].ravel()} & robot
-    assert not touching, "the arm touches nothing at reset"
+def test_initial_state_is_free_of_penetration(scenes):
+    for s in (*scenes, *(build_scene(s.condition, 3) for s in scenes)):
+        s.reset()
+        assert s.data.ncon > 0, f"{s.condition.id}: objects stand on something"
+        assert s.data.contact.dist.min() > -0.5e-3, s.condition.id
+        labels = s.compiled.geom_labels
+        robot = {s.body_names.index(n) for n in ("left_finger", "right_finger", "hand", "arm")}
+        touching = {int(x) for x in labels[s.data.contact.geom].ravel()} & robot
+        assert not touching, f"{s.condition.id}: the arm touches nothing at reset"
 
 
 @pytest.mark.slow
-@each_condition
-def test_every_seed_of_a_run_stands_and_keeps_its_premise(task_id, name):
+@pytest.mark.parametrize("task_id", TASKS)
+def test_every_seed_of_a_run_stands_and_keeps_its_premise(task_id):
     """The default of twenty seeds and more: at rest at once, free of penetration, premise kept."""
-    for seed in range(40):
-        s = scene(task_id, name, seed)
+    task = get_task(task_id)
+    for name, seed in itertools.product((c.name for c in (*task.training, *task.variations)), range(40)):
+        s = build_scene(condition_of(task_id, name), seed)
         before = s.reset()
-        assert s.data.contact.dist.min() > -0.5e-3
+        assert s.data.contact.dist.min() > -0.5e-3, (name, seed)
         for _ in range(10):
             s.step(STILL)
         after = s.state()
         for o in before.info.objects:
-            assert distance(before.pose(o.name).position, after.pose(o.name).position) < 0.5e-3, (seed, o.name)
-        s.reset()
+            moved = distance(before.pose(o.name).position, after.pose(o.name).position)
+            assert moved < 0.5e-3, (name, seed, o.name)
 
 
-@each_condition
-def test_goal_is_false_at_reset_unless_nothing_is_to_be_done(task_id, name):
-    s = scene(task_id, name)
-    tracker = GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.control_rate_hz)
-    truth = tracker.update(s.reset())
-    assert truth.goal is (s.condition.expected is Expected.STAY_STILL)
-    assert not truth.success
-    assert not truth.forbidden
+def test_goal_is_false_at_reset_unless_nothing_is_to_be_done(scenes):
+    for s in scenes:
+        tracker = GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.control_rate_hz)
+        truth = tracker.update(s.reset())
+        assert truth.goal is (s.condition.expected is Expected.STAY_STILL), s.condition.id
+        assert not truth.success, s.condition.id
+        assert not truth.forbidden, s.condition.id
 
 
-@each_condition
-def test_reset_reproduces_every_bit_whatever_happened(task_id, name):
-    s = scene(task_id, name)
-    first = s.reset()
-    start = (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time)
-    draw = np.random.default_rng(5)
-    for _ in range(12):
-        s.step(draw.uniform(-1, 1, 7))
-    assert s.data.qpos.tobytes() != start[0]
-    assert s.reset() == first
-    assert (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time) == start
+def test_reset_reproduces_every_bit_whatever_happened(scenes):
+    for s in scenes:
+        first = s.reset()
+        start = (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time)
+        draw = np.random.default_rng(5)
+        for _ in range(12):
+            s.step(draw.uniform(-1, 1, 7))
+        assert s.data.qpos.tobytes() != start[0], s.condition.id
+        assert s.reset() == first, s.condition.id
+        assert (s.data.qpos.tobytes(), s.data.qvel.tobytes(), s.data.ctrl.tobytes(), s.data.time) == start
 
 
-@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
+@pytest.mark.parametrize("task_id", TASKS)
 def test_two_scenes_with_one_seed_live_the_same_life(task_id):
     one, two = build_scene(condition_of(task_id, "train1"), 4), build_scene(condition_of(task_id, "train1"), 4)
     assert one.reset() == two.reset()
@@ -129,10 +131,9 @@ def test_two_scenes_with_one_seed_live_the_same_life(task_id):
     assert one.data.qpos.tobytes() == two.data.qpos.tobytes()
 
 
-@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
-def test_another_seed_is_another_trial(task_id):
-    one, two = scene(task_id, "train1", 0), scene(task_id, "train1", 1)
-    assert world(one.reset()) != world(two.reset())
+def test_another_seed_is_another_trial(scenes):
+    one = scenes[0]
+    assert world(one.reset()) != world(build_scene(one.condition, 1).reset())
 
 
 def renamed(condition: Condition, names: dict[str, str]) -> Condition:
@@ -162,21 +163,21 @@ def shuffled(condition: Condition) -> Condition:
     )
 
 
-@each_condition
-def test_names_and_listing_order_change_nothing(task_id, name):
-    condition = condition_of(task_id, name)
-    # Names that sort the other way round.
-    names = {o.name: f"x{i}" for i, o in enumerate(sorted(condition.objects, key=lambda o: o.name, reverse=True))}
-    plain, other = build_scene(condition, 2), build_scene(shuffled(renamed(condition, names)), 2)
-    assert plain.compiled is other.compiled
-    assert plain.reset().positions == other.reset().positions
-    draw = np.random.default_rng(1)
-    for action in draw.uniform(-1, 1, (10, 7)):
-        plain.step(action)
-        other.step(action)
-    assert plain.data.qpos.tobytes() == other.data.qpos.tobytes()
-    assert plain.data.qvel.tobytes() == other.data.qvel.tobytes()
-    assert [names[o.name] for o in plain.info.objects] == [o.name for o in other.info.objects]
+def test_names_and_listing_order_change_nothing(scenes):
+    for plain in scenes:
+        condition = plain.condition
+        # Names that sort the other way round.
+        names = {o.name: f"x{i}" for i, o in enumerate(sorted(condition.objects, key=lambda o: o.name, reverse=True))}
+        other = build_scene(shuffled(renamed(condition, names)))
+        assert plain.compiled is other.compiled, condition.id
+        assert plain.reset().positions == other.reset().positions, condition.id
+        draw = np.random.default_rng(1)
+        for action in draw.uniform(-1, 1, (10, 7)):
+            plain.step(action)
+            other.step(action)
+        assert plain.data.qpos.tobytes() == other.data.qpos.tobytes(), condition.id
+        assert plain.data.qvel.tobytes() == other.data.qvel.tobytes(), condition.id
+        assert [names[o.name] for o in plain.info.objects] == [o.name for o in other.info.objects], condition.id
 
 
 def test_adding_an_object_moves_no_other():
@@ -198,9 +199,8 @@ def test_layout_and_language_share_one_compiled_model():
         assert scene("fast_food", name).compiled is not base.compiled
 
 
-@pytest.mark.parametrize("task_id", [t.id for t in all_tasks()])
-def test_the_scene_knows_its_objects_slots_and_regime(task_id):
-    s = scene(task_id, "train1")
+def test_the_scene_knows_its_objects_and_slots(scenes):
+    s = scenes[0]
     assert {o.name for o in s.info.objects} == {o.name for o in s.condition.objects}
     for o in s.info.objects:
         assert o.slot == s.condition.layout.get(o.name)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+import itertools
+from collections.abc import Iterable, Iterator
 
 import mujoco
 import numpy as np
 import pytest
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
+from betterbench.interventions import Changes, vary
 from betterbench.scenes import Scene
 from betterbench.scenes.builder import ROBOT_PREFIX
 from betterbench.scenes.stage import quality_preset
@@ -17,25 +19,29 @@ from betterbench.tasks import all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
-VARIATIONS = [(t.id, v.name) for t in all_tasks() for v in t.variations]
+TASKS = [t.id for t in all_tasks()]
 SEEDS = (0, 7)
-each_pair = pytest.mark.parametrize(
-    ("task_id", "name", "seed"),
-    [(t, v, s) for s in SEEDS for t, v in VARIATIONS],
-    ids=[f"{t}/{v}-{s}" for s in SEEDS for t, v in VARIATIONS],
-)
-each_pair_many_seeds = pytest.mark.parametrize(("task_id", "name"), VARIATIONS, ids=[f"{t}/{v}" for t, v in VARIATIONS])
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=32)
 def scene(task_id: str, name: str, seed: int) -> Scene:
     task = get_task(task_id)
     condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
     return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
 
 
-def pair(task_id: str, name: str, seed: int) -> tuple[Scene, Scene]:
-    return scene(task_id, name, seed), scene(task_id, get_task(task_id).variation(name).base, seed)
+def pairs_of(task_id: str, seeds: Iterable[int]) -> Iterator[tuple[Scene, Scene, Changes]]:
+    """The variations of a task with their twins and what is declared to change."""
+    task = get_task(task_id)
+    for seed, variation in itertools.product(seeds, task.variations):
+        twin = scene(task_id, variation.base, seed)
+        yield scene(task_id, variation.name, seed), twin, vary(task, variation)[1]
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def pairs(request: pytest.FixtureRequest) -> list[tuple[Scene, Scene, Changes]]:
+    """Tests that ask for pairs run task by task, so that each scene is built once."""
+    return list(pairs_of(request.param, SEEDS))
 
 
 def bits(value: object) -> bytes:
@@ -228,7 +234,8 @@ def assert_rides_along(trial: Scene, twin: Scene, name: str, carrier: str) -> No
     assert one.quaternion == pytest.approx(other.quaternion, abs=1e-9)
 
 
-def assert_twins(trial: Scene, twin: Scene, changed: frozenset[str], *, language: bool) -> None:
+def assert_twins(trial: Scene, twin: Scene, changes: Changes) -> None:
+    changed = changes.objects
     trial.reset()
     twin.reset()
     there, here = ({o.name for o in s.info.objects} for s in (trial, twin))
@@ -238,16 +245,16 @@ def assert_twins(trial: Scene, twin: Scene, changed: frozenset[str], *, language
         if moved and carriers(trial, name) == carriers(twin, name):
             assert_rides_along(trial, twin, name, min(moved))
             continue
-        assert object_part(trial, name) == object_part(twin, name), f"{name} was not declared to change"
+        assert object_part(trial, name) == object_part(twin, name), f"{trial.condition.id}: {name} was not to change"
     mine, theirs = rest_of_the_world(trial), rest_of_the_world(twin)
     assert mine.keys() == theirs.keys()
     for part in mine:
-        assert mine[part] == theirs[part], part
+        assert mine[part] == theirs[part], (trial.condition.id, part)
     assert robot_state(trial) == robot_state(twin)
     assert trial.info.slots == twin.info.slots
     assert trial.info.home_position == twin.info.home_position
     if not changed:
-        assert language
+        assert changes.language
         assert trial.compiled.content_hash == twin.compiled.content_hash
         assert trial.model is twin.model
         assert bits(trial.data.qpos) == bits(twin.data.qpos)
@@ -255,50 +262,41 @@ def assert_twins(trial: Scene, twin: Scene, changed: frozenset[str], *, language
         assert trial.info == twin.info
 
 
-@each_pair
-def test_twins_differ_in_what_was_intervened_on_and_in_nothing_else(task_id, name, seed):
-    trial, twin = pair(task_id, name, seed)
-    task = get_task(task_id)
-    changes = vary(task, task.variation(name))[1]
-    assert_twins(trial, twin, changes.objects, language=changes.language)
+def test_twins_differ_in_what_was_intervened_on_and_in_nothing_else(pairs):
+    for trial, twin, changes in pairs:
+        assert_twins(trial, twin, changes)
 
 
-@each_pair
-def test_what_was_declared_to_change_really_did(task_id, name, seed):
+def test_what_was_declared_to_change_really_did(pairs):
     """Otherwise the law above would hold for an intervention that does nothing."""
-    trial, twin = pair(task_id, name, seed)
-    task = get_task(task_id)
-    changes = vary(task, task.variation(name))[1]
-    for changed in changes.objects:
-        if changed in trial.info and changed in twin.info:
-            assert trial.reset().pose(changed) != twin.reset().pose(changed)
-        else:
-            assert (changed in trial.info) != (changed in twin.info)
-    if changes.language:
-        assert trial.condition.instruction.text != twin.condition.instruction.text
+    for trial, twin, changes in pairs:
+        for changed in changes.objects:
+            if changed in trial.info and changed in twin.info:
+                assert trial.reset().pose(changed) != twin.reset().pose(changed), (trial.condition.id, changed)
+            else:
+                assert (changed in trial.info) != (changed in twin.info), (trial.condition.id, changed)
+        if changes.language:
+            assert trial.condition.instruction.text != twin.condition.instruction.text, trial.condition.id
 
 
-@each_pair
-def test_an_object_that_moves_to_another_slot_takes_that_slot_s_jitter_along(task_id, name, seed):
-    """The jitter belongs to the slot: whoever stands there stands at the same place."""
-    trial, twin = pair(task_id, name, seed)
-    for slot in trial.info.slots:
-        one, other = trial.condition.occupant(slot.name), twin.condition.occupant(slot.name)
-        if one is None or other is None:
-            continue
-        a, b = trial.reset().pose(one).position, twin.reset().pose(other).position
-        # Each asset settles by less than a millimeter from its nominal pose.
-        assert abs(a[0] - b[0]) < 1e-3
-        assert abs(a[1] - b[1]) < 1e-3
+def test_an_object_that_moves_to_another_slot_takes_that_slot_s_jitter_along(pairs):
+    """The jitter belongs to the slot: whatever stands there stands at the same position."""
+    for trial, twin, _ in pairs:
+        for slot in trial.info.slots:
+            one, other = trial.condition.occupant(slot.name), twin.condition.occupant(slot.name)
+            if one is None or other is None:
+                continue
+            a, b = trial.reset().pose(one).position, twin.reset().pose(other).position
+            # Each asset settles by less than a millimeter from its nominal pose.
+            assert abs(a[0] - b[0]) < 1e-3, (trial.condition.id, slot.name)
+            assert abs(a[1] - b[1]) < 1e-3, (trial.condition.id, slot.name)
 
 
 @pytest.mark.slow
-@each_pair_many_seeds
-def test_twin_law_over_many_seeds(task_id, name):
-    task = get_task(task_id)
-    changes = vary(task, task.variation(name))[1]
-    for seed in range(20, 40):
-        assert_twins(*pair(task_id, name, seed), changes.objects, language=changes.language)
+@pytest.mark.parametrize("task_id", TASKS)
+def test_twin_law_over_many_seeds(task_id):
+    for trial, twin, changes in pairs_of(task_id, range(20, 40)):
+        assert_twins(trial, twin, changes)
 
 
 def test_riding_along_can_fail():

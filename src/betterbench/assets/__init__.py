@@ -1,7 +1,8 @@
 """Three-dimensional objects ready for simulation, from parametric generators and other sources."""
 
+from betterbench.assets import procedural  # noqa: F401  (imported for what it registers)
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.procedural import build, categories, colors, looks
+from betterbench.assets.authoring.registry import build, categories, colors, looks
 
 __all__ = [
     "Asset",

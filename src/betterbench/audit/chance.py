@@ -10,10 +10,10 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import count_behind
-from betterbench.audit.fields import Columns, Count, Row, Rows, exact_fields
+from betterbench.audit.fields import ColumnNames, RowName, RowNames, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.table import AuditedTable
-from betterbench.audit.wording import ALPHA, POINTS, ends, p_text
+from betterbench.audit.wording import ALPHA, POINTS, ends, tested
 from betterbench.statistics import Rate, chance_p, holm, round_half_up
 
 _chance = functools.lru_cache(maxsize=256)(chance_p)
@@ -32,11 +32,11 @@ class Chance:
         columns: Columns that are tested; all if none is named.
     """
 
-    trials: Count
-    choices: Annotated[Count, Field(ge=2)]
-    guess: Row = ""
-    rows: Rows = ()
-    columns: Columns = ()
+    trials: WholeNumber
+    choices: Annotated[WholeNumber, Field(ge=2)]
+    guess: RowName = ""
+    rows: RowNames = ()
+    columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield whether the guess is printed right, and one finding per cell."""
@@ -54,35 +54,19 @@ class Chance:
             support = ClaimSupport("exact binomial", p, corrected, (rate.n,), POINTS * rate.low, POINTS * rate.high)
             why = (
                 f"{rate.k}/{rate.n} {'differs' if differs else 'cannot be told'} from guessing among {self.choices}: "
-                f"{p_text(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
+                f"{tested(p, corrected, len(p_values))}; 95 % interval {ends(support)}."
             )
-            yield AuditFinding(
-                table.name,
-                "chance",
-                row,
-                column,
-                str(table.cell(row, column)),
-                f"{rate.k}/{rate.n}",
-                Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
-                why,
-                support=support,
-            )
+            verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+            cell = (row, column, str(table.cell(row, column)), f"{rate.k}/{rate.n}")
+            yield AuditFinding(table.name, "chance", *cell, verdict, why, support=support)
 
     def _guesses(self, table: AuditedTable) -> Iterator[AuditFinding]:
         for column in self.columns or table.columns:
             printed = table.cell(self.guess, column)
             if printed is None:
                 continue
-            right = printed * self.choices == 100
-            found = round_half_up(POINTS / self.choices, 2)
-            yield AuditFinding(
-                table.name,
-                "chance",
-                self.guess,
-                column,
-                str(printed),
-                f"1/{self.choices} = {found}",
-                Verdict.HOLDS if right else Verdict.BROKEN,
-                f"Guessing among {self.choices} is right in one of {self.choices}.",
-                ((self.guess, column),),
-            )
+            verdict = Verdict.HOLDS if printed * self.choices == 100 else Verdict.BROKEN
+            found = f"1/{self.choices} = {round_half_up(POINTS / self.choices, 2)}"
+            why = f"Guessing among {self.choices} is right in one of {self.choices}."
+            cell = (self.guess, column)
+            yield AuditFinding(table.name, "chance", *cell, str(printed), found, verdict, why, (cell,))

@@ -10,12 +10,13 @@ from typing import Annotated
 from pydantic import Field
 
 from betterbench.audit.counts import CountBehind, count_behind
-from betterbench.audit.fields import Column, Columns, Count, Row, Text, exact_fields
+from betterbench.audit.fields import ColumnName, ColumnNames, NonEmptyText, RowName, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, ClaimSupport, Verdict
 from betterbench.audit.pooled import Pooled, recover_sizes
 from betterbench.audit.table import AuditedTable
-from betterbench.audit.wording import ALPHA, ends, p_text, round_p, shown_rate
+from betterbench.audit.wording import ALPHA, ends, shown_rate, tested
 from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
+from betterbench.statistics.wording import p_text
 
 BARNARD_OUTCOMES = 1_000_000
 """Possible outcomes of two arms up to which Barnard's test is taken: it looks at each of them."""
@@ -25,14 +26,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Two rates from different trials.
-
-    Attributes:
-        row: Row that the finding is about.
-        claim: The claim in a few words.
-        first: The rate that counts positive.
-        second: The rate that counts negative.
-    """
+    """Two rates from different trials, of which the first counts positive."""
 
     row: str
     claim: str
@@ -43,17 +37,11 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test.
+    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test."""
 
-    Attributes:
-        novel: Column of the novel composition.
-        seen: Columns of the seen ones.
-        trials: Trials behind each cell.
-    """
-
-    novel: Column
-    seen: Columns
-    trials: Count
+    novel: ColumnName
+    seen: ColumnNames
+    trials: WholeNumber
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
@@ -84,19 +72,15 @@ class Claim:
         parts: Columns of the parts whose sizes add up to the trials.
     """
 
-    claim: Text
-    first: Row
-    second: Row
-    column: Column
-    trials: Count = 0
-    parts: Columns = ()
+    claim: NonEmptyText
+    first: RowName
+    second: RowName
+    column: ColumnName
+    trials: WholeNumber = 0
+    parts: ColumnNames = ()
 
     def __post_init__(self) -> None:
-        """Refuse a claim that gives both trials and parts, or neither.
-
-        Raises:
-            ValueError: If it does.
-        """
+        """Refuse a claim that gives both trials and parts, or neither."""
         if bool(self.trials) == bool(self.parts):
             raise ValueError("either trials or parts must be given")
 
@@ -113,11 +97,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Claims that two cells differ; Fisher's exact test and Newcombe's interval.
-
-    Attributes:
-        claims: The claims, corrected together.
-    """
+    """Claims that two cells differ; Fisher's exact test and Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 
@@ -140,11 +120,8 @@ class Differences:
 def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
     """Yield one finding per comparison, corrected together.
 
-    Args:
-        table: The table.
-        rule: Name of the rule: "composition" takes Barnard's test; "differences" takes Fisher's, which is a little
-            stricter and quick with thousands of trials.
-        compared: The comparisons.
+    The rule "composition" takes Barnard's test; "differences" takes Fisher's, which is a little stricter and quick with
+    thousands of trials.
     """
     outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
     barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES
@@ -156,21 +133,13 @@ def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimCompa
         differs = corrected < ALPHA
         trials = (c.first.n, c.second.n)
         support = ClaimSupport(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
-        also = f", Fisher p = {round_p(plain)}" if barnard else ""
+        also = f", Fisher {p_text(plain)}" if barnard else ""
         why = (
             f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
-            f"{p_text(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
+            f"{tested(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
         )
         why += "." if differs else "; results per trial, if published, could be paired."
         counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
-        yield AuditFinding(
-            table.name,
-            rule,
-            c.row,
-            c.claim,
-            f"{shown_rate(c.first)} against {shown_rate(c.second)}",
-            counts,
-            Verdict.HOLDS if differs else Verdict.UNSUPPORTED,
-            why,
-            support=support,
-        )
+        verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+        printed = f"{shown_rate(c.first)} against {shown_rate(c.second)}"
+        yield AuditFinding(table.name, rule, c.row, c.claim, printed, counts, verdict, why, support=support)

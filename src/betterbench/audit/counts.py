@@ -45,7 +45,7 @@ def nearest_count(printed: Decimal, n: int) -> CountBehind:
     return CountBehind(max(0, min(n, round(printed * n / 100))), n)
 
 
-def shown(count: CountBehind, digits: int) -> str:
+def with_percentage(count: CountBehind, digits: int) -> str:
     """Return a count with its percentage ("155/404 = 38.37")."""
     return f"{count} = {percent(count.k, count.n, digits=digits)}"
 

@@ -13,12 +13,7 @@ from betterbench.audit.table import AuditedTable, AuditRule, misprints
 
 @dataclass(frozen=True, slots=True)
 class TableAudit:
-    """What was found about one table.
-
-    Attributes:
-        table: The table.
-        findings: The findings, worst first.
-    """
+    """What was found about one table, worst first."""
 
     table: AuditedTable
     findings: tuple[AuditFinding, ...]
@@ -30,12 +25,7 @@ class TableAudit:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """What was found about all tables of a source.
-
-    Attributes:
-        source: What the tables come from.
-        tables: One audit per table, in the order of the source.
-    """
+    """What was found about all tables of a source, in its order."""
 
     source: str
     tables: tuple[TableAudit, ...]
@@ -64,9 +54,6 @@ class Audit:
 
 def audit_source(source: PaperSource) -> Audit:
     """Check everything that the tables of a source promise.
-
-    Returns:
-        The audit: per table its findings, worst first.
 
     Raises:
         UnknownNameError: If a rule speaks of a table, row or column that does not exist.

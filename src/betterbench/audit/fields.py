@@ -51,11 +51,11 @@ def _known(name: str, known: tuple[str, ...]) -> str:
     return name
 
 
-Text = Annotated[str, Field(min_length=1)]
-Count = Annotated[int, BeforeValidator(_count), Field(ge=1, le=MOST)]
+NonEmptyText = Annotated[str, Field(min_length=1)]
+WholeNumber = Annotated[int, BeforeValidator(_count), Field(ge=1, le=MOST)]
 Flag = Annotated[bool, Strict()]
 Number = Annotated[Decimal, BeforeValidator(_number)]
-Row = Annotated[str, AfterValidator(_row)]
-Column = Annotated[str, AfterValidator(_column)]
-Rows = Annotated[tuple[Row, ...], Field(min_length=1)]
-Columns = Annotated[tuple[Column, ...], Field(min_length=1)]
+RowName = Annotated[str, AfterValidator(_row)]
+ColumnName = Annotated[str, AfterValidator(_column)]
+RowNames = Annotated[tuple[RowName, ...], Field(min_length=1)]
+ColumnNames = Annotated[tuple[ColumnName, ...], Field(min_length=1)]

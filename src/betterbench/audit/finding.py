@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-Cell = tuple[str, str]
+TableCell = tuple[str, str]
 """Row and column of a number."""
 
 
@@ -74,7 +74,7 @@ class AuditFinding:
     recomputed: str
     verdict: Verdict
     why: str
-    covers: tuple[Cell, ...] = ()
+    covers: tuple[TableCell, ...] = ()
     unnoticed: int = 0
     misprints: int = 0
     support: ClaimSupport | None = None

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
-from betterbench.audit.counts import count_behind, nearest_count, shown, smallest_multiple, with_dropped
-from betterbench.audit.fields import Columns, Count, Rows, exact_fields
+from betterbench.audit.counts import count_behind, nearest_count, smallest_multiple, with_dropped, with_percentage
+from betterbench.audit.fields import ColumnNames, RowNames, WholeNumber, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.table import AuditedTable, blindness, decimals
 
@@ -23,9 +23,9 @@ class Grid:
         columns: Columns it is promised for; all if none is named.
     """
 
-    trials: Count
-    rows: Rows = ()
-    columns: Columns = ()
+    trials: WholeNumber
+    rows: RowNames = ()
+    columns: ColumnNames = ()
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per cell, or a single one where the digits printed cannot show a violation."""
@@ -40,16 +40,9 @@ class Grid:
     def _mute(self, table: AuditedTable, example: Decimal) -> AuditFinding:
         digits = decimals(example)
         written = f"{digits} decimal{'s' * (digits != 1)}"
-        return AuditFinding(
-            table.name,
-            "grid",
-            "",
-            ", ".join(self.columns or table.columns),
-            written,
-            f"k/{self.trials}",
-            Verdict.UNKNOWN,
-            f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing.",
-        )
+        why = f"Every percentage with {written} is a k/{self.trials}, so this grid can show nothing."
+        cell = ", ".join(self.columns or table.columns)
+        return AuditFinding(table.name, "grid", "", cell, written, f"k/{self.trials}", Verdict.UNKNOWN, why)
 
     def _judge(self, table: AuditedTable, row: str, column: str, printed: Decimal) -> AuditFinding:
         count = count_behind(printed, self.trials)
@@ -60,8 +53,8 @@ class Grid:
             why = f"{printed} is {count}; {unnoticed} of {possible} wrong digits would be on the grid too."
             found, verdict = str(count), Verdict.HOLDS
         else:
-            found, verdict = shown(nearest_count(printed, self.trials), digits), Verdict.BROKEN
-            why = f"{printed} is no k/{self.trials}{self._explain(printed)}."
+            found, verdict = with_percentage(nearest_count(printed, self.trials), digits), Verdict.BROKEN
+            why = f"{printed} is not a k/{self.trials}{self._explain(printed)}."
         return AuditFinding(
             table.name, "grid", row, column, str(printed), found, verdict, why, (cell,), unnoticed, possible
         )

@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.audit.chance import Chance
 from betterbench.audit.claims import Composition, Differences
-from betterbench.audit.fields import Number, Text, exact_fields
+from betterbench.audit.fields import NonEmptyText, Number, exact_fields
 from betterbench.audit.grids import Grid
 from betterbench.audit.pooled import Pooled
 from betterbench.audit.quotes import Quoted
@@ -54,9 +54,9 @@ _CURE = "Correct it, or start from the packaged file"
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class _TableForm:
-    name: Text
-    title: Text
-    columns: Annotated[tuple[Text, ...], Field(min_length=1)]
+    name: NonEmptyText
+    title: NonEmptyText
+    columns: Annotated[tuple[NonEmptyText, ...], Field(min_length=1)]
     rows: Annotated[dict[str, tuple[Number | None, ...]], Field(min_length=1, max_length=MOST_ROWS)]
     rules: tuple[dict[str, Any], ...]
 
@@ -71,7 +71,7 @@ class _TableForm:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class _SourceForm:
-    source: Text
+    source: NonEmptyText
     tables: Annotated[tuple[_TableForm, ...], Field(min_length=1)]
 
     def __post_init__(self) -> None:
@@ -86,12 +86,7 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """A file of tables.
-
-    Attributes:
-        name: What the tables come from.
-        tables: Each table with its rules.
-    """
+    """A file of tables."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]
@@ -127,7 +122,7 @@ def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
     Raises:
-        InvalidInputError: If it is no JSON or a field is wrong.
+        InvalidInputError: If it is not JSON or a field is wrong.
         UnknownNameError: If a rule is unknown.
     """
     try:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.audit.counts import CountBehind, all_with_dropped, count_behind, shown
-from betterbench.audit.fields import Column, Columns, exact_fields
-from betterbench.audit.finding import AuditFinding, Cell, Verdict
+from betterbench.audit.counts import CountBehind, all_with_dropped, count_behind, with_percentage
+from betterbench.audit.fields import ColumnName, ColumnNames, exact_fields
+from betterbench.audit.finding import AuditFinding, TableCell, Verdict
 from betterbench.audit.sums import missing_parts
 from betterbench.audit.table import AuditedTable, blindness, decimals, one_digit_apart, replaced
 from betterbench.statistics import round_half_up
@@ -30,7 +30,7 @@ MOST_CANDIDATES = 8
 MOST_COMBINATIONS = 20_000
 """Combinations of sizes that are tried; with many parts, fewer sizes of each."""
 
-Row = tuple[tuple[Decimal, ...], Decimal]
+PooledRow = tuple[tuple[Decimal, ...], Decimal]
 """The printed parts of a row and its printed overall rate."""
 
 
@@ -57,15 +57,10 @@ class Sizes:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """In each row, one column is the micro average of others.
+    """In each row, one column is the micro average of others."""
 
-    Attributes:
-        target: Column of the overall rate.
-        parts: Columns of the parts.
-    """
-
-    target: Column
-    parts: Columns
+    target: ColumnName
+    parts: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the sizes, and what is wrong or right with each row."""
@@ -82,9 +77,9 @@ class Pooled:
         for name, row in rows.items():
             yield from self._judge(table, name, row, sizes)
 
-    def rows(self, table: AuditedTable) -> dict[str, Row]:
+    def rows(self, table: AuditedTable) -> dict[str, PooledRow]:
         """Return the rows that print the overall rate and all parts."""
-        found: dict[str, Row] = {}
+        found: dict[str, PooledRow] = {}
         for name in table.row_names:
             whole = table.cell(name, self.target)
             parts = tuple(n for c in self.parts if (n := table.cell(name, c)) is not None)
@@ -92,12 +87,12 @@ class Pooled:
                 found[name] = (parts, whole)
         return found
 
-    def _no_sizes(self, table: AuditedTable, rows: Mapping[str, Row]) -> AuditFinding:
+    def _no_sizes(self, table: AuditedTable, rows: Mapping[str, PooledRow]) -> AuditFinding:
         why = f"No sizes of up to {LARGEST_SIZE} questions per part reproduce most of the rows."
         covers = tuple((r, c) for r in rows for c in (*self.parts, self.target))
         return AuditFinding(table.name, "pooled", "", self.target, "", "", Verdict.UNKNOWN, why, covers, 1, 1)
 
-    def _about_sizes(self, table: AuditedTable, sizes: Sizes, rows: Mapping[str, Row]) -> AuditFinding:
+    def _about_sizes(self, table: AuditedTable, sizes: Sizes, rows: Mapping[str, PooledRow]) -> AuditFinding:
         plain = sum(
             round_half_up(sum(map(Fraction, parts), Fraction(0)) / len(parts), decimals(whole)) == whole
             for parts, whole in rows.values()
@@ -111,15 +106,15 @@ class Pooled:
             table.name, "pooled", "", self.target, "micro average", str(sizes.total), Verdict.HOLDS, why
         )
 
-    def _judge(self, table: AuditedTable, name: str, row: Row, sizes: Sizes) -> Iterator[AuditFinding]:
+    def _judge(self, table: AuditedTable, name: str, row: PooledRow, sizes: Sizes) -> Iterator[AuditFinding]:
         parts, whole = row
-        numbers: dict[Cell, Decimal] = {(name, c): n for c, n in zip(self.parts, parts, strict=True)}
+        numbers: dict[TableCell, Decimal] = {(name, c): n for c, n in zip(self.parts, parts, strict=True)}
         numbers[(name, self.target)] = whole
         counts = [count_behind(p, n) for p, n in zip(parts, sizes.parts, strict=True)]
         misfits = [i for i, count in enumerate(counts) if count is None]
         if not misfits:
             pool = _pool([count for count in counts if count is not None])
-            value = shown(pool, decimals(whole))
+            value = with_percentage(pool, decimals(whole))
             right = _prints(pool, whole)
             blind = _unnoticed(row, sizes.parts) if right else (0, 0)
             why = f"The parts are {', '.join(map(str, counts))}, together {value}{'' if right else f', not {whole}'}."
@@ -137,13 +132,13 @@ class Pooled:
                 str(parts[i]),
                 repaired.get(i, ""),
                 Verdict.BROKEN,
-                f"{parts[i]} is no k/{sizes.parts[i]}. {explanation}",
+                f"{parts[i]} is not a k/{sizes.parts[i]}. {explanation}",
                 tuple(numbers),
             )
 
 
 @functools.lru_cache(maxsize=256)
-def recover_sizes(rows: tuple[Row, ...]) -> Sizes | None:
+def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
     """Return the sizes of the parts that reproduce most rows, the smallest of several that do.
 
     Args:
@@ -181,7 +176,7 @@ def _fitting(column: tuple[Decimal, ...], allowed: int) -> tuple[int, ...]:
     return tuple(n for _, n in sorted(scored)[:MOST_CANDIDATES])
 
 
-def _reproduces(row: Row, sizes: tuple[int, ...]) -> bool:
+def _reproduces(row: PooledRow, sizes: tuple[int, ...]) -> bool:
     """Return whether sizes reproduce the parts and the overall rate of a row."""
     parts, whole = row
     counts = [count for p, n in zip(parts, sizes, strict=True) if (count := count_behind(p, n)) is not None]
@@ -189,7 +184,7 @@ def _reproduces(row: Row, sizes: tuple[int, ...]) -> bool:
 
 
 @functools.lru_cache(maxsize=1024)
-def _unnoticed(row: Row, sizes: tuple[int, ...]) -> tuple[int, int]:
+def _unnoticed(row: PooledRow, sizes: tuple[int, ...]) -> tuple[int, int]:
     """Return how many wrong digits of a row would pass, of how many there could be."""
     parts, whole = row
     numbers = (*parts, whole)
@@ -211,7 +206,7 @@ def _prints(count: CountBehind, printed: Decimal) -> bool:
     return round_half_up(Fraction(100 * count.k, count.n), decimals(printed)) == printed
 
 
-def _explain(row: Row, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str], str]:
+def _explain(row: PooledRow, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str], str]:
     """Return what would mend the parts that do not fit, by position, and a sentence about it.
 
     Two causes are tried: questions missing from the denominators of these parts, and one misprinted digit in a single
@@ -237,7 +232,7 @@ def _explain(row: Row, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str]
             if one_digit_apart(value, parts[i]) and _prints(pool, whole):
                 repaired[i] = str(value)
                 sentences.append(
-                    f"One digit apart, {value} = {k}/{size} gives {shown(pool, decimals(whole))} as printed: "
+                    f"One digit apart, {value} = {k}/{size} gives {with_percentage(pool, decimals(whole))} as printed: "
                     "very likely a misprint."
                 )
     if fewer and not repaired:
@@ -248,6 +243,6 @@ def _explain(row: Row, sizes: Sizes, misfits: list[int]) -> tuple[dict[int, str]
         listed = " and ".join(map(str, counts))
         sentences.append(
             f"The row fits with {missing} question{'s' * (missing != 1)} missing from the denominators, {listed}, "
-            f"together {shown(pool, decimals(whole))} as printed."
+            f"together {with_percentage(pool, decimals(whole))} as printed."
         )
     return repaired, " ".join(sentences) or "Neither one misprinted digit nor a few missing questions explain the row."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from betterbench.audit.fields import Column, Row, Text, exact_fields
+from betterbench.audit.fields import ColumnName, NonEmptyText, RowName, exact_fields
 from betterbench.audit.finding import AuditFinding, Verdict
 from betterbench.audit.table import AuditedTable, misprints
 from betterbench.errors import UnknownNameError
@@ -14,21 +14,13 @@ from betterbench.errors import UnknownNameError
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Quoted:
-    """A number is quoted from another table.
+    """A number is quoted from another table."""
 
-    Attributes:
-        row: Row of the quotation.
-        column: Column of the quotation.
-        table: Name of the table that is quoted.
-        at_row: Row there.
-        at_column: Column there.
-    """
-
-    row: Row
-    column: Column
-    table: Text
-    at_row: Text
-    at_column: Text
+    row: RowName
+    column: ColumnName
+    table: NonEmptyText
+    at_row: NonEmptyText
+    at_column: NonEmptyText
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield the finding about the quotation.
@@ -45,16 +37,7 @@ class Quoted:
         right = printed == source
         # A zero appended or left out does not change a number; any other wrong digit does.
         unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
-        yield AuditFinding(
-            table.name,
-            "quoted",
-            self.row,
-            self.column,
-            str(printed),
-            "nothing" if source is None else str(source),
-            Verdict.HOLDS if right else Verdict.BROKEN,
-            f"{where} says {'the same' if right else source}.",
-            ((self.row, self.column),),
-            len(unnoticed),
-            len(tuple(misprints(printed))) if right else 0,
-        )
+        verdict, why = (Verdict.HOLDS, "the same") if right else (Verdict.BROKEN, str(source))
+        cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))
+        blind = len(unnoticed), len(tuple(misprints(printed))) if right else 0
+        yield AuditFinding(table.name, "quoted", *cell, *shown, verdict, f"{where} says {why}.", (cell,), *blind)

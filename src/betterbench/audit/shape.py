@@ -8,26 +8,24 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 
-from betterbench.audit.fields import Column, Columns, exact_fields
-from betterbench.audit.finding import AuditFinding, Cell, Verdict
+from betterbench.audit.fields import ColumnName, ColumnNames, exact_fields
+from betterbench.audit.finding import AuditFinding, TableCell, Verdict
 from betterbench.audit.table import AuditedTable, blindness, replaced
 
 
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
-    """From column to column the rates of a row never rise (solving five tasks in a row means solving four).
+    """From column to column the rates of a row never rise (solving five tasks in a row means solving four)."""
 
-    Attributes:
-        columns: The columns in order.
-    """
-
-    columns: Columns
+    columns: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row."""
         for row in table.row_names:
-            numbers: dict[Cell, Decimal] = {(row, c): n for c in self.columns if (n := table.cell(row, c)) is not None}
+            numbers: dict[TableCell, Decimal] = {
+                (row, c): n for c in self.columns if (n := table.cell(row, c)) is not None
+            }
             row_numbers = tuple(numbers.values())
             rises = [f"{a} before {b}" for a, b in itertools.pairwise(row_numbers) if b > a]
             listed = ", ".join(map(str, row_numbers))
@@ -50,13 +48,9 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns.
+    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns."""
 
-    Attributes:
-        columns: The group of columns.
-    """
-
-    columns: Columns
+    columns: ColumnNames
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per row that repeats an earlier one, or one finding that there is none."""
@@ -85,13 +79,9 @@ class Measured:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Weights of a mixture, of which only the weights are printed: the shares that they amount to.
+    """Weights of a mixture, of which only the weights are printed: the shares that they amount to."""
 
-    Attributes:
-        column: Column of the weights.
-    """
-
-    column: Column
+    column: ColumnName
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield one finding per weight: its share, which nothing printed confirms."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.audit.fields import Column, Columns, Count, Flag, Row, Rows, exact_fields
-from betterbench.audit.finding import AuditFinding, Cell, Verdict
+from betterbench.audit.fields import ColumnName, ColumnNames, Flag, RowName, RowNames, WholeNumber, exact_fields
+from betterbench.audit.finding import AuditFinding, TableCell, Verdict
 from betterbench.audit.table import AuditedTable, blindness, decimals, misprints, replaced
 from betterbench.statistics import round_half_up
 
@@ -36,15 +36,15 @@ class Combination:
         table: AuditedTable,
         row: str,
         cell: str,
-        target: tuple[Cell, Decimal],
-        parts: Mapping[Cell, tuple[Fraction, Decimal]],
+        target: tuple[TableCell, Decimal],
+        parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
         """Return the finding about one result.
 
         Args:
             table: The table.
-            row: Row the finding is about.
-            cell: Column the finding is about.
+            row: RowName the finding is about.
+            cell: ColumnName the finding is about.
             target: Place of the result, and the result as printed.
             parts: Weight and printed number of each part.
         """
@@ -107,8 +107,8 @@ class _RowCombination:
         rounded_parts: True if the parts were rounded before they were printed.
     """
 
-    target: Column
-    rows: Rows = ()
+    target: ColumnName
+    rows: RowNames = ()
     rounded_parts: Flag = False
 
     @property
@@ -135,7 +135,7 @@ class _RowCombination:
 class Mean(_RowCombination):
     """The target is the mean of the parts."""
 
-    parts: Columns
+    parts: ColumnNames
 
     @property
     def weights(self) -> dict[str, Fraction]:
@@ -148,8 +148,8 @@ class Mean(_RowCombination):
 class Sum(_RowCombination):
     """The target is the sum of the parts, divided by ``divisor``."""
 
-    parts: Columns
-    divisor: Count = 1
+    parts: ColumnNames
+    divisor: WholeNumber = 1
 
     @property
     def weights(self) -> dict[str, Fraction]:
@@ -162,8 +162,8 @@ class Sum(_RowCombination):
 class Delta(_RowCombination):
     """The target is the novel condition minus the mean of the seen ones."""
 
-    novel: Column
-    seen: Columns
+    novel: ColumnName
+    seen: ColumnNames
 
     @property
     def weights(self) -> dict[str, Fraction]:
@@ -183,10 +183,10 @@ class Total:
         unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
     """
 
-    row: Row
-    column: Column
+    row: RowName
+    column: ColumnName
     rounded_parts: Flag = False
-    unit: Count = 1
+    unit: WholeNumber = 1
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
         """Yield the finding about the total."""

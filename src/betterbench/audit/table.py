@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Protocol
 
-from betterbench.audit.finding import AuditFinding, Cell
+from betterbench.audit.finding import AuditFinding, TableCell
 from betterbench.errors import UnknownNameError
 
 DIGITS = "0123456789"
@@ -47,7 +47,7 @@ class AuditedTable:
                 return numbers[self.columns.index(column)]
         raise UnknownNameError(f"row of {self.name}", row, self.row_names)
 
-    def printed(self) -> Iterator[tuple[Cell, Decimal]]:
+    def printed(self) -> Iterator[tuple[TableCell, Decimal]]:
         """Yield every printed number with its place."""
         for name, numbers in self.rows:
             for column, number in zip(self.columns, numbers, strict=True):

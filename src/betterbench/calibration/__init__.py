@@ -5,11 +5,4 @@ from betterbench.calibration.probes import probe_cells
 from betterbench.calibration.run import CalibrationProgress, calibrate
 from betterbench.calibration.truth import true_label
 
-__all__ = [
-    "CalibrationPolicy",
-    "CalibrationProgress",
-    "calibrate",
-    "calibration_policies",
-    "probe_cells",
-    "true_label",
-]
+__all__ = ["CalibrationPolicy", "CalibrationProgress", "calibrate", "calibration_policies", "probe_cells", "true_label"]

@@ -1,4 +1,4 @@
-"""What a calibration runs: every broken rule at several strengths and with a steadier or a shakier hand."""
+"""What a calibration runs: every faulty policy at several strengths and with more or less action noise."""
 
 from __future__ import annotations
 
@@ -17,13 +17,7 @@ ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """One policy of a calibration.
-
-    Attributes:
-        address: The policy with its strength and its action_noise.
-        trials: Trials per variation.
-        seed: First seed.
-    """
+    """One policy of a calibration."""
 
     address: Address
     trials: int
@@ -49,22 +43,17 @@ def calibration_policies(
     probe_trials: int = 8,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the expert, every policy of the zoo at every strength, and the probes.
-
-    Args:
-        policies: Names to keep ("zoo:lexical"); all if empty.
-        strengths: Shares of the trials in which a rule applies.
-        trials: Trials per variation of the expert and of each policy of the zoo.
-        probe_trials: Trials per variation of each probe; 0 leaves them out.
-        seed: First seed; each strength has seeds of its own.
+    """Return the expert, every faulty policy at every strength, and the probes.
 
     Raises:
-        InvalidInputError: If a policy is none of the zoo, or a number is out of range.
+        InvalidInputError: If a policy is unknown, or a number is out of range.
     """
     names = [*EXPERTS, *REPLAYS]
     for name in policies:
         if name not in names:
-            raise InvalidInputError("--policies", f"{name!r} is not in the zoo", f"Name some of {', '.join(names)}")
+            raise InvalidInputError(
+                "--policies", f"{name!r} is not a policy that can be calibrated", f"Name some of {', '.join(names)}"
+            )
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"
         raise InvalidInputError("--strengths", f"{given} is out of range", "Give shares above 0 and up to 1")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from betterbench.diagnosis import ProbeCell, TrialDiagnosis
 from betterbench.experts.decisions import Situation
-from betterbench.experts.faulty.blind import sentences
+from betterbench.experts.faulty.blind import possible_instructions
 from betterbench.interventions import vary
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.tasks import Condition, Instruction, get_task
@@ -17,9 +17,6 @@ def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
     """Return what a probe reaches on every variation on which something has to be done.
 
     Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
-
-    Args:
-        trials: All trials of one probe.
     """
     cells = []
     for task_name, name in dict.fromkeys((t.task, t.variation) for t in trials if t.variation is not None):
@@ -34,19 +31,19 @@ def probe_cells(trials: Sequence[TrialDiagnosis]) -> tuple[ProbeCell, ...]:
 
 
 def chance_of(task_name: str, name: str) -> float:
-    """Return the success rate of guessing the sentence of a variation among those that make sense in its scene.
+    """Return the success rate of guessing the instruction of a variation among those that make sense in its scene.
 
-    Two sentences that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
+    Two instructions that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
     right guess each.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
-    choices = sentences(Situation(task, condition, 0))
+    choices = possible_instructions(Situation(task, condition, 0))
     return sum(_meaning(c, condition) == _meaning(condition.instruction, condition) for c in choices) / len(choices)
 
 
 def _meaning(instruction: Instruction, condition: Condition) -> object:
-    """Return what a sentence asks for in a scene: which objects where, and in which order if that matters."""
+    """Return what an instruction asks for in a scene: which objects where, and in which order if that matters."""
     steps = [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals

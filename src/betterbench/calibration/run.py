@@ -1,4 +1,4 @@
-"""Running a calibration: one run per policy of the zoo, each resumable, and what they give together."""
+"""Running a calibration: one run per policy, each resumable, and what they give together."""
 
 from __future__ import annotations
 
@@ -17,13 +17,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """How far a calibration is.
-
-    Attributes:
-        done: Finished trials over all policies.
-        planned: Planned trials over all policies.
-        policy: Address of the policy at work.
-    """
+    """How far a calibration is."""
 
     done: int
     planned: int
@@ -44,14 +38,7 @@ def calibrate(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run the zoo, diagnose it from its records, and hold the labels against the true ones.
-
-    Args:
-        planned: The policies.
-        out: Folder of the calibration; an unfinished one with the same plans is continued.
-        tasks: Task ids; all of the suite if empty.
-        workers: Worker processes.
-        on_progress: Told after every trial.
+    """Run the policies, diagnose them from their records, and compare the labels with the true ones.
 
     Raises:
         RunConflictError: If a folder holds another run.
@@ -74,12 +61,7 @@ def calibrate(
 
 
 def assess(runs: Sequence[RunFolder], planned: Sequence[CalibrationPolicy]) -> Calibration:
-    """Return the calibration that finished runs give, from their records and journals.
-
-    Args:
-        runs: The runs.
-        planned: The policy of each.
-    """
+    """Return the calibration that finished runs give, from their records and journals."""
     trials: list[Judged] = []
     probes: list[ProbeCell] = []
     versions: dict[str, str] = {}
@@ -94,18 +76,12 @@ def assess(runs: Sequence[RunFolder], planned: Sequence[CalibrationPolicy]) -> C
 
 
 def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:
-    ground_truth = {e.key: e.ground_truth for e in run.entries() if e.status == "done"}
+    entries = (e for e in run.entries() if e.status == "done")
+    ground_truth = {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in entries}
     for trial in diagnosis.trials:
-        said = ground_truth.get(TrialId(trial.task, trial.variation or trial.condition, trial.seed))
+        said = ground_truth.get(trial.trial_id)
         if said is None:
             continue  # it broke down outside the policy; evaluate has said so, and runs it again
         truth = true_label(said, expected=trial.expected, success=trial.success)
-        yield Judged(
-            diagnosis.policy,
-            trial.key,
-            truth,
-            trial.label,
-            said.get("fault", ""),
-            trial.evidence.rule,
-            trial.evidence.text,
-        )
+        why = trial.evidence
+        yield Judged(diagnosis.policy, trial.key, truth, trial.label, said.get("fault", ""), why.rule, why.text)

@@ -1,4 +1,4 @@
-"""The true label of a trial of the zoo, from what its policy decided and from whether the goal was met."""
+"""The true label of a trial of a faulty policy, from what the policy decided and from whether the goal was met."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from betterbench.tasks import Expected
 
 
 def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool) -> Label:
-    """Return the label that a trial of the zoo deserves.
+    """Return the label that a trial of a faulty policy deserves.
 
     A trial whose goal is met is a success, whatever was decided on the way (suite, section 5). Otherwise the first
-    wrong decision names the fault; and where every decision was right, only the hand can have failed.
+    wrong decision names the fault; and where every decision was right, only the manipulation can have failed.
 
     Args:
         ground_truth: What the policy said of its episode in the journal.
@@ -25,7 +25,7 @@ def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool)
         RecordError: If the policy said nothing, so that its truth is unknown.
     """
     if "truth" not in ground_truth:
-        raise RecordError("The journal holds no true label. Only policies of the zoo know theirs; run it again.")
+        raise RecordError("The journal holds no true label. Only faulty policies write theirs down; run it again.")
     if success:
         return SUCCESS_LABELS[Expected(expected)]
     return Label(ground_truth["truth"]) if ground_truth["truth"] else Label.EXECUTION_FAILURE

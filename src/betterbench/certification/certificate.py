@@ -81,11 +81,7 @@ class TrialCertificate:
     total_s: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse a finding that leaves a clause out.
-
-        Raises:
-            ValueError: If the clauses are not exactly the five of law 2.
-        """
+        """Refuse a finding that leaves a clause out."""
         if set(self.clauses) != set(CLAUSES):
             msg = f"clauses {sorted(self.clauses)} are not {sorted(CLAUSES)}"
             raise ValueError(msg)
@@ -173,13 +169,9 @@ class Certificate:
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:
-        """Read the JSON form.
-
-        Raises:
-            InvalidInputError: If it is no certificate of this schema version.
-        """
+        """Read the JSON form; raise InvalidInputError if it is not a certificate of this schema version."""
         if not isinstance(form, dict) or form.get("form") != "betterbench certificate":
-            raise InvalidInputError(where, "it is no certificate", "Give a certificate.json of better certify")
+            raise InvalidInputError(where, "it is not a certificate", "Give a certificate.json of better certify")
         derived = ("seeds", "clause_texts", "summary", "expert_s_per_trial")
         form = {name: value for name, value in form.items() if name not in derived}
         return read_form(_CERTIFICATE, form, where=where, cure="Make it again with better certify")

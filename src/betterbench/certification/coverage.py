@@ -150,17 +150,13 @@ def _minor(version: str) -> str:
 
 
 def parse_ranges(text: str) -> frozenset[int]:
-    """Return the seeds that a text of ranges names.
-
-    Raises:
-        InvalidInputError: If it is none.
-    """
+    """Return the seeds that a text of ranges names; raise InvalidInputError if it is none."""
     found: set[int] = set()
     for part in text.split(",") if text else ():
         low, _, high = part.partition("-")
         ends = (low, high or low)
         if not all(e.isdecimal() and e.isascii() and len(e) <= 7 for e in ends) or int(ends[1]) > MOST_SEEDS:
-            raise InvalidInputError("seeds", f"{part!r} is no range of seeds", "Write ranges like 0-19,23")
+            raise InvalidInputError("seeds", f"{part!r} is not a range of seeds", "Write ranges like 0-19,23")
         found.update(range(int(ends[0]), int(ends[1]) + 1))
     return frozenset(found)
 

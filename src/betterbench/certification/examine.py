@@ -42,13 +42,7 @@ PENETRATION_M = 0.0015
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """What the initial state shows.
-
-    Attributes:
-        clause: Clause (c).
-        penetration_mm: Deepest overlap [mm].
-        drift_mm: Farthest drift [mm].
-    """
+    """Clause (c), and the deepest overlap and the farthest drift of the initial state."""
 
     clause: Clause
     penetration_mm: float
@@ -57,14 +51,7 @@ class _Start:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """What the expert's episode shows.
-
-    Attributes:
-        clause: Clause (a).
-        steps: Control steps used.
-        found: What the training regime says to every primitive.
-        seconds: Wall time [s].
-    """
+    """Clause (a), and what the training regime says to every primitive of the expert's episode."""
 
     clause: Clause
     steps: int

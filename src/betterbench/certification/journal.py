@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import LineJournal
 from betterbench.tasks import TrialId
@@ -55,7 +55,6 @@ class CertificationJournal(LineJournal):
     """
 
     def __init__(self, folder: Path, versions: CertificateVersions) -> None:
-        """Open the journal."""
         self.trials: dict[TrialId, TrialCertificate] = {}
         self._versions = versions
         self._sessions: dict[str, float] = {}
@@ -78,10 +77,8 @@ class CertificationJournal(LineJournal):
         if lines:
             self._check_header(lines[0])
         for number, line in enumerate(lines[1:], start=2):
-            try:
-                form = read_form(_LINE, line, where=f"{self._path}: line {number} is corrupt", cure=_CURE)
-            except InvalidInputError as error:
-                raise RecordError(str(error)) from error
+            where = f"{self._path}: line {number} is corrupt"
+            form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
             self._sessions[form.session] = form.elapsed_s
             if self._versions.tasks.get(form.trial.task, form.task_version) == form.task_version:
                 self.trials[form.trial.key] = form.trial
@@ -91,10 +88,8 @@ class CertificationJournal(LineJournal):
 
     def _check_header(self, line: bytes) -> None:
         cure = "Choose another folder"
-        try:
-            found = read_form(_HEADER, line, where=f"{self._path}: this is no certification journal", cure=cure)
-        except InvalidInputError as error:
-            raise RunConflictError(str(error)) from error
+        where = f"{self._path}: this is not a certification journal"
+        found = read_form(_HEADER, line, where=where, cure=cure, raises=RunConflictError)
         for name, value in asdict(self._header()).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(f"{self._path}: begun with {name} {there}, this is {value}. {cure}.")

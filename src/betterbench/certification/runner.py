@@ -33,13 +33,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class CertificationProgress:
-    """How far a certification is.
-
-    Attributes:
-        done: Trials examined.
-        planned: Trials planned.
-        last: The trial that has just been examined, or None.
-    """
+    """How far a certification is: trials examined, trials planned, and the one just examined (None at the start)."""
 
     done: int
     planned: int

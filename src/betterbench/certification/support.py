@@ -75,13 +75,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class DrawerMove:
-    """A drawer opened or shut.
-
-    Attributes:
-        object: Its name.
-        kind: Its kind.
-        slot: Slot of its cabinet.
-    """
+    """A drawer opened or shut, and the slot of its cabinet."""
 
     object: str
     kind: str
@@ -110,7 +104,6 @@ class Handling:
     """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
-        """Prepare for an episode."""
         self._condition = condition
         self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
         self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}
@@ -248,16 +241,12 @@ class TrainedSupport:
             for goal in condition.instruction.subgoals:
                 names = condition.resolve(goal.reference)
                 if not RELATIONS[goal.relation].carried:
-                    for name in names:
-                        slot = _ground(condition, name, resting_on)[0]
-                        if slot is not None:
-                            slides.add((condition.object(name).kind, slot))
+                    grounds = ((name, _ground(condition, name, resting_on)[0]) for name in names)
+                    slides.update((condition.object(name).kind, slot) for name, slot in grounds if slot is not None)
                     continue
-                for name in names:
-                    if name in condition.layout:
-                        slot = condition.layout[name]
-                        picks[slot] = task.slot(slot)
-                        grasped.add(condition.object(name).kind)
+                placed = [name for name in names if name in condition.layout]
+                picks.update((slot, task.slot(slot)) for slot in (condition.layout[name] for name in placed))
+                grasped.update(condition.object(name).kind for name in placed)
                 targets.add((goal.relation, condition.object(goal.target).kind, goal.region))
                 slot, level, _ = _ground(condition, goal.target, resting_on)
                 if slot is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 from betterbench.cli.console import OUT, print_json, print_table, say
@@ -71,7 +72,7 @@ def _check_machine(*, json: bool) -> None:
     checks = run_checks()
     broken = [check for check in checks if not check.works]
     if json:
-        print_json([{"name": c.name, "works": c.works, "detail": c.detail, "cure": c.cure} for c in checks])
+        print_json([asdict(check) for check in checks])
     else:
         print_table(["", "what", "found"], [["ok" if c.works else "NO", c.name, c.detail] for c in checks])
         for check in broken:

@@ -20,63 +20,48 @@ def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = Fa
         what: What to list.
         json: Print one JSON document instead of a table.
     """
-    columns, rows = {
-        "tasks": _tasks,
-        "variations": _variations,
-        "policies": _policies,
-        "assets": _assets,
-        "templates": _templates,
-    }[what]()
+    columns, rows = _table(what)
     if json:
         print_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
+    if what == "variations":
+        rows = [[name, axis.replace("_", " "), *rest] for name, axis, *rest in rows]
     print_table(columns, rows)
     if what == "variations":
         letters = [row[0].split("/")[1][0] for row in rows]
         counts = ", ".join(f"{letters.count(letter)} {letter}" for letter in "LROT")
         OUT.print(f"\n{len(rows)} variations: {counts}", markup=False)
+    elif what == "policies":
+        OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
 
 
-def _tasks() -> tuple[list[str], list[list[str]]]:
-    from betterbench.tasks import all_tasks
+def _table(what: What) -> tuple[list[str], list[list[str]]]:
+    """Return the columns and rows of a list."""
+    if what == "policies":
+        from betterbench.evaluation import known_policies
 
-    rows = [
-        [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
-        for t in all_tasks()
-    ]
-    return ["task", "title", "template", "training", "variations", "description"], rows
+        policies = [[p.address, "state" if p.privileged else "observations", p.summary] for p in known_policies()]
+        return ["policy", "sees", "what it does"], policies
+    if what == "assets":
+        from betterbench.assets import categories, colors, looks
 
-
-def _variations() -> tuple[list[str], list[list[str]]]:
-    from betterbench.tasks import all_tasks
-
-    rows = [
-        [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]
-        for t in all_tasks()
-        for v in t.variations
-    ]
-    return ["variation", "axis", "from", "expected", "support", "what changes"], rows
-
-
-def _policies() -> tuple[list[str], list[list[str]]]:
-    from betterbench.evaluation import known_policies
-
-    rows = [[p.address, "state" if p.privileged else "observations", p.summary] for p in known_policies()]
-    return ["policy", "sees", "what it does"], rows
-
-
-def _assets() -> tuple[list[str], list[list[str]]]:
-    from betterbench.assets import categories, colors, looks
-
-    rows = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
-    return ["asset", "looks", "colors"], rows
-
-
-def _templates() -> tuple[list[str], list[list[str]]]:
+        assets = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
+        return ["asset", "looks", "colors"], assets
     from betterbench.tasks import TEMPLATES, all_tasks
 
-    rows = [
-        [t.name, t.title, ", ".join(task.id for task in all_tasks() if task.template is t), t.challenge]
-        for t in TEMPLATES.values()
+    tasks = all_tasks()
+    if what == "tasks":
+        return ["task", "title", "template", "training", "variations", "description"], [
+            [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
+            for t in tasks
+        ]
+    if what == "templates":
+        return ["template", "title", "tasks", "challenge"], [
+            [t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge]
+            for t in TEMPLATES.values()
+        ]
+    return ["variation", "axis", "from", "expected", "support", "what changes"], [
+        [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]
+        for t in tasks
+        for v in t.variations
     ]
-    return ["template", "title", "tasks", "challenge"], rows

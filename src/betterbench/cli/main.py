@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(str(error))
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        say("interrupted; run the same command again to go on where it stopped")
+        say("interrupted; run the same command again to continue where it stopped")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -40,17 +41,7 @@ def replay_command(
         return
     result = check_record(record)
     if json:
-        print_json(
-            {
-                "record": str(record),
-                "identical": result.identical,
-                "rows": result.rows,
-                "first_difference": result.first_difference,
-                "largest_difference": result.largest_difference,
-                "verdict_agrees": result.verdict_agrees,
-                "notes": list(result.notes),
-            }
-        )
+        print_json({"record": str(record), "identical": result.identical, **asdict(result)})
     elif result.identical:
         OUT.print(f"identical: {result.rows} states and every verdict", markup=False)
     if not result.identical:

@@ -91,10 +91,9 @@ def named_trial(task: str | None, condition: str | None, seed: int | None) -> Tr
         UnknownNameError: If there is no such task.
     """
     if task is None:
-        if condition is not None:
-            raise InvalidInputError("--condition", "it belongs to a task", "Give --task too")
-        if seed is not None:
-            raise InvalidInputError("--seed", "it belongs to the trial of a task", "Give --task too")
+        for option, value in (("--condition", condition), ("--seed", seed)):
+            if value is not None:
+                raise InvalidInputError(option, "it belongs to the trial of a task", "Give --task too")
         return None
     from betterbench.evaluation import named_trial as existing_trial
 
@@ -107,15 +106,10 @@ def _require_expert(policy: str) -> None:
     Raises:
         InvalidInputError: If the policy chooses the length of its chunks itself.
     """
-    from betterbench.evaluation.trials.policy_factory import (
-        is_in_process_model,
-        is_privileged,
-        is_remote,
-        needs_no_thread,
-    )
+    from betterbench.evaluation.trials import policy_factory as known
 
-    sees = needs_no_thread(policy) or is_remote(policy) or is_in_process_model(policy) or policy.startswith("python:")
-    if sees and not is_privileged(policy):
+    observes = known.needs_no_thread(policy) or known.is_remote(policy) or known.is_in_process_model(policy)
+    if (observes or policy.startswith("python:")) and not known.is_privileged(policy):
         raise InvalidInputError(
             "--chunk", f"{policy} is no expert and chooses the length of its chunks itself", "Leave out --chunk"
         )

@@ -25,22 +25,17 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
 
-Trials = Sequence[TrialDiagnosis]
-
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """What several runs say about each other.
 
     Attributes:
-        sides: The runs.
         matching: Which of their trials were compared.
-        alpha: Level of every family of tests.
         groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
             failure and the labels over all variations.
         sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
         verdict: The result in sentences, the most important first.
-        notes: What limits it, one sentence each.
     """
 
     sides: tuple[Side, ...]
@@ -93,7 +88,7 @@ def compare(
     Args:
         sides: The runs, at least two, with different names.
         alpha: Level of each family of tests; the intervals have confidence 1 - alpha.
-        sequential: True to add the evidence that stays valid however often somebody looks while the runs go on.
+        sequential: True to add the evidence that stays valid however often one looks while the runs go on.
         allow_mixed: True to compare over different versions or engines.
 
     Raises:
@@ -122,7 +117,7 @@ class _Question(NamedTuple):
     measure: str
     scope: str
 
-    def counted(self, trials: Trials) -> Counted:
+    def counted(self, trials: Sequence[TrialDiagnosis]) -> Counted:
         """Return the trials of the scope, each with whether it shows what is counted."""
         return tuple((t, self._shows(t)) for t in trials if self._holds(t))
 
@@ -143,7 +138,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question("success", f"axis:{axis.value}") for axis in Axis if any(t.axis == axis.value for t in varied)]
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
-    # A label that nobody shows cannot differ; leaving it out of the correction depends on no difference.
+    # A label that no policy shows cannot differ; leaving it out of the correction depends on no difference.
     shown = {t.label for t in varied if t.kind is not Kind.NONE}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
@@ -183,17 +178,9 @@ def _contrast(
     purpose = f"{question.measure}:{question.scope}"
     difference, test, p = judged(tally, paired=paired, purpose=purpose, confidence=1.0 - alpha)
     return Contrast(
-        *question,
-        *names,
-        *tally.rates,
-        table=tally.table if paired else None,
-        difference=difference,
-        test=test,
-        p_value=p,
-        p_adjusted=p,
-        family=1,
-        different=False,
-    )
+        *question, *names, *tally.rates, table=tally.table if paired else None, difference=difference, test=test,
+        p_value=p, p_adjusted=p, family=1, different=False,
+    )  # fmt: skip
 
 
 def _letters(rates: Sequence[Rate], contrasts: Sequence[Contrast], pairs: Sequence[tuple[int, int]]) -> tuple[str, ...]:

@@ -17,15 +17,18 @@ from betterbench.statistics import (
     boschloo_p,
     mcnemar_p,
     newcombe_difference,
-    newcombe_paired_difference,
-    paired_bootstrap,
     smallest_paired_difference,
     smallest_unpaired_difference,
+    wider_paired_difference,
 )
 from betterbench.tasks import stream
 
 BOSCHLOO_LIMIT = 300
 """Largest number of trials a side for Boschloo's test, 2 s at this size; above it Barnard's, which agrees closely."""
+
+
+_smallest_paired = functools.lru_cache(maxsize=256)(smallest_paired_difference)
+_smallest_unpaired = functools.lru_cache(maxsize=256)(smallest_unpaired_difference)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +40,7 @@ class Contrast:
         scope: "overall" (variations), "training", "axis:temporal_extrapolation" or the id of a task (its variations).
         first: Name of the side that counts positive.
         second: Name of the side that counts negative.
-        first_rate: Rate of the first.
-        second_rate: Rate of the second.
         table: Counts of the four kinds of pairs, or None if the trials are not paired.
-        difference: First minus second with its interval.
-        test: Name of the test.
-        p_value: Of the test alone.
         p_adjusted: After Holm's correction over the family.
         family: Number of contrasts in the family.
         different: Whether the two are told apart: ``p_adjusted`` is at most alpha and the interval excludes zero.
@@ -85,13 +83,8 @@ class Group:
     """All sides in one measure over one scope.
 
     Attributes:
-        measure: "success", a kind of failure or a label.
-        scope: What it is measured over (see :class:`Contrast`).
-        names: Names of the sides.
-        rates: Rate of each side.
         letters: Compact letters of each side: two share one exactly when they are not told apart. "a" belongs to the
             side with the highest rate.
-        contrasts: Every pair of sides.
     """
 
     measure: str
@@ -116,8 +109,6 @@ class SequentialContrast:
     """One policy against another in success, by evidence that may be looked at while the runs go on.
 
     Attributes:
-        first: Name of one side.
-        second: Name of the other.
         planned: Pairs that both sides plan.
         table: Counts of the pairs that were used: all before the first that a side has not finished.
         process: The evidence after each pair, at level alpha over the number of contrasts.
@@ -176,40 +167,26 @@ class OutcomeCounts:
         return rate_of(self.first), rate_of(self.second)
 
     @property
+    def outcomes(self) -> list[tuple[bool, bool]]:
+        """What each pair shows on the two sides."""
+        return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
+
+    @property
     def table(self) -> PairedTable:
         """The four kinds of pairs."""
-        return PairedTable.from_outcomes((a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True))
-
-
-def paired_difference(tally: OutcomeCounts, *, purpose: str, confidence: float) -> Difference:
-    """Return the difference of pairs with the wider of two intervals.
-
-    The bootstrap knows that several variations share the twin of their seed, but has no width where all pairs agree;
-    Newcombe's interval has.
-
-    Args:
-        tally: The pairs.
-        purpose: Name of the random stream.
-        confidence: Two-sided confidence level.
-    """
-    clusters = [t.twin_key or t.key for t, _ in tally.first]
-    drawn = paired_bootstrap(
-        [float(a) for _, a in tally.first],
-        [float(b) for _, b in tally.second],
-        generator=stream("comparison", 0, f"bootstrap:{purpose}"),
-        strata=[t.task for t, _ in tally.first],
-        clusters=clusters,
-        confidence=confidence,
-    )
-    scored = newcombe_paired_difference(tally.table, confidence=confidence)
-    low, high = min(drawn.low, scored.low), max(drawn.high, scored.high)
-    return Difference(drawn.value, low, high, "paired bootstrap or Newcombe, the wider", confidence)
+        return PairedTable.from_outcomes(self.outcomes)
 
 
 def judged(tally: OutcomeCounts, *, paired: bool, purpose: str, confidence: float) -> tuple[Difference, str, float]:
     """Return the difference, the name of its test and the p-value."""
     if paired:
-        difference = paired_difference(tally, purpose=purpose, confidence=confidence)
+        difference = wider_paired_difference(
+            tally.outcomes,
+            generator=stream("comparison", 0, f"bootstrap:{purpose}"),
+            strata=[t.task for t, _ in tally.first],
+            clusters=[t.twin_key or t.key for t, _ in tally.first],
+            confidence=confidence,
+        )
         return difference, "exact McNemar", mcnemar_p(tally.table)
     a, b = tally.rates
     small = max(a.n, b.n) <= BOSCHLOO_LIMIT
@@ -229,16 +206,6 @@ def could_have_shown(tally: OutcomeCounts, *, paired: bool, alpha: float) -> Det
         return None
     if not paired:
         pooled = round((a.k + b.k) / (a.n + b.n), 2)
-        return _smallest_unpaired(n, pooled, alpha)
+        return _smallest_unpaired(n, reference=pooled, alpha=alpha)
     opposite = min(tally.table.only_first, tally.table.only_second) / n
-    return _smallest_paired(n, min(0.49, round(opposite, 2)), alpha)
-
-
-@functools.lru_cache(maxsize=256)
-def _smallest_paired(n: int, opposite: float, alpha: float) -> DetectableDifference:
-    return smallest_paired_difference(n, opposite=opposite, alpha=alpha)
-
-
-@functools.lru_cache(maxsize=256)
-def _smallest_unpaired(n: int, reference: float, alpha: float) -> DetectableDifference:
-    return smallest_unpaired_difference(n, reference=reference, alpha=alpha)
+    return _smallest_paired(n, opposite=min(0.49, round(opposite, 2)), alpha=alpha)

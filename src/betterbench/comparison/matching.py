@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from betterbench.comparison.side import Side
-from betterbench.diagnosis import TrialDiagnosis
+from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError, RunConflictError
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz")
@@ -24,8 +24,6 @@ class Matching:
     Attributes:
         paired: Whether the trials are the same ones on every side; else only their conditions are.
         trials: Trials of each side; if paired, the same key at the same place on every side, in plan order.
-        left_out: Per side, number of planned trials that are not compared.
-        notes: What a reader has to know about the choice, one sentence each.
     """
 
     paired: bool
@@ -36,10 +34,6 @@ class Matching:
 
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials that all sides share, by task, variation or condition, and seed.
-
-    Args:
-        sides: The runs.
-        allow_mixed: True to compare over different versions or engines; the difference is then a note.
 
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and that is not allowed.
@@ -123,7 +117,7 @@ def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:
     """Yield a note about trials that count as failures because there is nothing to judge."""
     unfinished = sum(t.key in side.unfinished for t in trials)
     lost = sum(t.record is None and t.key not in side.unfinished for t in trials)
-    stopped = sum(t.kind == "system" and t.record is not None for t in trials)
+    stopped = sum(t.kind is Kind.SYSTEM and t.record is not None for t in trials)
     n = len(trials)
     if unfinished:
         yield f"{unfinished}/{n} trials of {side.name} are not finished and count as failures; let the run go on."

@@ -11,6 +11,7 @@ from typing import Any
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
 from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz")
 """Conventions that stand in a plan as one value."""
@@ -22,8 +23,6 @@ class Side:
 
     Attributes:
         name: What it is called: the address of its policy, with the name of its folder where two are alike.
-        diagnosis: Its diagnosis.
-        path: Its folder, or an empty text.
         unfinished: Keys of planned trials that neither ended nor broke down yet.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
@@ -37,10 +36,6 @@ class Side:
 
 def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison.
-
-    Args:
-        paths: Folders of the runs, at least two different ones.
-        allow_mixed: True to accept a run whose own records are of several versions or engines.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, or one of them twice.
@@ -90,7 +85,7 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
 def _load(path: Path, *, allow_mixed: bool) -> Side:
     run = RunFolder.open(path)
     diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
-    ended = {f"{e.task}/{e.variation or e.condition}/{e.seed}" for e in run.entries()}
+    ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
     return Side(diagnosis.policy, diagnosis, str(path), unfinished, side_conventions(run.plan, diagnosis.versions))
 

@@ -5,25 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
-from betterbench.statistics import Rate, percent
+from betterbench.statistics import percent
+from betterbench.statistics.wording import counted, p_text, points
+from betterbench.tasks.labels import Kind
+
+__all__ = ["p_text", "points", "scope_text", "sequential_sentences", "verdict_sentences"]
 
 MANY = 3
-"""Largest number of policies for which every pair gets its own sentence; above it, letters say it shorter."""
+"""Largest number of policies for which every pair gets its own sentence; above it, letters are shorter."""
 
 SHOWN_PARTS = 6
 """Largest number of parts that one sentence names."""
 
-_FAILURES = {"reasoning": "reasoning failures", "execution": "execution failures", "system": "system failures"}
-
 
 def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) -> tuple[str, ...]:
-    """Return the result of a comparison, the most important sentence first.
-
-    Args:
-        groups: All groups.
-        paired: Whether the policies ran the same trials.
-        alpha: Level of each family.
-    """
+    """Return the result of a comparison, the most important sentence first."""
     main = next((g for g in groups if g.measure == "success" and g.scope in ("overall", "training")), None)
     if main is None:
         return ("Nothing can be concluded: there is no trial to compare.",)
@@ -37,21 +33,6 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
     """Return what the sequential evidence says about each pair of policies."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
-
-
-def shown(rate: Rate) -> str:
-    """Return a rate with its count: "45/60 (75.0 %)"."""
-    return f"{rate.k}/{rate.n} ({percent(rate.k, rate.n)} %)" if rate.n else "0/0"
-
-
-def points(value: float) -> str:
-    """Return a fraction in percentage points with one decimal."""
-    return f"{100.0 * value:.1f}".replace("-0.0", "0.0")
-
-
-def p_text(p: float) -> str:
-    """Return a p-value as it is read: "p = 0.012", "p < 0.0001"."""
-    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
 
 
 def scope_text(scope: str) -> str:
@@ -76,13 +57,13 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
         better, worse = (c.second, c.first) if swap else (c.first, c.second)
         high, low = (c.second_rate, c.first_rate) if swap else (c.first_rate, c.second_rate)
         return (
-            f"{better} is better than {worse}: it succeeds in {shown(high)} of {where}, {worse} in {shown(low)}. "
+            f"{better} is better than {worse}: it succeeds in {counted(high)} of {where}, {worse} in {counted(low)}. "
             f"The difference {c.first} minus {c.second} is {points(value)} points ({numbers})."
         )
     return (
         f"Nothing can be concluded about which of {c.first} and {c.second} is better on {where}: "
-        f"{shown(c.first_rate)} against {shown(c.second_rate)}, a difference of {points(value)} points ({numbers}). "
-        f"{_limit(c, n, kind)}"
+        f"{counted(c.first_rate)} against {counted(c.second_rate)}, a difference of {points(value)} points "
+        f"({numbers}). {_limit(c, n, kind)}"
     )
 
 
@@ -100,7 +81,7 @@ def _limit(c: Contrast, n: int, kind: str) -> str:
 def _ranking(group: Group) -> str:
     """Return all policies in order with their letters, and what the undecided pairs could have shown."""
     order = sorted(zip(group.rates, group.names, group.letters, strict=True), key=lambda row: -(row[0].value or 0.0))
-    listed = ", ".join(f"{name} {shown(rate)} {letters}" for rate, name, letters in order)
+    listed = ", ".join(f"{name} {counted(rate)} {letters}" for rate, name, letters in order)
     where = "Training conditions" if group.scope == "training" else "Variations"
     undecided = [c for c in group.contrasts if not c.different]
     text = f"{where}: {listed}."
@@ -133,7 +114,8 @@ def _part(c: Contrast) -> str:
     counts = f"{c.first_rate.k}/{c.first_rate.n} to {c.second_rate.k}/{c.second_rate.n}"
     if c.measure == "success":
         return f"{scope_text(c.scope)} ({higher} better, {counts})"
-    return f"{_FAILURES.get(c.measure, c.measure)} ({higher} more, {counts})"
+    what = f"{c.measure} failures" if c.measure in tuple(Kind) else c.measure
+    return f"{what} ({higher} more, {counts})"
 
 
 def _sequential(c: SequentialContrast, alpha: float, contrasts: int) -> str:

@@ -3,13 +3,7 @@
 from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, ProbeCell, packaged_calibration
 from betterbench.diagnosis.run import diagnose_records, diagnose_run
 from betterbench.diagnosis.trial import diagnose_record, offline_truth
-from betterbench.diagnosis.verdict import (
-    Attempt,
-    Evidence,
-    Metric,
-    RunDiagnosis,
-    TrialDiagnosis,
-)
+from betterbench.diagnosis.verdict import Attempt, Evidence, Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.tasks.labels import Kind, Label
 
 __all__ = [

@@ -15,13 +15,8 @@ class GraspAttempt:
     """One grasp attempt, before it is known what was asked for.
 
     Attributes:
-        start: Row of the last state before the gripper began to close.
-        end: Row at which the attempt was resolved.
-        release: Row at which the hand was commanded to open again, or the number of rows.
-        object: Index of the object that was grasped at, or None for an air grasp.
-        aim: Index of the object that the hand was closest to; for an air grasp the one that it missed, if any.
-        slot: Pick slot at which it happened, or None.
-        secured: True if the object was lifted.
+        release: Row at which the gripper was commanded to open again, or the number of rows.
+        aim: Index of the object that the gripper was closest to; for an air grasp the one that it missed, if any.
     """
 
     start: int
@@ -37,7 +32,7 @@ def find_grasps(trace: Trace) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in time.
 
     Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
-    is in the hand already are no attempts; closings that only a flicker separates are one.
+    is in the gripper already are no attempts; closings that only a flicker separates are one.
     """
     grasps: list[GraspAttempt] = []
     for start, stop in _closings(trace):
@@ -76,7 +71,7 @@ def _still_gripped(trace: Trace, last: GraspAttempt, row: int) -> bool:
 
 
 def _in_place(trace: Trace, last: GraspAttempt, grasp: GraspAttempt) -> bool:
-    """Tell whether a hand only closes again on what it has just put somewhere, before it has gone away from it."""
+    """Tell whether the gripper closes again on what it has just put somewhere, before it has moved away."""
     i = grasp.object
     if i is None or i != last.object or not last.secured or grasp.secured or not trace.there[grasp.start, i]:
         return False
@@ -106,12 +101,12 @@ def _resolve(trace: Trace, start: int, stop: int) -> GraspAttempt | None:
 
 
 def _still_closing(trace: Trace, limit: int) -> bool:
-    """Tell whether the fingers were on their way when the episode ended: nobody knows what they would have met."""
+    """Tell whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
     return limit == trace.rows and float(trace.width[limit - 2] - trace.width[limit - 1]) > THRESHOLDS.finger_travel
 
 
 def _touched(trace: Trace, start: int, limit: int, settled: int) -> tuple[int, int] | None:
-    """Return the object that a closing hand got hold of, and the row at which it did, or None."""
+    """Return the object that the closing gripper got hold of, and the row at which it did, or None."""
     left, right = trace.left[start:limit], trace.right[start:limit]
     both = left & right
     if both.any():
@@ -142,12 +137,12 @@ def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
 
 
 def _lifted(trace: Trace, i: int | None, start: int, stop: int) -> bool:
-    """Tell whether an object rose in the hand, or a drawer moved along its rails."""
+    """Tell whether an object rose in the gripper, or a drawer moved along its rails."""
     if i is None:
         return False
     rows = slice(start, stop)
     gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
-    if any(i == drawer for drawer, _, _ in trace.drawers):
+    if trace.is_drawer(i):
         moved = np.linalg.norm(trace.positions[rows, i] - trace.positions[start, i], axis=1)
         return bool((gripped & (moved >= THRESHOLDS.begun_lift)).any())
     risen = trace.positions[rows, i, 2] - trace.positions[start, i, 2] >= THRESHOLDS.begun_lift
@@ -155,13 +150,13 @@ def _lifted(trace: Trace, i: int | None, start: int, stop: int) -> bool:
 
 
 def _air_grasp(trace: Trace, before: int, settled: int, stop: int) -> GraspAttempt | None:
-    """Return a null attempt, or None where nothing is within reach of the hand."""
+    """Return a null attempt, or None where nothing is within reach of the gripper."""
     tool = trace.tool[settled]
     home = np.array(trace.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return None
     if float(np.linalg.norm((tool - trace.tool[before])[:2])) > THRESHOLDS.slot_reach:
-        return None  # a hand that closes while it travels past aims at nothing
+        return None  # a gripper that closes while it travels past aims at nothing
     boxes, centers = trace.box_distances(before, tool), trace.center_distances(before, tool)
     within = [
         (float(centers[i]), i)

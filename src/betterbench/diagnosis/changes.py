@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeVar
 from betterbench.diagnosis.failure_mode import labels_of_second_pass
 from betterbench.diagnosis.stored import StoredDiagnosis, StoredMetric, StoredTrial
 
-Key = TypeVar("Key")
-Value = TypeVar("Value")
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
 """What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
@@ -24,13 +24,7 @@ _SAME_TIME = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class ThresholdChange:
-    """One threshold that differs.
-
-    Attributes:
-        name: Its name.
-        before: Its stored value, or None if it did not exist.
-        now: Its value now, or None if it does not exist any more.
-    """
+    """One threshold that differs."""
 
     name: str
     before: float | None
@@ -42,8 +36,6 @@ class TrialChange:
     """One trial that is judged otherwise.
 
     Attributes:
-        key: The trial ("fast_food/T1/3").
-        sort: What changed.
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
         reasons: Why, as far as the two judgments show it; sentences without a full stop.
@@ -70,14 +62,7 @@ class TrialChange:
 
 @dataclass(frozen=True, slots=True)
 class MetricChange:
-    """One metric that differs.
-
-    Attributes:
-        name: What is measured.
-        scope: What it is measured over.
-        before: The stored number, or None if there was none.
-        now: The number now, or None if there is none any more.
-    """
+    """One metric that differs."""
 
     name: str
     scope: str
@@ -87,15 +72,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """What a diagnosis judges otherwise than a stored one of the same run.
-
-    Attributes:
-        version_before: Version of betterbench that made the stored one.
-        version_now: Version that makes the new one.
-        thresholds: Thresholds that differ, by name.
-        trials: Trials that differ, in plan order.
-        metrics: Metrics that differ.
-    """
+    """What a diagnosis judges otherwise than a stored one of the same run."""
 
     version_before: str
     version_now: str
@@ -136,12 +113,7 @@ class DiagnosisChanges:
 
 
 def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
-    """Return what changed between two diagnoses of one run.
-
-    Args:
-        before: The stored one.
-        now: The new one (see :meth:`StoredDiagnosis.of`).
-    """
+    """Return what changed between two diagnoses of one run."""
     thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
     names = tuple(t.name for t in thresholds)
     trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
@@ -150,8 +122,8 @@ def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChan
 
 
 def _differences(
-    before: Mapping[Key, Value], now: Mapping[Key, Value]
-) -> Iterator[tuple[Key, Value | None, Value | None]]:
+    before: Mapping[_Key, _Value], now: Mapping[_Key, _Value]
+) -> Iterator[tuple[_Key, _Value | None, _Value | None]]:
     """Yield the keys whose values differ, with both values, in the order of the new mapping."""
     for key in (*now, *(k for k in before if k not in now)):
         a, b = before.get(key), now.get(key)

@@ -15,13 +15,9 @@ _ROBOT = GRIPPER_BODIES | {"arm"}
 def count_collisions(record: Record, trace: Trace) -> int:
     """Return the number of collisions with fixtures in an episode.
 
-    A collision begins when the robot or the object in its hand presses on a fixed fixture with more than
+    A collision begins when the robot or the object in its gripper presses on a fixed fixture with more than
     ``collision_force``, and ends when it has not for ``collision_gap``. An object that is already where a subgoal wants
     it, such as a jar on the floor of its hole, does not collide with what it stands on.
-
-    Args:
-        record: The record.
-        trace: Its trace.
     """
     objects = trace.info.objects
     index = {o.name: i for i, o in enumerate(objects)}

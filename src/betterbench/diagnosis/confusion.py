@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, TypeAdapter, with_config
+from pydantic import TypeAdapter
 
-from betterbench.diagnosis.forms import STRICT, LabelField, read_form
+from betterbench.diagnosis.forms import LabelField, file_form, read_file_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
@@ -18,17 +18,12 @@ PACKAGED = "calibration.json"
 """File of the packaged calibration, beside this module in ``data``."""
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class ProbeCell:
     """One probe on one variation.
 
     Attributes:
-        probe: Name of the probe.
-        task: Task id.
-        variation: Name of the variation.
-        k: Successes.
-        n: Trials.
         chance: Success rate of a policy that sees everything and guesses the instruction.
         p_value: Two-sided exact binomial test against the chance rate, Holm-corrected over the probe's variations.
     """
@@ -52,19 +47,15 @@ class ProbeCell:
         return self.chance >= 1.0
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class Judged:
     """One trial of a faulty policy with its true label and the one that it was given.
 
     Attributes:
-        policy: Address of the policy, with its options.
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
-        label: Label that the diagnosis gave.
         fault: What was decided wrongly, in the policy's own words.
-        rule: Rule of the diagnosis that fired.
-        text: Its evidence, one sentence.
     """
 
     policy: str
@@ -91,7 +82,6 @@ class LabelScore:
     """How well one label is found.
 
     Attributes:
-        label: The label.
         recall: Of the trials that deserve it, those that were given it.
         precision: Of the trials that were given it, those that deserve it.
     """
@@ -106,12 +96,8 @@ class Calibration:
     """What a diagnosis is worth, measured.
 
     Attributes:
-        counts: Trials by true label and given label.
         policies: Per policy its right trials and all its trials.
-        wrong: The trials whose label is wrong.
         crossed: Trials in which reasoning was called execution or the other way round.
-        probes: What the blind probes reach on every variation.
-        versions: Versions found in the records.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -193,16 +179,16 @@ class Calibration:
         }
 
     @classmethod
-    def from_json(cls, raw: bytes | str, *, where: str = PACKAGED) -> Calibration:
+    def from_json(cls, raw: bytes, *, where: str = PACKAGED) -> Calibration:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        file = read_form(_FILE, raw, where=where, cure="Run better calibrate again")
+        file = read_file_form(_FILE, raw, where=where, cure="Run better calibrate again")
         return cls(
             {(c.truth, c.label): c.n for c in file.counts},
-            {name: Rate(rate.k, rate.n) for name, rate in file.policies.items()},
+            file.policies,
             file.wrong,
             file.crossed,
             file.probes,
@@ -210,7 +196,7 @@ class Calibration:
         )
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _CountForm:
     truth: LabelField
@@ -218,23 +204,11 @@ class _CountForm:
     n: int
 
 
-@with_config(STRICT)
-@dataclass(frozen=True, slots=True)
-class _RateForm:
-    k: Annotated[int, Field(ge=0)]
-    n: Annotated[int, Field(ge=0)]
-
-    def __post_init__(self) -> None:
-        """Refuse what no experiment can give."""
-        if self.k > self.n:
-            raise ValueError(f"{self.k} of {self.n} is impossible")
-
-
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _File:
     counts: list[_CountForm]
-    policies: dict[str, _RateForm]
+    policies: dict[str, Rate]
     wrong: tuple[Judged, ...]
     crossed: int
     probes: tuple[ProbeCell, ...]

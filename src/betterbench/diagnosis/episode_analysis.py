@@ -1,4 +1,4 @@
-"""The course of an episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+"""An episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
 
 from __future__ import annotations
 
@@ -36,14 +36,10 @@ class Step:
     """One grasp attempt, seen against the instruction.
 
     Attributes:
-        grasp: The attempt by rows and indices.
         attempt: The attempt as it is reported.
         at: Index of the object that it was at or that it missed, or None.
-        target: How that object stands to the instruction.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots in which the objects stand that were asked for.
-        taken_for: Index of the subgoal at whose place the object was put although that subgoal means another object,
-            or None.
     """
 
     grasp: GraspAttempt
@@ -52,37 +48,30 @@ class Step:
     target: AttemptTarget
     goal: int | None
     asked_slots: tuple[str, ...]
-    taken_for: int | None = None
 
     @property
     def missed(self) -> bool:
-        """Whether the hand closed beside the object."""
+        """Whether the gripper closed beside the object."""
         return self.grasp.object is None and self.at is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeAnalysis:
-    """One episode against its condition and its training regime.
+    """One episode against its condition and the training distribution of its task.
 
     Attributes:
-        trace: The episode as arrays.
-        condition: The condition in force.
-        trained: The regularities of the training regime.
         meant: Per subgoal the indices of the objects that it can mean.
-        known_kinds: Kinds of object that some instruction of the task means.
-        steps: All grasp attempts, in time.
     """
 
     trace: Trace
     condition: Condition
     trained: TrainingDistribution
     meant: tuple[tuple[int, ...], ...]
-    known_kinds: frozenset[str]
     steps: tuple[Step, ...]
 
     @property
     def instruction(self) -> Instruction:
-        """The sentence and what it asks for."""
+        """The instruction text and what it asks for."""
         return self.condition.instruction
 
     @property
@@ -98,14 +87,12 @@ class EpisodeAnalysis:
     @property
     def first_choice(self) -> Step | None:
         """The first attempt that is not at a drawer: opening one is on the way, and chooses nothing yet."""
-        drawers = {i for i, _, _ in self.trace.drawers}
-        return next((step for step in self.steps if step.at not in drawers), None)
+        return next((step for step in self.steps if not self.trace.is_drawer(step.at)), None)
 
     @property
     def first_attempt(self) -> Step | None:
         """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
-        drawers = {i for i, _, _ in self.trace.drawers}
-        telling = (s for s in self.steps if s.at not in drawers or s.target is not AttemptTarget.ASKED)
+        telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
         return next(telling, self.steps[0] if self.steps else None)
 
     def kind(self, i: int) -> str:
@@ -129,12 +116,44 @@ class EpisodeAnalysis:
         return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the row at which what an attempt took has left the hand, and the row at which it has come to rest.
+        """Return the rows at which what an attempt took left the gripper and had come to rest.
 
         Returns:
             The two rows, or None if it took nothing or still has it at the end.
         """
-        return _let_go(self.trace, step.grasp)
+        trace, grasp, i = self.trace, step.grasp, step.grasp.object
+        if i is None:
+            return None
+        rows = slice(grasp.end, min(trace.rows, grasp.release + trace.steps(THRESHOLDS.stop_time)))
+        gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+        if not gripped.any():
+            return None
+        gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
+        if gone >= trace.rows:
+            return None
+        rest = min(trace.rows - 1, gone + trace.steps(THRESHOLDS.settle_after_release))
+        again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
+        return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
+
+    def slipped(self, step: Step) -> bool:
+        """Tell whether what an attempt took fell out of a gripper that was to stay closed, wherever it landed."""
+        rows, i = self.let_go(step), step.grasp.object
+        if rows is None or i is None:
+            return False
+        gone, rest = rows
+        fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        return gone < step.grasp.release and fall > THRESHOLDS.fall_height
+
+    def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
+        """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None."""
+        i, rows = step.grasp.object, self.let_go(step)
+        if rows is None or i is None or not step.grasp.secured:
+            return None
+        gone, rest = rows
+        place = self.trace.placed(rest, i)
+        if place is None or self.trace.serves[rest, :, i].any() or self.slipped(step):
+            return None
+        return gone, rest, place
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
         """Return where a right object was put that was not asked for, with the rows of release and of rest.
@@ -144,12 +163,19 @@ class EpisodeAnalysis:
         """
         if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
             return None
-        return _wrong_place(self.trace, step.grasp)
+        return self.put_down(step)
 
-    def slipped(self, step: Step) -> bool:
-        """Tell whether what an attempt took fell out of the hand while it was to stay closed."""
-        rows, i = self.let_go(step), step.grasp.object
-        return rows is not None and i is not None and _slipped(self.trace, step.grasp, i, rows)
+    def taken_for(self, step: Step) -> int | None:
+        """Return the subgoal at whose place an object was put although that subgoal means another object, or None."""
+        found, i = self.put_down(step), step.grasp.object
+        if found is None or i not in self.asked_indices:
+            return None
+        place = found[2]
+        for g, goal in enumerate(self.goals):
+            same = (goal.relation, self.trace.targets[g], goal.region) == (place.relation, place.target, place.region)
+            if same and i not in self.meant[g]:
+                return g
+        return None
 
     def memorized(self, i: int, place: Whereabout) -> bool:
         """Tell whether training put objects of this kind there."""
@@ -225,31 +251,25 @@ class EpisodeAnalysis:
         if self.condition.expected is Expected.STAY_STILL:
             return float(done[-1].mean())
         first = [int(np.argmax(column)) if column.any() else None for column in done.T]
+        refuse = self.condition.expected is Expected.REFUSE
+        asked = [g for g in range(len(first)) if self.meant[g] or not refuse]
+        if refuse and not asked:
+            return 1.0
         valid = 0
-        asked = range(len(first))
-        if self.condition.expected is Expected.REFUSE:
-            asked_list = [g for g in asked if self.meant[g]]
-            if not asked_list:
-                return 1.0
-        else:
-            asked_list = list(asked)
-        for g in asked_list:
-            row = first[g]
-            if row is None:
-                continue
-            earlier = [first[j] for j in asked_list if j < g]
-            if not self.instruction.ordered or all(e is not None and e <= row for e in earlier):
-                valid += 1
-        return valid / len(asked_list)
+        for g in asked:
+            row, earlier = first[g], [first[j] for j in asked if j < g]
+            in_order = row is not None and all(e is not None and e <= row for e in earlier)
+            valid += in_order or (row is not None and not self.instruction.ordered)
+        return valid / len(asked)
 
 
 def analyze_episode(trace: Trace, condition: Condition, trained: TrainingDistribution) -> EpisodeAnalysis:
-    """Return the course of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
+    """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
-    return EpisodeAnalysis(trace, condition, trained, trace.meant, known, steps)
+    return EpisodeAnalysis(trace, condition, trained, trace.meant, steps)
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
@@ -297,20 +317,20 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
 def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     """Return the drawer that a subgoal loads if an attempt did not push it in: it may be drawn out in several pulls."""
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
-    if i is None or i != trace.targets[g] or all(i != drawer for drawer, _, _ in trace.drawers):
+    if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
     return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - THRESHOLDS.pushed_in else set()
 
 
 def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:
-    row, meant = grasp.start, trace.meant
+    row = grasp.start
     due = _open_goals(trace, instruction.subgoals, row)
     now = due[:1] if instruction.ordered else due
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
     at = grasp.object if grasp.object is not None else grasp.aim
     open_now = {i for g in due for i in wanted[g]}
-    target = _standing(trace, at, needed=needed, due=open_now, meant=meant, known=known)
+    target = _target_of(trace, at, needed=needed, due=open_now, known=known)
     goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
     slots = sorted(
         {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
@@ -320,76 +340,15 @@ def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: 
     attempt = Attempt(
         float(trace.time[grasp.start]), float(trace.time[grasp.end]), name, grasp.slot, result, grasp.secured
     )
-    if at is None and grasp.slot is not None and _pushed_away(trace, grasp, needed):
-        at = next(i for i in sorted(needed) if trace.info.objects[i].slot == grasp.slot)
-        target = AttemptTarget.ASKED
+    moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
+    if at is None and grasp.slot is not None and moved:  # the slot is empty because what was asked for was moved away
+        at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
-    return Step(grasp, attempt, at, target, goal, tuple(slots), _taken_for(trace, instruction.subgoals, grasp))
+    return Step(grasp, attempt, at, target, goal, tuple(slots))
 
 
-def _let_go(trace: Trace, grasp: GraspAttempt) -> tuple[int, int] | None:
-    """Return the rows of release and of rest of what was taken, or None if nothing was, or it is still in the hand."""
-    i = grasp.object
-    if i is None:
-        return None
-    until = min(trace.rows, grasp.release + trace.steps(THRESHOLDS.stop_time))
-    rows = slice(grasp.end, until)
-    gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
-    if not gripped.any():
-        return None
-    gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
-    if gone >= trace.rows:
-        return None
-    rest = min(trace.rows - 1, gone + trace.steps(THRESHOLDS.settle_after_release))
-    again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
-    return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
-
-
-def _wrong_place(trace: Trace, grasp: GraspAttempt) -> tuple[int, int, Whereabout] | None:
-    """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None."""
-    i, rows = grasp.object, _let_go(trace, grasp)
-    if rows is None or i is None or not grasp.secured:
-        return None
-    gone, rest = rows
-    place = trace.placed(rest, i)
-    if place is None or trace.serves[rest, :, i].any() or _slipped(trace, grasp, i, rows):
-        return None
-    return gone, rest, place
-
-
-def _slipped(trace: Trace, grasp: GraspAttempt, i: int, rows: tuple[int, int]) -> bool:
-    """Tell whether an object fell out of a hand that was to stay closed: where it lands, nobody brought it."""
-    gone, rest = rows
-    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
-    return gone < grasp.release and fall > THRESHOLDS.fall_height
-
-
-def _taken_for(trace: Trace, goals: tuple[Subgoal, ...], grasp: GraspAttempt) -> int | None:
-    """Return the subgoal at whose place an object was put that the subgoal does not mean, or None."""
-    found = _wrong_place(trace, grasp)
-    if found is None or all(grasp.object not in names for names in trace.meant):
-        return None
-    _, _, place = found
-    for g, goal in enumerate(goals):
-        same = (goal.relation, trace.targets[g], goal.region) == (place.relation, place.target, place.region)
-        if same and grasp.object not in trace.meant[g]:
-            return g
-    return None
-
-
-def _pushed_away(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> bool:
-    """Tell whether the slot of an air grasp is empty only because what was asked for has been moved out of it."""
-    return any(trace.info.objects[i].slot == grasp.slot for i in needed)
-
-
-def _standing(
-    trace: Trace,
-    at: int | None,
-    *,
-    needed: set[int],
-    due: set[int],
-    meant: tuple[tuple[int, ...], ...],
-    known: frozenset[str],
+def _target_of(
+    trace: Trace, at: int | None, *, needed: set[int], due: set[int], known: frozenset[str]
 ) -> AttemptTarget:
     if at is None:
         return AttemptTarget.EMPTY
@@ -397,9 +356,8 @@ def _standing(
         return AttemptTarget.ASKED
     if at in due:
         return AttemptTarget.LATER
-    if any(at in names for names in meant):
+    if any(at in names for names in trace.meant):
         return AttemptTarget.REPEATED
     found = trace.info.objects[at]
-    return (
-        AttemptTarget.OTHER if found.kind in known or found.role in ("container", "fixture") else AttemptTarget.FOREIGN
-    )
+    other = found.kind in known or found.role in ("container", "fixture")
+    return AttemptTarget.OTHER if other else AttemptTarget.FOREIGN

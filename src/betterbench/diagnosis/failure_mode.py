@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
@@ -12,6 +12,7 @@ from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
+from betterbench.tasks.user_files import registered
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,10 +45,9 @@ Finder = Callable[[TrialView], Evidence | None]
 class FailureMode:
     """One outcome label: how it is found, and how tables and reports speak of it.
 
+    An instance registers itself with the function that it decorates, the finder of the mode.
+
     Attributes:
-        label: The label.
-        find: Its finder.
-        name: Full name.
         short: Name of one or two words for a segment of a bar.
         definition: What the record has to show, one sentence (suite, section 5).
         conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
@@ -55,12 +55,11 @@ class FailureMode:
         detail: Returns what the trials of one such sentence have in common, to go on with it.
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
         needs_rule: Whether only an upheld rule proves it: one trial alone is then called ``wrong_object``.
+        title: Full name, if it is not the words of the label.
         exposed_by: Tells whether a variation puts policies with this fault to the test; None where it shows anywhere.
     """
 
     label: Label
-    find: Finder
-    name: str
     short: str
     definition: str
     conclusion: str = ""
@@ -69,6 +68,27 @@ class FailureMode:
     rule: str | None = None
     needs_rule: bool = False
     exposed_by: Callable[[Exposure], bool] | None = None
+    title: str = ""
+    find: Finder = field(default=lambda _: None, repr=False)
+
+    def __call__(self, find: Finder) -> Finder:
+        """Register the mode with its finder.
+
+        Raises:
+            InvalidInputError: If the label has a mode.
+        """
+        if self.label in _MODES:
+            raise InvalidInputError("failure mode", f"{self.label} is registered already", "Make a new label")
+        find = registered("failure mode", self.label.value, find, _MODES)
+        known = {**_MODES, self.label: replace(self, find=find)}
+        _MODES.clear()
+        _MODES.update((label, known[label]) for label in all_labels() if label in known)
+        return find
+
+    @property
+    def name(self) -> str:
+        """Full name."""
+        return self.title or self.label.value.replace("_", " ").capitalize()
 
     @property
     def family(self) -> str:
@@ -80,39 +100,6 @@ _MODES: dict[Label, FailureMode] = {}
 
 MODES: Mapping[Label, FailureMode] = MappingProxyType(_MODES)
 """All modes by label, in the order of the labels; ``diagnosis.modes`` fills it when it is imported."""
-
-
-def failure_mode(
-    label: Label,
-    *,
-    name: str,
-    short: str,
-    definition: str,
-    conclusion: str = "",
-    finding: str = "",
-    detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None,
-    rule: str | None = None,
-    needs_rule: bool = False,
-    exposed_by: Callable[[Exposure], bool] | None = None,
-) -> Callable[[Finder], Finder]:
-    """Register the decorated function as the finder of a label; the arguments are those of :class:`FailureMode`.
-
-    Raises:
-        InvalidInputError: If the label has a mode.
-    """
-
-    def register(find: Finder) -> Finder:
-        if label in _MODES:
-            raise InvalidInputError("failure mode", f"{label} is registered already", "Make a new label")
-        _MODES[label] = FailureMode(
-            label, find, name, short, definition, conclusion, finding, detail, rule, needs_rule, exposed_by
-        )
-        ordered = [_MODES[known] for known in all_labels() if known in _MODES]
-        _MODES.clear()
-        _MODES.update((mode.label, mode) for mode in ordered)
-        return find
-
-    return register
 
 
 def remove_mode(label: Label) -> None:

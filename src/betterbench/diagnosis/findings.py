@@ -15,12 +15,7 @@ from betterbench.tasks.labels import Kind, Label
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
-    """Return one sentence per task and failure mode, the most frequent first, reasoning before execution.
-
-    Args:
-        trials: All trials with their final labels.
-        rules: What the second pass found out, per task.
-    """
+    """Return one sentence per task and failure mode, the most frequent first, reasoning before execution."""
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     planned: dict[tuple[str, str], int] = defaultdict(int)
     for t in trials:
@@ -50,15 +45,7 @@ def find_notes(
     *,
     pending: int = 0,
 ) -> tuple[str, ...]:
-    """Return what the run cannot show, one sentence each.
-
-    Args:
-        trials: All trials with their final labels.
-        rules: What the second pass found out, per task.
-        missing: Keys of planned trials without a record.
-        pairs: Number of trials with a twin in the run.
-        pending: Number of trials that a run in progress has not reached.
-    """
+    """Return what the run cannot show, one sentence each."""
     notes = []
     if pending:
         notes.append(

@@ -14,12 +14,6 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
     A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy
     grasps again is none.
-
-    Args:
-        episode: The course of the episode.
-
-    Returns:
-        First and last row of the halt.
     """
     trace = episode.trace
     still = _still(trace)

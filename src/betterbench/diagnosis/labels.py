@@ -9,7 +9,7 @@ from typing import NamedTuple
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.failure_mode import TrialView, labels_of_second_pass
 from betterbench.diagnosis.modes import MODES
-from betterbench.diagnosis.ruling import ALONE, Ruling, Status
+from betterbench.diagnosis.ruling import ALONE, RuleStatus, Ruling
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
@@ -51,10 +51,6 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     The first one in time decides; for the same attempt the order of the labels does. Where the second pass leaves open
     which rule explains an attempt, the label is ``wrong_object`` with the labels that remain possible, unless something
     else explains the same attempt.
-
-    Args:
-        findings: All evidence of the trial.
-        ruling: What the second pass says about it.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided = {f.evidence.start_s for f in findings if _status(f.label, ruling) == "open"}
@@ -73,7 +69,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     return min(kept, key=lambda entry: entry[:2])[2]
 
 
-def _status(label: Label, ruling: Ruling) -> Status:
+def _status(label: Label, ruling: Ruling) -> RuleStatus:
     mode = MODES[label]
     return ruling.status(mode.rule) if mode.needs_rule and mode.rule is not None else "upheld"
 

@@ -8,7 +8,7 @@ from typing import Literal
 WORD, HABIT, PLACE, CONFUSION = "word", "habit", "place", "confusion"
 """Kinds of rule that can explain a wrong first attempt; confusion is no rule at all."""
 
-Status = Literal["upheld", "rejected", "open"]
+RuleStatus = Literal["upheld", "rejected", "open"]
 """Whether a rule explains a trial, does not, or cannot be told from another for lack of trials."""
 
 
@@ -17,14 +17,13 @@ class Ruling:
     """What the second pass says about one trial.
 
     Attributes:
-        shortcut: Status of "the word leads there".
         place: Whether "always the same place" is upheld and explains this trial.
     """
 
-    shortcut: Status = "open"
+    shortcut: RuleStatus = "open"
     place: bool = False
 
-    def status(self, rule: str) -> Status:
+    def status(self, rule: str) -> RuleStatus:
         """Return the status of a kind of rule; the habit needs no ruling, because one trial shows it."""
         if rule == WORD:
             return self.shortcut

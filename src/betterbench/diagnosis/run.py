@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, with_config
+from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.forms import STRICT, read_form
+from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -22,6 +21,7 @@ from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import RecordError
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.metadata import dump_json
 from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
 
@@ -47,7 +47,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once nobody writes any more, they are trials without a record.
+    nowhere. Once no process writes any more, they are trials without a record.
 
     Args:
         folder: The run, or its folder.
@@ -84,10 +84,6 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
     """Return what several records of one policy prove, without a run folder.
 
-    Args:
-        records: The records, in the order in which the trials are listed.
-        allow_mixed: True to diagnose records of several versions, engines or policies together.
-
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
         RecordError: If there is no record, or one lacks a predicate of its task.
@@ -114,7 +110,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
     """One trial of a plan, as the file names it."""
@@ -125,7 +121,7 @@ class _PlannedForm:
     variation: str | None = None
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _PlanForm:
     """What the diagnosis reads of a plan."""
@@ -144,7 +140,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
         RecordError: If the plan lacks them or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
-    plan = read_form(_PLAN, json.dumps(run.plan), where=where, cure="Restore the file, or start the run again")
+    plan = read_file_form(_PLAN, dump_json(run.plan), where=where, cure="Restore the file, or start the run again")
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     if len(set(trials)) < len(trials):
         twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])
@@ -168,15 +164,10 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiag
     )
     missing, pairs = sorted(map(str, trials.missing)), len(twins(found))
     return RunDiagnosis(
-        policy=policy,
-        trials=found,
-        metrics=compute_metrics(found),
-        findings=find_findings(found, rules),
-        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)),
-        thresholds=THRESHOLDS.to_json(),
-        versions=versions,
-        pending=tuple(map(str, trials.pending)),
-    )
+        policy=policy, trials=found, metrics=compute_metrics(found), findings=find_findings(found, rules),
+        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)), thresholds=THRESHOLDS.to_json(),
+        versions=versions, pending=tuple(map(str, trials.pending)),
+    )  # fmt: skip
 
 
 def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -> TrialDiagnosis:
@@ -192,28 +183,10 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _without_record(trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
     resolved = resolve_condition(trial.task, trial.condition)
     return TrialDiagnosis(
-        task=trial.task,
-        variation=None if resolved.variation is None else trial.condition,
-        condition=resolved.base,
-        axis=resolved.axis,
-        seed=trial.seed,
-        policy=policy,
-        instruction=resolved.condition.instruction.text,
-        success=False,
-        expected=resolved.condition.expected.value,
-        label=Label.POLICY_ERROR,
-        first_attempt=None,
-        first_attempt_kind=None,
-        first_slot=None,
-        intended=None,
-        intended_kind=None,
-        intended_any=(),
-        intention_correct=None,
-        progress=0.0,
-        attempts=(),
-        evidence=without_record(reason),
-        collisions=None,
-        steps=0,
-        duration_s=0.0,
-        record=None,
-    )
+        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
+        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
+        success=False, expected=resolved.condition.expected.value, label=Label.POLICY_ERROR, first_attempt=None,
+        first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
+        intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None, steps=0,
+        duration_s=0.0, record=None,
+    )  # fmt: skip

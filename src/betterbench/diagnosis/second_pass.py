@@ -9,10 +9,10 @@ rule pays for the choice of its slot, because the slot is fitted to the trials a
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
 
-A policy is one mind in all tasks, so what is found in one task counts a little in the others: each kind of rule has a
-weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt that
-two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise: over
-ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
+Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
+has a weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt
+that two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise:
+over ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
 """
 
 from __future__ import annotations
@@ -86,11 +86,7 @@ class TaskRules:
 
 
 def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskRules]:
-    """Judge the rules on the first attempts of one policy in all tasks.
-
-    Args:
-        choices: Per task the first attempt per trial key.
-    """
+    """Judge the rules on the first attempts of one policy in all tasks."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     costs = family_costs([alone[task] for task in sorted(alone)])
     proven = {task for task, found in alone.items() if any(name.startswith("place:") for name in found.upheld)}
@@ -105,9 +101,6 @@ def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
 
     The weights of a mixture are fitted to the tasks that hold wrong attempts, by expectation maximization (Dempster,
     Laird & Rubin 1977), each kind with half a task of prior weight (Jeffreys' prior for a multinomial).
-
-    Args:
-        tasks: What was found out in each task on its own.
     """
     rows = [row for row in map(_family_row, tasks) if row is not None]
     weights = np.full(len(FAMILIES), 1.0 / len(FAMILIES))
@@ -227,14 +220,9 @@ def _judge(name: str, choices: Sequence[Choice], price: float) -> PolicyRule:
         explained += fits and not choice.correct
     best = int(np.argmax(log))
     return PolicyRule(
-        name,
-        price - float(log[best]),
-        float(_GRID[best]),
-        explained,
-        max(opportunities, explained),
-        errors_elsewhere,
+        name, price - float(log[best]), float(_GRID[best]), explained, max(opportunities, explained), errors_elsewhere,
         elsewhere,
-    )
+    )  # fmt: skip
 
 
 def _chance(choice: Choice, error_rate: float) -> float:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter, with_config
-from pydantic_core import PydanticCustomError
+from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 
 import betterbench
-from betterbench.diagnosis.forms import STRICT, read_form
+from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.verdict import RunDiagnosis
-from betterbench.errors import RecordError
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_bounded
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
 
@@ -25,7 +25,7 @@ _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or delete it to store a new one"
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
     """What a stored diagnosis says about one grasp attempt: when it began [s], at what, and its result."""
@@ -39,22 +39,14 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
     return Field(validation_alias=AliasPath("evidence", name))
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
     """What a stored diagnosis says about one trial.
 
     Attributes:
-        key: Text form of the trial.
         label: The outcome, by the names of the version that gave it.
-        success: Whether the trial succeeded.
-        rule: Rule that fired.
-        text: The evidence in a sentence.
-        start_s: Beginning of the evidence [s].
-        end_s: End of the evidence [s].
         candidates: Labels that the trial alone could not tell apart.
-        attempts: Its grasp attempts.
-        steps: Control steps of its record.
         has_record: Whether there was a record.
     """
 
@@ -71,18 +63,10 @@ class StoredTrial:
     has_record: Annotated[bool, BeforeValidator(lambda path: path is not None), Field(validation_alias="record")]
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """What a stored diagnosis says about one metric.
-
-    Attributes:
-        name: What is measured.
-        scope: What it is measured over.
-        k: Count of the numerator, or None.
-        n: Count of the denominator.
-        value: The number, or None.
-    """
+    """What a stored diagnosis says about one metric."""
 
     name: str
     scope: str
@@ -93,12 +77,11 @@ class StoredMetric:
 
 def _readable(version: object) -> object:
     if isinstance(version, int) and not isinstance(version, bool) and version != STORED_SCHEMA_VERSION:
-        text = "it is {version} and not {wanted}, so another version of betterbench wrote the file"
-        raise PydanticCustomError("schema_version", text, {"version": version, "wanted": STORED_SCHEMA_VERSION})
+        raise ValueError(f"is {version} and not {STORED_SCHEMA_VERSION}: another version of betterbench wrote the file")
     return version
 
 
-@with_config(STRICT)
+@file_form
 @dataclass(frozen=True, slots=True)
 class _File:
     schema_version: Annotated[int, BeforeValidator(_readable)]
@@ -113,14 +96,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """What a later diagnosis of the same run is compared with.
-
-    Attributes:
-        package_version: Version of betterbench that made it.
-        thresholds: Thresholds in force.
-        trials: Trials by their key.
-        metrics: Metrics by name and scope.
-    """
+    """What a later diagnosis of the same run is compared with."""
 
     package_version: str
     thresholds: Mapping[str, float]
@@ -133,13 +109,13 @@ class StoredDiagnosis:
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod
-    def from_json(cls, raw: bytes | str, *, where: str) -> StoredDiagnosis:
+    def from_json(cls, raw: bytes, *, where: str) -> StoredDiagnosis:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
             RecordError: If the schema version is another one, or a field is missing or of the wrong type.
         """
-        file = read_form(_FILE, raw, where=where, cure=_CURE)
+        file = read_file_form(_FILE, raw, where=where, cure=_CURE)
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,
@@ -177,12 +153,10 @@ def read_stored(run: RunFolder) -> StoredDiagnosis | None:
         RecordError: If the file cannot be read or is malformed.
     """
     path = stored_path(run)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise RecordError(f"{path}: is larger than {_MAX_BYTES} bytes. {_CURE}.")
-        raw = path.read_bytes()
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except OSError as error:
-        raise RecordError(f"{path}: is corrupt ({error}). {_CURE}.") from error
+    try:
+        raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
+    except InvalidInputError as error:
+        raise RecordError(str(error)) from error
     return StoredDiagnosis.from_json(raw, where=str(path))

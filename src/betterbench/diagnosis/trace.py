@@ -23,9 +23,6 @@ class Whereabout:
     """When an object was at one place of a target, asked for or not.
 
     Attributes:
-        object: Index of the object.
-        relation: Name of the relation.
-        target: Index of the target.
         place: TargetRegion of the target, "" if it offers just one.
         rows: (T,) whether it was there.
     """
@@ -42,8 +39,6 @@ class Trace:
     """One episode as arrays. ``T`` rows, ``n`` objects, ``g`` subgoals; world frame, meters, seconds.
 
     Attributes:
-        info: The scene.
-        rate_hz: Control rate [Hz].
         time: (T,) time since reset.
         tool: (T, 3) tool center point.
         width: (T,) distance of the finger pads.
@@ -102,6 +97,10 @@ class Trace:
         """Return where an object is with respect to a target at a row, or None if at no place of any."""
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
+    def is_drawer(self, i: int | None) -> bool:
+        """Tell whether an object is a drawer."""
+        return any(i == drawer for drawer, _, _ in self.drawers)
+
     def opening(self, row: int, drawer: int) -> float:
         """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
         for i, cabinet, place in self.drawers:
@@ -112,15 +111,7 @@ class Trace:
         return 0.0
 
     def box_distances(self, row: int, point: Floats) -> Floats:
-        """Return the distance of a point to every object's oriented bounding box.
-
-        Args:
-            row: Row of the object poses.
-            point: (3,) point.
-
-        Returns:
-            (n,) distances [m], zero inside a box.
-        """
+        """Return the distance of a point to every object's oriented bounding box."""
         size = np.array([o.size_m for o in self.info.objects]).reshape(-1, 3)
         offset = point - self.positions[row]
         q = self.quaternions[row]
@@ -189,27 +180,13 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     left, right = _touches(record, rows)
     stands = {o.slot for o in objects if o.role in ("container", "fixture")}
     return Trace(
-        info=info,
-        rate_hz=record.metadata.control_rate_hz,
-        time=record.time[:rows],
-        tool=record.ee_position[:rows],
-        width=record.finger_width[:rows],
-        closing=_closing(record.gripper_command[:rows]),
-        positions=record.object_positions[:rows],
-        quaternions=record.object_quaternions[:rows],
-        left=left,
-        right=right,
-        held=record.held[:rows],
-        whereabouts=whereabouts,
-        there=there,
-        serves=serves,
-        done=record.subgoals[:rows],
-        meant=meant,
-        targets=targets,
-        items=items,
-        drawers=_drawers(info, condition),
+        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows], tool=record.ee_position[:rows],
+        width=record.finger_width[:rows], closing=_closing(record.gripper_command[:rows]),
+        positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
+        held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
+        meant=meant, targets=targets, items=items, drawers=_drawers(info, condition),
         pick_slots=tuple(s.name for s in info.slots if s.name not in stands),
-    )
+    )  # fmt: skip
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -54,8 +54,6 @@ class Reading:
     """What one record says: a diagnosis by itself, all evidence, and the choice for the second pass.
 
     Attributes:
-        diagnosis: The diagnosis under the trial's own evidence.
-        findings: All evidence.
         choice: The first attempt for the second pass, or None if it says nothing about a rule.
     """
 
@@ -75,10 +73,6 @@ def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosi
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
     the label is then ``wrong_object``, and the evidence names the candidates.
     :func:`~betterbench.diagnosis.diagnose_run` settles them.
-
-    Args:
-        record: The record.
-        path: Its path relative to the run, for the diagnosis.
 
     Raises:
         UnknownNameError: If its task or condition is unknown.
@@ -100,31 +94,17 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
     at = None if first is None else first.grasp.object
     intended = episode.intended()
     diagnosis = TrialDiagnosis(
-        task=m.task,
-        variation=m.variation,
-        condition=resolved.base,
-        axis=resolved.axis,
-        seed=m.seed,
-        policy=m.policy,
-        instruction=m.instruction,
-        success=record.outcome.success,
-        expected=condition.expected.value,
-        label=label,
+        task=m.task, variation=m.variation, condition=resolved.base, axis=resolved.axis, seed=m.seed, policy=m.policy,
+        instruction=m.instruction, success=record.outcome.success, expected=condition.expected.value, label=label,
         first_attempt=None if at is None else episode.name(at),
         first_attempt_kind=None if at is None else episode.kind(at),
         first_slot=None if first is None else first.attempt.slot,
         intended=episode.name(intended[0]) if intended else None,
         intended_kind=episode.kind(intended[0]) if intended else None,
-        intended_any=tuple(episode.name(i) for i in intended),
-        intention_correct=episode.intention_correct(),
-        progress=episode.progress(),
-        attempts=tuple(s.attempt for s in episode.steps),
-        evidence=evidence,
-        collisions=count_collisions(record, trace),
-        steps=trace.rows - 1,
-        duration_s=float(trace.time[-1]),
-        record=path,
-    )
+        intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
+        progress=episode.progress(), attempts=tuple(s.attempt for s in episode.steps), evidence=evidence,
+        collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
+    )  # fmt: skip
     return Reading(diagnosis, findings, _choice(episode))
 
 
@@ -166,14 +146,11 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
     kind = habit(trained)
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
     return Choice(
-        layout=frozenset((s, episode.kind(i)) for s, i in standing.items()),
-        right=right,
-        slot=slot,
-        correct=correct,
+        layout=frozenset((s, episode.kind(i)) for s, i in standing.items()), right=right, slot=slot, correct=correct,
         word_slots=frozenset(trained.word_slots.get(goals[goal].word, ())) if goals else frozenset(),
         habit_slots=frozenset() if kind is None else waiting or frozenset(trained.kind_slots.get(kind, ())),
         places=max(2, len(standing), len(trace.pick_slots) if slot not in standing else 0),
-    )
+    )  # fmt: skip
 
 
 def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:

@@ -15,11 +15,7 @@ class Evidence:
     """Why a label was given, so that a person can look at the film and disagree.
 
     Attributes:
-        rule: Name of the rule that fired.
-        text: One sentence for a person.
         start_s: Beginning of the span that shows it [s].
-        end_s: End of the span [s].
-        objects: Objects involved.
         shared: For a look-alike, what it shares with the target ("color", "shape", "slot"), or nothing.
         candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
     """
@@ -38,8 +34,6 @@ class Attempt:
     """One grasp attempt.
 
     Attributes:
-        start_s: When the gripper began to close [s].
-        end_s: When the attempt was resolved [s].
         object: Object that was grasped at, or None for an air grasp.
         slot: Slot nearest to the attempt, if within reach of one.
         result: "target" (what the instruction asked for now), "distractor" (any other object) or "null".
@@ -59,16 +53,10 @@ class TrialDiagnosis:
     """What one record proves.
 
     Attributes:
-        task: Task id.
         variation: Name of the variation, or None on a training condition.
         condition: Name of the training condition; on a variation, the one it is derived from (the twin's condition).
         axis: Axis of the variation, or None.
-        seed: Seed.
-        policy: Address of the policy.
-        instruction: The sentence.
-        success: Whether the trial succeeded.
         expected: "succeed", "refuse" or "stay_still".
-        label: The outcome.
         first_attempt: Object of the first grasp attempt, or None if there is none or it was an air grasp; a drawer that
             had to be moved for it is not counted.
         first_attempt_kind: Its kind.
@@ -80,11 +68,7 @@ class TrialDiagnosis:
             then of the slots in which they stand.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
         progress: Subgoals completed in a valid order divided by subgoals asked.
-        attempts: All grasp attempts, in time.
-        evidence: Why the label was given.
         collisions: How often the robot, or what it held, bumped into a fixture; None without a record.
-        steps: Control steps taken.
-        duration_s: Simulated time [s].
         record: Path of the record relative to the run, or None if there is none.
     """
 
@@ -151,8 +135,6 @@ class Metric:
         k: Count of the numerator, or None where the number is no single rate.
         n: Count of the denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.
-        low: Lower end of the 95 % interval.
-        high: Upper end of the 95 % interval.
         p_value: Of the paired test, where there is one.
         method: How the interval was made ("wilson", "newcombe", "paired bootstrap").
     """
@@ -182,15 +164,11 @@ class RunDiagnosis:
     """What all records of a run prove.
 
     Attributes:
-        policy: Address of the policy.
         trials: One entry per planned trial, finished or not, in plan order.
-        metrics: All metrics.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
-        thresholds: The thresholds in force.
-        versions: RecordVersions found in the records.
         pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
-            that nobody writes to any more: what it has not finished is then among the trials, without a record.
+            that no process writes to any more: what it has not finished is then among the trials, without a record.
     """
 
     policy: str

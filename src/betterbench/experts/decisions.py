@@ -13,11 +13,11 @@ from betterbench.tasks.relations.closed import drawer_to_move
 
 @dataclass(frozen=True, slots=True)
 class GraspOffset:
-    """A deliberate clumsiness of the hand, for the calibration zoo.
+    """A deliberate error of the grasp, for faulty policies.
 
     Attributes:
-        miss_by_m: Gap between pads and object when the hand closes beside it [m], or None to grasp well.
-        drop: True to open the hand in mid-air after the lift.
+        miss_by_m: Gap between pads and object when the gripper closes beside it [m], or None to grasp well.
+        drop: True to open the gripper in mid-air after the lift.
     """
 
     miss_by_m: float | None = None

@@ -47,7 +47,7 @@ class Pace:
 FREE = Pace(0.50, 0.15, 1.6, 1.8)
 """Pace without a load."""
 CARRY = Pace(0.32, 0.10, 0.8, 1.6)
-"""Pace with an object in the hand, held with 40 N: slip stays below a millimeter, where a lagging arm lost objects."""
+"""Pace with an object in the gripper, held with 40 N: it slips by less than 1 mm."""
 RAILS = Pace(0.14, 0.05, 0.4)
 """Pace of a drawer: what is in it must not slide."""
 APPROACH = Pace(0.16, 0.05, 0.6)

@@ -40,7 +40,7 @@ MAX_JOINT_STEP_RAD = 0.6
 COMFORT_RAD = 0.3
 """Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
 SLIDE_WIDTH_M = 0.05
-"""Opening of the hand around a knob that is checked along the rails [m]."""
+"""Opening of the gripper around a knob that is checked along the rails [m]."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
@@ -70,7 +70,7 @@ class PlacePlan:
         way: Poses of the tool center point to pass.
         release: Pose ``T_world_tcp`` at which the gripper opens.
         retreat: Pose to go to afterward.
-        release_width_m: How far the hand opens to let go [m].
+        release_width_m: How far the gripper opens to let go [m].
     """
 
     way: tuple[Pose, ...]
@@ -85,7 +85,7 @@ class SlidePlan:
 
     Attributes:
         pick: Way to the knob.
-        end: Pose ``T_world_tcp`` to move to with the knob in the hand.
+        end: Pose ``T_world_tcp`` to move to with the knob in the gripper.
     """
 
     pick: PickPlan
@@ -167,7 +167,7 @@ class Planner:
         """Return the best free way to put the held object at one of several poses.
 
         Args:
-            state: State now, with the object in the hand.
+            state: State now, with the object in the gripper.
             name: Name of the object.
             goals: Poses to end at and ways in, the best first.
 
@@ -221,7 +221,7 @@ class Planner:
         raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
 
     def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
-        """Return a free way to a pose with an empty, open hand, or None."""
+        """Return a free way to a pose with an empty, open gripper, or None."""
         self._clearance.load(state)
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
@@ -314,8 +314,8 @@ class Planner:
             joints: (7,) joint angles at its beginning [rad].
             way: Poses of the tool center point.
             width: Distance of the finger pads [m].
-            held: Object in the hand, or None.
-            T_tcp_object: Where the held object is in the hand.
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
             ignore: Objects that the robot may touch.
             lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
 

@@ -28,7 +28,7 @@ class ExecutionNoise:
     """How a body carries out what its rule decides.
 
     Attributes:
-        grasp_offset: Deliberate clumsiness of the hand, or None.
+        grasp_offset: Deliberate error of the grasp, or None.
         action_noise_m: Standard deviation of the noise on each control step's translation [m].
         speed: Share of the usual speed.
         crash_step: Control step at which the policy breaks down, or None.
@@ -76,7 +76,7 @@ class PrivilegedAgent:
         """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
 
         ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
-        decision; ``mishap`` a right decision that the hand could not carry out.
+        decision; ``mishap`` a right decision that the gripper could not carry out.
         """
         fault = self._mind.fault
         return {
@@ -92,7 +92,7 @@ class PrivilegedAgent:
             RuntimeError: If it is the policy's noise to break down, at that step.
         """
         if self._noise_of.crash_step is not None and state.step >= self._noise_of.crash_step:
-            raise RuntimeError("this policy of the calibration zoo breaks down on purpose")
+            raise RuntimeError("this faulty policy fails on purpose")
         if self._run is None:
             self._run = self._live(state)
             action = next(self._run)
@@ -141,7 +141,7 @@ class PrivilegedAgent:
         elif isinstance(decision, Wander):
             state = yield from self._skills.wander(state)
         if not worked and self._noise_of.grasp_offset is None and self._mishap is None:
-            self._mishap = f"the hand could not carry out {decision}"
+            self._mishap = f"the gripper could not carry out {decision}"
         return state
 
 

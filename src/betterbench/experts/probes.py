@@ -1,7 +1,7 @@
 """Open-loop probes: the motion of a demonstration, played without looking.
 
 A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays the demonstration of the
-trial's own twin, ``probe:no-images`` one that goes with the sentence, from another draw of the scene. Both start the
+trial's own twin, ``probe:no-images`` one that goes with the instruction, from another draw of the scene. Both start the
 same arm at the same place; whatever stands elsewhere than in the demonstration, they miss.
 """
 
@@ -76,7 +76,7 @@ def twin_of(scene: Scene) -> Condition:
 
 
 def by_sentence(scene: Scene) -> Condition:
-    """Return a training condition whose sentence is closest to the trial's; one of several by the trial's stream."""
+    """Return a training condition whose instruction is closest to the trial's; one of several by the trial's stream."""
     said = scene.condition.instruction.text
     closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
     best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]

@@ -31,7 +31,7 @@ from betterbench.experts.faulty import (
 )
 
 MAX_ACTION_NOISE_M = 0.02
-"""Largest action_noise that can be asked for [m]; a hand that shakes more knocks everything over."""
+"""Largest action noise that can be asked for [m]; with more, everything is knocked over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,32 +52,32 @@ class ExpertEntry:
 EXPERTS: dict[str, ExpertEntry] = {
     e.address: e
     for e in (
-        ExpertEntry("expert", "Privileged; does what is asked, in order, and recovers from missed grasps.", BrokenRule),
+        ExpertEntry("expert", "Does what is asked, in order, and tries again after a missed grasp.", BrokenRule),
         ExpertEntry("zoo:lexical", "A word triggers the motion that went with it in training.", Lexical),
         ExpertEntry("zoo:layout", "The first pick is always at the same place.", Layout),
         ExpertEntry("zoo:inertia", "Begins with the step that most demonstrations began with.", Inertia),
         ExpertEntry("zoo:sequence", "After its first step it plays the step that followed in training.", Sequence),
         ExpertEntry("zoo:habit-place", "Brings the right thing where training brought it.", HabitPlace),
-        ExpertEntry("zoo:progress-cue", "Reads progress from how many things are left on the table.", ProgressCue),
+        ExpertEntry("zoo:progress-cue", "Reads progress from how many objects are left on the table.", ProgressCue),
         ExpertEntry("zoo:repeat", "Does a finished step again.", Repeat),
         ExpertEntry(
             "zoo:reorder", "Takes the second of two steps first, where the order is part of the goal.", Reorder
         ),
         ExpertEntry("zoo:color", "Any object of the right color will do.", Color),
         ExpertEntry("zoo:shape", "Any object of the right shape will do.", Shape),
-        ExpertEntry("zoo:halt", "Stops for good where sentence and scene were never met together.", Halt),
-        ExpertEntry("zoo:refuse", "Never starts where the scene holds a thing that training never showed.", Refuse),
-        ExpertEntry("zoo:phase", "Freezes or wanders where the scene looks like the middle of a task.", Phase),
-        ExpertEntry("zoo:clumsy", "The right decision, a bad grasp.", Clumsy),
+        ExpertEntry("zoo:halt", "Stops for good if training never showed this instruction in this scene.", Halt),
+        ExpertEntry("zoo:refuse", "Never starts if the scene holds an object that training never showed.", Refuse),
+        ExpertEntry("zoo:phase", "Freezes or wanders if the scene looks like the middle of a task.", Phase),
+        ExpertEntry("zoo:clumsy", "Correct target, failed manipulation.", Clumsy),
         ExpertEntry("zoo:slow", "The right decisions, too slowly for the step limit.", Slow),
         ExpertEntry("zoo:crash", "Breaks down in the middle of the episode.", Crash),
-        ExpertEntry("probe:no-language", "Sees everything and obeys another sentence of the task.", NoLanguage),
+        ExpertEntry("probe:no-language", "Sees everything and follows another instruction of the task.", NoLanguage),
     )
 }
 
 REPLAYS = {
-    "probe:no-images": "Plays the demonstration that goes with the sentence, without looking.",
-    "probe:replay": "Plays the demonstration of the twin, without looking or listening.",
+    "probe:no-images": "Plays the demonstration of the instruction, without looking.",
+    "probe:replay": "Plays the demonstration of the twin, whatever the instruction, without looking.",
 }
 
 

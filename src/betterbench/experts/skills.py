@@ -56,7 +56,7 @@ class Skills:
     speed: float = 1.0
 
     def paced(self, pace: Pace) -> Pace:
-        """Return a pace at this body's share of the usual speed."""
+        """Return a pace at this policy's share of the usual speed."""
         if self.speed == 1.0:
             return pace
         return replace(
@@ -84,12 +84,12 @@ class Skills:
         return state, grasp
 
     def grasp(self, state: WorldState, name: str) -> Outcome:
-        """Close the hand and tell whether the object is between the fingers."""
+        """Close the gripper and tell whether the object is between the fingers."""
         state = yield from close_gripper(state)
         return state, state.touching("left_finger", name) and state.touching("right_finger", name)
 
     def lift(self, state: WorldState, name: str) -> Outcome:
-        """Lift what is in the hand straight up and tell whether it came along."""
+        """Lift what is in the gripper straight up and tell whether it came along."""
         before = state.pose(name).position[2]
         goal = state.commanded_pose.translated(z=LIFT_M)
         state = yield from follow(
@@ -98,7 +98,7 @@ class Skills:
         return state, state.pose(name).position[2] - before > 0.5 * LIFT_M
 
     def retreat(self, state: WorldState, *, up_m: float = 0.12) -> Motion:
-        """Open the hand and move straight up."""
+        """Open the gripper and move straight up."""
         state = yield from open_gripper(state, width_m=0.07)
         goal = state.commanded_pose.translated(z=up_m)
         return (
@@ -109,7 +109,7 @@ class Skills:
         """Take an object, again if the grasp failed.
 
         Returns:
-            The last state and whether the object is in the hand.
+            The last state and whether the object is in the gripper.
         """
         for _ in range(self.attempts):
             try:
@@ -133,7 +133,7 @@ class Skills:
         """Carry the held object to its target, put it down, let go and move away.
 
         Returns:
-            The last state and whether the object was still in the hand on arrival.
+            The last state and whether the object was still in the gripper on arrival.
         """
         try:
             plan = self.planner.plan_place(
@@ -161,7 +161,7 @@ class Skills:
         return state, arrived
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> Outcome:
-        """Bring an object to its target, starting over where it slipped out of the hand."""
+        """Bring an object to its target, starting over where it slipped out of the gripper."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
             if not held:
@@ -183,7 +183,7 @@ class Skills:
             distance_m: Distance to move it [m]; positive draws it out.
 
         Returns:
-            The last state and whether the knob was in the hand.
+            The last state and whether the knob was in the gripper.
         """
         try:
             plan = self.planner.plan_slide(state, name, distance_m)
@@ -203,7 +203,7 @@ class Skills:
         return state, holds
 
     def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> Outcome:
-        """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the hand.
+        """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the gripper.
 
         Args:
             state: State now.

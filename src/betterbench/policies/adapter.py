@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.policies.answers import AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
 from betterbench.tasks import TrialId
 
 PANDA_OPENING_M = 0.08
-"""Distance of the pads of a fully open Franka hand [m]."""
+"""Distance of the pads of a fully open Franka gripper [m]."""
 
 CONTROL_RATE_HZ = 20.0
 """Control rate of the suite [Hz]."""
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class InstructionRule:
-    """Where the sentence goes.
+    """Where the instruction goes.
 
     Attributes:
         key: Where it stands in the request: a name, or the names on the way to it in nested maps.
@@ -39,7 +39,7 @@ class InstructionRule:
     depth: Literal[0, 1, 2] = 0
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
@@ -48,7 +48,7 @@ class Adapter:
         name: Name of the preset it comes from, or of the file.
         views: What it sees.
         states: What it feels.
-        instruction: Where the sentence goes.
+        instruction: Where the instruction goes.
         answer: How its answers are read.
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
@@ -70,11 +70,7 @@ class Adapter:
     episode_key: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check that no two entries share a key.
-
-        Raises:
-            InvalidInputError: If two do, or a number is out of range.
-        """
+        """Check that no two entries share a key."""
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [] if self.episode_key is None else [self.episode_key]
         for i, key in enumerate(keys):
@@ -96,10 +92,7 @@ class Adapter:
         return tuple(dict.fromkeys(rule.camera for rule in self.views))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
-        """Return exactly the images that the policy is shown.
-
-        Returns:
-            Per key of the request an (height, width, 3) uint8 image.
+        """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
 
         Raises:
             PolicyError: If the run does not render a camera that is needed.
@@ -119,40 +112,34 @@ class Adapter:
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
-        """Return the message that asks a policy for actions.
+        """Return the message that asks a policy for actions; an entry is nested where its key has several names.
 
         Args:
             observation: What is seen now.
             start: How the episode began; used only where the adapter has an ``episode_key``.
             trial: The trial, for a server that simulates it itself (a served expert); None for every other server.
 
-        Returns:
-            Texts, numbers and arrays by key, nested where a key has several names.
-
         Raises:
             PolicyError: If the run does not render a camera that is needed.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
-            put(message, key, image.reshape((1,) * self.leading_axes + image.shape))
+            set_entry(message, key, image.reshape((1,) * self.leading_axes + image.shape))
         for rule in self.states:
             value = rule.read(observation, ee_offset_m=self.ee_offset_m, gripper_opening_m=self.gripper_opening_m)
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
-            put(message, rule.key, value)
-        sentence: Any = observation.instruction
+            set_entry(message, rule.key, value)
+        instruction: Any = observation.instruction
         for _ in range(self.instruction.depth):
-            sentence = [sentence]
-        put(message, self.instruction.key, sentence)
+            instruction = [instruction]
+        set_entry(message, self.instruction.key, instruction)
         if self.episode_key is not None and start is not None:
-            put(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
+            set_entry(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
         return message
 
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
-        """Return the actions that a reply means.
-
-        Returns:
-            (horizon, dim) float64 in the action space ``answer.space``.
+        """Return the actions that a reply means, (horizon, dim) float64 in the action space ``answer.space``.
 
         Raises:
             PolicyError: If the reply cannot be read; the text names the key and what it holds.
@@ -162,18 +149,13 @@ class Adapter:
         return self.answer.read(reply, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz)
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
-        """Return what a policy with this adapter would answer to mean these actions.
-
-        Args:
-            actions: (horizon, dim) in the action space ``answer.space``.
-            observation: What the policy was asked about.
-        """
+        """Return what a policy with this adapter would answer to mean these actions."""
         message: dict[str, Any] = {}
         written = self.answer.write(
             actions, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz
         )
         for key, array in written.items():
-            put(message, key, array)
+            set_entry(message, key, array)
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
@@ -214,36 +196,26 @@ class Adapter:
             InvalidInputError: If a field is missing, unknown or malformed.
             UnknownNameError: If it names an action space that does not exist.
         """
-        try:
-            return _ADAPTER.validate_python(_longer(form))
-        except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            path = ".".join(str(part) for part in first["loc"]) or "the whole"
-            raise InvalidInputError(
-                f"{where}: {path}", str(first["msg"]), "Write it as better doctor --policy P --json prints it"
-            ) from error
+        return read_form(_ADAPTER, _longer(form), where=where, cure=_CURE)
 
     @classmethod
     def load(cls, path: Path) -> Adapter:
-        """Read an adapter from a JSON file.
-
-        Raises:
-            InvalidInputError: If it cannot be read; the text names the field.
-        """
-        try:
-            form = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise InvalidInputError(f"adapter {path}", f"it cannot be read ({error})", "Give a JSON file") from error
-        if isinstance(form, dict):
-            form.setdefault("name", path.stem)
-        return cls.from_json(form, where=f"adapter {path}")
+        """Read an adapter from a JSON file; raise InvalidInputError if it cannot be read; the text names the field."""
+        where = f"adapter {path}"
+        form = read_form(
+            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
+        )
+        return cls.from_json({"name": path.stem, **form}, where=where)
 
 
+_ANYTHING = TypeAdapter(dict[str, Any])
+_MAX_BYTES = 1_000_000
+_CURE = "Write it as better doctor --policy P --json prints it"
 _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key")
 
 
-def put(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
+def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
     """Set an entry of a message, making the maps on the way to it."""
     *way, last = key
     for name in way:
@@ -253,22 +225,17 @@ def put(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
 
 def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
     """Return a JSON form with keys of one name as strings."""
-    if isinstance(form, list):
-        return [_shorter(value) for value in form]
-    if not isinstance(form, dict):
-        return form
-    return {
-        name: value[0] if name in _KEYS and isinstance(value, list) and len(value) == 1 else _shorter(value)
-        for name, value in form.items()
-    }
+    return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
 
 
 def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
     """Return a JSON form with keys as lists."""
+    return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
+
+
+def _with_keys(form: Any, change: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - a JSON value
     if isinstance(form, list):
-        return [_longer(value) for value in form]
+        return [_with_keys(value, change) for value in form]
     if not isinstance(form, dict):
         return form
-    return {
-        name: [value] if name in _KEYS and isinstance(value, str) else _longer(value) for name, value in form.items()
-    }
+    return {name: change(value) if name in _KEYS else _with_keys(value, change) for name, value in form.items()}

@@ -87,7 +87,7 @@ class PolicyAddress:
         target, _, query = rest.removeprefix("//").partition("?")
         where = f"policy {text}"
         if not target:
-            raise InvalidInputError(where, "it names nothing after the colon", f"Write {_example(scheme)}")
+            raise InvalidInputError(where, "nothing follows the colon", f"Write {_example(scheme)}")
         try:
             pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=100)
         except ValueError as error:
@@ -107,9 +107,13 @@ class PolicyAddress:
         if scheme in DEFAULT_PORTS:
             address.server()
         elif rest.startswith("//"):
-            raise InvalidInputError(where, "a checkpoint is no server", f"Write {_example(scheme)}")
+            raise InvalidInputError(where, "a checkpoint is not a server", f"Write {_example(scheme)}")
         address.execution()
         return address
+
+    def error(self, problem: str, cure: str) -> InvalidInputError:
+        """Return the error about this address."""
+        return InvalidInputError(f"policy {self.text}", problem, cure)
 
     @property
     def names_adapter(self) -> bool:
@@ -122,11 +126,7 @@ class PolicyAddress:
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
-        """Return host and port of the server.
-
-        Raises:
-            InvalidInputError: If the target is no "host:port".
-        """
+        """Return host and port of the server; raise InvalidInputError if the target is no "host:port"."""
         host, port = None, None
         try:
             parts = urlsplit(f"//{self.target}")
@@ -135,10 +135,8 @@ class PolicyAddress:
         except ValueError:
             host = None
         if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
-            raise InvalidInputError(
-                f"policy {self.text}",
-                f"{self.target!r} is no host with a port from 1 to 65535",
-                f"Write {_example(self.scheme)}",
+            raise self.error(
+                f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {_example(self.scheme)}"
             )
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
 
@@ -146,7 +144,7 @@ class PolicyAddress:
         """Return how the chunks of the policy are played.
 
         Raises:
-            InvalidInputError: If an option is no number, or the numbers do not go together.
+            InvalidInputError: If an option is not a number, or the numbers do not go together.
         """
         return Execution(
             horizon=self.whole("horizon") if "horizon" in self.options else None,
@@ -155,11 +153,7 @@ class PolicyAddress:
         )
 
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number of at least 0.
-
-        Raises:
-            InvalidInputError: If it is something else.
-        """
+        """Return a finite number ≥ 0; raise InvalidInputError if it is something else."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -168,30 +162,19 @@ class PolicyAddress:
         except ValueError:
             value = math.nan
         if not 0.0 <= value < math.inf:
-            raise InvalidInputError(
-                f"policy {self.text}", f"{name}={text} is no number of at least 0", "Give such a one"
-            )
+            raise self.error(f"{name}={text} must be ≥ 0", "Give a number such as 2.5")
         return value
 
     def whole(self, name: str, default: int = 0) -> int:
-        """Return a whole number of at least 0.
-
-        Raises:
-            InvalidInputError: If it is something else.
-        """
+        """Return a whole number ≥ 0; raise InvalidInputError if it is something else."""
         value = self.number(name, float(default))
         if value != int(value):
-            raise InvalidInputError(
-                f"policy {self.text}", f"{name}={self.options[name]} is no whole number", "Give one, such as 8"
-            )
+            text = self.options[name]
+            raise self.error(f"{name}={text} must be a whole number", "Give one such as 8")
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
-        """Return one of several words.
-
-        Raises:
-            UnknownNameError: If it is another word.
-        """
+        """Return one of several words; raise UnknownNameError if it is another word."""
         if name not in self.options:
             return default
         for word in choices:

@@ -7,19 +7,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, with_config
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
 from betterbench.interface import Observation
-from betterbench.interface.actions import (
-    ROTATION_PER_UNIT_RAD,
-    TRANSLATION_PER_UNIT_M,
-    action_space,
-)
+from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M, action_space
+from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
-Kind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
+AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
 """What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
 position."""
 
@@ -30,7 +26,7 @@ than a half counts."""
 _DELTAS = ("ee_delta", "ee_delta_measured")
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
     """Some columns of an answer.
@@ -42,11 +38,11 @@ class AnswerPart:
     """
 
     key: tuple[str, ...]
-    kind: Kind
+    kind: AnswerKind
     size: int | None = None
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
     """How an answer is read.
@@ -75,12 +71,7 @@ class AnswerRule:
     gripper: Polarity = "close_positive"
 
     def __post_init__(self) -> None:
-        """Check that the parts make an action of the space.
-
-        Raises:
-            InvalidInputError: If something is missing, doubled or out of range.
-            UnknownNameError: If there is no such action space.
-        """
+        """Check that the parts make an action of the space."""
         action_space(self.space)
         if not self.parts:
             raise InvalidInputError("answer", "it has no parts", "Name them, such as translation, rotation, gripper")
@@ -123,7 +114,7 @@ class AnswerRule:
         """Whether it holds whole actions of ours already."""
         return any(part.kind == "action" for part in self.parts)
 
-    def _natural(self, kind: Kind) -> int | None:
+    def _natural(self, kind: AnswerKind) -> int | None:
         sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
         return action_space(self.space).dim if kind == "action" else sizes.get(kind)
 
@@ -184,7 +175,7 @@ class AnswerRule:
         try:
             actions = self._convert(clean, bad, observation, ee_offset_m, self._pace(control_rate_hz))
         except ValueError as error:
-            raise PolicyError(f"the reply's rotation is none ({error}). Send {self.rotation}.") from error
+            raise PolicyError(f"the reply holds an invalid rotation ({error}). Send {self.rotation}.") from error
         actions[bad] = np.nan
         return actions
 
@@ -246,7 +237,7 @@ class AnswerRule:
         return np.concatenate([np.concatenate([translation, rotation], axis=1) / scale, gripper], axis=1)
 
     def _to_base(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Turn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
+        """QuarterTurn deltas in the tool's frame to the base's, in place; each step turns the frame of the next."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             turn = from_axis_angle(rotation[i].tolist())
@@ -267,12 +258,6 @@ class AnswerRule:
         self, actions: np.ndarray, observation: Observation, *, ee_offset_m: tuple[float, ...], control_rate_hz: float
     ) -> dict[tuple[str, ...], np.ndarray]:
         """Return what a policy with this layout would answer to mean these actions: the inverse of :meth:`read`.
-
-        Args:
-            actions: (horizon, dim) in our action space.
-            observation: What the policy was asked about.
-            ee_offset_m: What was added to the end effector's position [m].
-            control_rate_hz: Control rate of the run [Hz].
 
         Returns:
             Per key of the reply its array (horizon, columns), float64.
@@ -302,7 +287,7 @@ class AnswerRule:
         return {key: np.concatenate(parts, axis=1) for key, parts in columns.items()}
 
     def _to_tool(self, translation: np.ndarray, rotation: np.ndarray, observation: Observation) -> None:
-        """Turn deltas in the base's frame to the tool's, in place."""
+        """QuarterTurn deltas in the base's frame to the tool's, in place."""
         tool = from_format(observation.ee_quaternion.tolist(), "quaternion_wxyz")
         for i in range(len(translation)):
             translation[i] = rotate(conjugate(tool), translation[i].tolist())
@@ -324,7 +309,7 @@ class AnswerRule:
         return closed if self.gripper == "closed_fraction" else 1.0 - closed
 
 
-def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
+def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     """Return what stands under a key of a reply.
 
     Raises:
@@ -341,14 +326,14 @@ def pick(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
 
 def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
     """Return the array under a key as (horizon, width) float64."""
-    name, given = "/".join(key), pick(reply, key)
+    name, given = "/".join(key), get_entry(reply, key)
     try:
         array = np.asarray(given)
     except ValueError:
         array = np.asarray(None)
     if array.dtype.kind not in "fiu":
         kind = array.dtype if isinstance(given, np.ndarray) else type(given).__name__
-        raise PolicyError(f"the reply's {name!r} is no array of real numbers ({kind}). Send float32 or float64.")
+        raise PolicyError(f"the reply's {name!r} is not an array of real numbers ({kind}). Send float32 or float64.")
     shape = array.shape
     while array.ndim > 2 and array.shape[0] == 1:
         array = array[0]

@@ -10,24 +10,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-Question = TypeVar("Question")
-Answer = TypeVar("Answer")
+QuestionT = TypeVar("QuestionT")
+AnswerT = TypeVar("AnswerT")
 
 MAX_BATCH = 16
 """Questions that one call answers at most, unless another number is asked for."""
 
 
 @dataclass
-class _Ticket(Generic[Question, Answer]):
+class _PendingQuestion(Generic[QuestionT, AnswerT]):
     """One question on its way."""
 
-    question: Question
+    question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
-    answer: Answer | None = None
+    answer: AnswerT | None = None
     problem: BaseException | None = None
 
 
-class BatchCollector(Generic[Question, Answer]):
+class BatchCollector(Generic[QuestionT, AnswerT]):
     """Answers the questions of many threads in one thread, all that wait at a moment together.
 
     Nothing waits for company: while one call is under way the next questions gather by themselves, so a busy policy
@@ -35,15 +35,14 @@ class BatchCollector(Generic[Question, Answer]):
     a caller sees the fault of its own question only.
     """
 
-    def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Answer]], *, limit: int = MAX_BATCH) -> None:
-        """Start the thread."""
+    def __init__(self, answer: Callable[[Sequence[QuestionT]], Sequence[AnswerT]], *, limit: int = MAX_BATCH) -> None:
         self._answer, self._limit = answer, max(1, limit)
-        self._waiting: queue.SimpleQueue[_Ticket[Question, Answer] | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[_PendingQuestion[QuestionT, AnswerT] | None] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
         self._thread.start()
 
-    def ask(self, question: Question, *, timeout_s: float | None = None) -> Answer:
+    def ask(self, question: QuestionT, *, timeout_s: float | None = None) -> AnswerT:
         """Return the answer to a question; what the answering function raised for it is raised here.
 
         Args:
@@ -56,23 +55,20 @@ class BatchCollector(Generic[Question, Answer]):
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
-        ticket: _Ticket[Question, Answer] = _Ticket(question)
-        self._waiting.put(ticket)
+        pending: _PendingQuestion[QuestionT, AnswerT] = _PendingQuestion(question)
+        self._waiting.put(pending)
         until = math.inf if timeout_s is None else time.monotonic() + timeout_s
-        while not ticket.done.wait(min(1.0, max(0.0, until - time.monotonic()))):
+        while not pending.done.wait(min(1.0, max(0.0, until - time.monotonic()))):
             if not self._thread.is_alive():
                 raise RuntimeError("the policy has been shut down")
             if time.monotonic() >= until:
                 raise TimeoutError
-        if ticket.problem is not None:
-            raise ticket.problem
-        return ticket.answer  # type: ignore[return-value]
+        if pending.problem is not None:
+            raise pending.problem
+        return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """Answer what waits, then end the thread.
-
-        Args:
-            timeout_s: How long to wait for that [s]; None for as long as it takes.
+        """AnswerT what waits, then end the thread.
 
         Returns:
             Whether the thread has ended; a call that hangs cannot be ended.
@@ -84,31 +80,31 @@ class BatchCollector(Generic[Question, Answer]):
 
     def _work(self) -> None:
         while True:
-            tickets = [self._waiting.get()]
-            while len(tickets) < self._limit:
+            waiting = [self._waiting.get()]
+            while len(waiting) < self._limit:
                 try:
-                    tickets.append(self._waiting.get_nowait())
+                    waiting.append(self._waiting.get_nowait())
                 except queue.Empty:
                     break
-            asked = [t for t in tickets if t is not None]
+            asked = [t for t in waiting if t is not None]
             if asked:
                 self._serve(asked)
-            if len(asked) < len(tickets):
+            if len(asked) < len(waiting):
                 return
 
-    def _serve(self, tickets: list[_Ticket[Question, Answer]]) -> None:
+    def _serve(self, waiting: list[_PendingQuestion[QuestionT, AnswerT]]) -> None:
         try:
-            answers = list(self._answer([t.question for t in tickets]))
-            if len(answers) != len(tickets):
-                raise ValueError(f"the policy gave {len(answers)} answers to {len(tickets)} observations")  # noqa: TRY301
+            answers = list(self._answer([t.question for t in waiting]))
+            if len(answers) != len(waiting):
+                raise ValueError(f"the policy gave {len(answers)} answers to {len(waiting)} observations")  # noqa: TRY301
         except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread that asked
-            if len(tickets) > 1:
-                for ticket in tickets:
-                    self._serve([ticket])
+            if len(waiting) > 1:
+                for pending in waiting:
+                    self._serve([pending])
                 return
-            tickets[0].problem = problem
+            waiting[0].problem = problem
         else:
-            for ticket, answer in zip(tickets, answers, strict=True):
-                ticket.answer = answer
-        for ticket in tickets:
-            ticket.done.set()
+            for pending, answer in zip(waiting, answers, strict=True):
+                pending.answer = answer
+        for pending in waiting:
+            pending.done.set()

@@ -48,15 +48,6 @@ class BeingHClient(ServerClient[BeingHServer]):
     """
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect.
-
-        Raises:
-            MissingDependencyError: If torch is not installed.
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it refuses this client.
-            InvalidInputError: If an option of the address is malformed.
-            UnknownNameError: If a name in the address does not exist.
-        """
         import_torch()
         super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
         self._delay = address.whole("delay", address.execution().ahead)
@@ -73,15 +64,10 @@ class BeingHClient(ServerClient[BeingHServer]):
         self._last = None
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         data = self.adapter.request(observation)
         if self._last is not None:
-            data |= continuation(*self._last, step=observation.step, delay=self._delay)
+            data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)
         reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
         actions = self.adapter.actions(reply, observation)
         chunk = reply.get(_UNIFIED)
@@ -89,7 +75,7 @@ class BeingHClient(ServerClient[BeingHServer]):
         return actions
 
 
-def continuation(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
     The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk. They have to be those of
@@ -113,12 +99,12 @@ def _numbers(chunk: object, where: str) -> np.ndarray:
     """Return the whole chunk as an array; the server takes no lists, in which it sends them.
 
     Raises:
-        PolicyError: If it is no chunk of numbers.
+        PolicyError: If it is not a chunk of numbers.
     """
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):
         array = np.zeros(0, dtype=np.float32)
     if array.ndim not in (2, 3) or not array.size:
-        raise PolicyError(f"{where}: {_UNIFIED} is no chunk of numbers, (horizon, dim).")
+        raise PolicyError(f"{where}: {_UNIFIED} is not a chunk of numbers, (horizon, dim).")
     return array

@@ -38,7 +38,7 @@ class Features:
     """What a checkpoint declares.
 
     Attributes:
-        images: Per key of a image its (height, width) [pixel].
+        images: Per key of an image its (height, width) [pixel].
         states: Per key of a vector its size.
         action: Numbers of an action.
     """
@@ -67,7 +67,7 @@ class Features:
                 raise InvalidInputError(
                     where,
                     f"its input {key!r} is {kind} of shape {shape}, which no observation holds",
-                    "Train it on images (3, height, width), observation.state and the sentence",
+                    "Train it on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
@@ -160,7 +160,7 @@ class Checkpoint:
         if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
             raise InvalidInputError(
                 where,
-                f"it has no {_PREPROCESSOR}, so nothing says how its numbers are normalized",
+                f"it has no {_PREPROCESSOR}, so the normalization of its numbers is not known",
                 "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
             )
 
@@ -175,7 +175,7 @@ class Checkpoint:
         """Return the chunks of several environments.
 
         Args:
-            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the sentences as "task".
+            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the instructions as "task".
             seeds: For a policy that begins with noise a number for each of them, from which it is drawn.
 
         Returns:
@@ -192,13 +192,7 @@ class Checkpoint:
         return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
 
     def step(self, policy: Any, batch: Mapping[str, Any], seed: int) -> np.ndarray:  # noqa: ANN401 - LeRobot's
-        """Return the next action of one environment, (1, dim) float64.
-
-        Args:
-            policy: What :meth:`sibling` returned for it.
-            batch: As for :meth:`chunks`, with B = 1.
-            seed: Number from which noise is drawn.
-        """
+        """Return the next action of one environment, (1, dim) float64."""
         torch = self._torch
         devices = [torch.device(self.device)] if self.device.startswith("cuda") else []
         with self.lock, torch.inference_mode(), self._precision(), torch.random.fork_rng(devices):
@@ -273,9 +267,7 @@ def _located(target: str, where: str) -> str:
     if folder.exists() or not _HUB_ID.fullmatch(target):
         there = "holds no config.json" if folder.exists() else "does not exist"
         raise InvalidInputError(
-            where,
-            f"{target} {there}",
-            "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub",
+            where, f"{target} {there}", "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub"
         )
     return target
 
@@ -287,7 +279,7 @@ def _check_form(file: Path, where: str) -> None:
         raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
     if not isinstance(form, dict) or not isinstance(form.get("type"), str):
         raise InvalidInputError(
-            where, f"{file.name} names no type of policy, so it is no checkpoint of LeRobot", "Name another folder"
+            where, f"{file.name} names no type of policy, so it is not a checkpoint of LeRobot", "Name another folder"
         )
 
 

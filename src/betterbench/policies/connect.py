@@ -14,10 +14,6 @@ _COUNT = itertools.count()
 def connect(address: str) -> Policy:
     """Return a client; the handshake has been done when it comes back.
 
-    Args:
-        address: "openpi://host:port", "vla-eval://...", "gr00t://...", "being-h://..." or "lerobot:CHECKPOINT", with
-            options after a question mark.
-
     Raises:
         UnknownNameError: If the scheme or an option does not exist.
         InvalidInputError: If an option is malformed, or the layout of observations is left open.

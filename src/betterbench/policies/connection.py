@@ -12,7 +12,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError
+from betterbench.errors import PolicyError, PolicyUnavailableError
 from betterbench.policies.address import PolicyAddress
 
 logger = logging.getLogger(__name__)
@@ -30,15 +30,15 @@ LONGEST_PAUSE_S = 5.0
 """Longest such pause [s]."""
 
 
-class Closable(Protocol):
+class ClosableConnection(Protocol):
     """A connection to a server."""
 
     def close(self) -> None:
         """End it; nothing is raised."""
 
 
-Connection = TypeVar("Connection", bound=Closable)
-Reply = TypeVar("Reply")
+Connection = TypeVar("Connection", bound=ClosableConnection)
+Received = TypeVar("Received")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class ConnectionLimits:
         """Return the limits that an address asks for.
 
         Raises:
-            InvalidInputError: If an option is no number, or the deadline is zero.
+            InvalidInputError: If an option is not a number, or the deadline is zero.
         """
         usual = cls()
         limits = cls(
@@ -77,7 +77,7 @@ class ConnectionLimits:
             seed=seed,
         )
         if min(limits.timeout_s, limits.warmup_s) <= 0.0:
-            raise InvalidInputError(f"policy {address}", "a deadline of 0 leaves no time to answer", "Give seconds")
+            raise address.error("a deadline of 0 leaves no time to answer", "Give seconds")
         for name, value, most in (
             ("timeout", limits.timeout_s, LONGEST_WAIT_S),
             ("warmup", limits.warmup_s, LONGEST_WAIT_S),
@@ -85,7 +85,7 @@ class ConnectionLimits:
             ("retries", limits.retries, MOST_RETRIES),
         ):
             if value > most:
-                raise InvalidInputError(f"policy {address}", f"{name}={value:g} is too much", f"Give at most {most}")
+                raise address.error(f"{name}={value:g} is too much", f"Give at most {most}")
         return limits
 
 
@@ -156,16 +156,13 @@ class PolicyConnection(Generic[Connection]):
                     logger.info("%s is connected again", self._where)
                 return self._connection
 
-    def request(self, exchange: Callable[[Connection, float], Reply], *, replies: bool = True) -> Reply:
+    def request(self, exchange: Callable[[Connection, float], Received], *, replies: bool = True) -> Received:
         """Ask something, again when the connection breaks or the deadline passes.
 
         Args:
             exchange: Sends the request over a connection and returns the reply, within the given time [s]. It raises
                 OSError (TimeoutError, ConnectionError) when asking again may help, and PolicyError when it does not.
             replies: False for a message that the server does not answer.
-
-        Returns:
-            What the exchange returns.
 
         Raises:
             PolicyError: If the reply is bad, or the request failed as often as it may.
@@ -235,7 +232,7 @@ def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
         return None
     key = os.environ.get(name, "")
     if not key or not key.isascii() or not key.isprintable():
-        raise InvalidInputError(f"policy {address}", f"the environment variable {name} holds no key", f"Set {name}")
+        raise address.error(f"the environment variable {name} holds no key", f"Set {name}")
     return key
 
 

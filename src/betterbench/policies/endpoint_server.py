@@ -30,7 +30,6 @@ class EndpointServer:
     """
 
     def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
-        """Connect."""
         end = time.monotonic() + timeout_s
         self._where, self._token = address.server_name, token
         self._client = RequestClient(*address.server(), timeout_s=timeout_s)

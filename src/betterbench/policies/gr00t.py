@@ -20,9 +20,9 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
-from betterbench.policies.adapter import Adapter, put
+from betterbench.policies.adapter import Adapter, set_entry
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.endpoint_server import ERROR_REPLY, EndpointServer
 from betterbench.policies.modality import SEEN, Modalities, name_of
@@ -30,7 +30,7 @@ from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
 from betterbench.policies.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
-Layout = Literal["nested", "flat", "n1.5"]
+RequestLayout = Literal["nested", "flat", "n1.5"]
 """How an observation is sent: maps by modality (N1.6), one map with names such as ``video.front`` (N1.6 with its
 simulation wrapper), or that map as the data itself, without options (N1.5)."""
 
@@ -45,14 +45,9 @@ _NO_PICKLES = (
 
 
 class Gr00tServer(EndpointServer):
-    """A server that speaks msgpack, and whose modalities fit the adapter.
-
-    Attributes:
-        modalities: What it declares.
-    """
+    """A server that speaks msgpack, and whose modalities fit the adapter."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, token: str | None, *, timeout_s: float) -> None:
-        """Connect, ask whether the server is alive, and compare modalities; see :class:`EndpointServer`."""
         self._adapter = adapter
         super().__init__(address, token, timeout_s=timeout_s)
 
@@ -73,24 +68,11 @@ class Gr00tServer(EndpointServer):
 
 
 class Gr00tClient(ServerClient[Gr00tServer]):
-    """A GR00T policy; each environment has a client of its own.
-
-    Attributes:
-        modalities: What the server declares.
-    """
+    """A GR00T policy; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect and compare modalities.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If its modalities are not those of the adapter.
-            InvalidInputError: If an option of the address is malformed, or does not go with a server that wants several
-                time steps.
-            UnknownNameError: If a name in the address does not exist.
-        """
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
-        self._layout = address.choice("layout", get_args(Layout), "nested")
+        self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._known: Modalities | None = None
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
@@ -108,12 +90,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return server
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         return self._ask([self._seen(observation)], [observation])[0]
 
     def _seen(self, observation: Observation) -> Seen:
@@ -123,23 +100,13 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             seen["video"][name_of(key)] = image[None, None]
         for rule in self.adapter.states:
             value = rule.read(
-                observation,
-                ee_offset_m=self.adapter.ee_offset_m,
-                gripper_opening_m=self.adapter.gripper_opening_m,
+                observation, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m
             )
             seen["state"][name_of(rule.key)] = np.atleast_1d(np.asarray(value))[None, None]
         return seen
 
     def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Ask for the actions of some environments.
-
-        Args:
-            seen: What each of them sees, (1, T, ...) arrays.
-            observations: The same before it was adapted.
-
-        Returns:
-            Per environment (horizon, dim) float64.
-        """
+        """Ask for the actions of some environments."""
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
         }
@@ -152,15 +119,15 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             for i, observation in enumerate(observations)
         ]
 
-    def _data(self, message: dict[str, Any], sentences: list[str]) -> dict[str, Any]:
+    def _data(self, message: dict[str, Any], instructions: list[str]) -> dict[str, Any]:
         """Return the data of ``get_action`` in the layout that the server wants."""
         language = self.modalities.language
         name = language[0] if language else name_of(self.adapter.instruction.key)
         if self._layout == "nested":
-            observation = {**message, "language": {name: [[sentence] for sentence in sentences]}}
+            observation = {**message, "language": {name: [[instruction] for instruction in instructions]}}
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
-        flat[name] = sentences
+        flat[name] = instructions
         return flat if self._layout == "n1.5" else {"observation": flat, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
@@ -176,7 +143,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         for key, value in actions.items():
             name = str(key).removeprefix("action.")
             if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-                raise PolicyError(f"{self._where}: the action {name!r} is no array of real numbers.")
+                raise PolicyError(f"{self._where}: the action {name!r} is not an array of real numbers.")
             array = value[None] if value.ndim == 2 and count == 1 else value
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(
@@ -195,7 +162,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                 raise PolicyError(
                     f"{self._where}: the reply has no action {name!r}. It has: {', '.join(sorted(arrays)) or 'none'}."
                 )
-            put(message, key, arrays[name])
+            set_entry(message, key, arrays[name])
         return message
 
 
@@ -203,23 +170,11 @@ class Gr00tBatchClient(Gr00tClient):
     """A GR00T policy that looks at the present only; one client asks for many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments; there is nothing to forget.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode in one of the environments; there is nothing to forget."""
         check_start(self.adapter, start, self._where)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments, asked for in one question.
-
-        Returns:
-            Per observation (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions of several environments, asked for in one question."""
         return self._ask([self._seen(observation) for observation in observations], observations)
 
 
@@ -227,12 +182,10 @@ class Gr00tHistoryClient(Gr00tClient):
     """A GR00T policy that is given several time steps; it sees every control step and plays its chunks itself."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        """Connect and compare modalities; see :class:`Gr00tClient`."""
         super().__init__(address, seed=seed)
         if self.info.execution.ahead or self.info.execution.ensemble is not None:
             self.close()
-            raise InvalidInputError(
-                f"policy {address}",
+            raise address.error(
                 "the server wants several time steps, so it is asked between two steps and never ahead",
                 "Leave ahead and ensemble out",
             )
@@ -248,24 +201,14 @@ class Gr00tHistoryClient(Gr00tClient):
         self._chunk: list[np.ndarray] = []
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode, on the server too where it has a word for it.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Forget the last episode, on the server too where it has a word for it."""
         super().reset(start)
         self._frames, self._chunk = {}, []
         with self._lock:
             self._connection.request(_forget)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next action, (1, dim) float64; the server is asked when a chunk has been played."""
         steps = self.modalities.steps
         self._frames[observation.step] = self._seen(observation)
         oldest = observation.step + min(wanted[0] for wanted in steps.values())
@@ -290,14 +233,7 @@ class Gr00tHistoryClient(Gr00tClient):
 
 
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
-    """Return a client of a GR00T server, which takes batches if the server looks at the present only.
-
-    Raises:
-        PolicyUnavailableError: If the server cannot be reached.
-        HandshakeError: If its modalities are not those of the adapter.
-        InvalidInputError: If an option of the address is malformed.
-        UnknownNameError: If a name in the address does not exist.
-    """
+    """Return a client of a GR00T server, which takes batches if the server looks at the present only."""
     client = Gr00tBatchClient(address, seed=seed)
     if not client.modalities.remembers:
         return client

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
 
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError
 from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.json_form import first_problem
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.image_rule import EVERY_CAMERA
 
@@ -32,7 +36,7 @@ class Declaration:
         rotation: Format of rotations ("axis_angle").
         gripper: Polarity of the gripper ("close_positive").
         state: Format of the robot's state.
-        language: Whether the sentence is sent, or wanted ("sentence").
+        language: Whether the instruction is sent, or wanted ("instruction").
         rate_hz: Control rate [Hz].
         cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
             has to give; more may be given.
@@ -66,6 +70,18 @@ class Declaration:
         return shown
 
 
+class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
+    """What one of our own servers declares; newer ones may declare more."""
+
+    preset: str
+    action_space: dict[str, Any]
+    control_rate_hz: float | None = None
+    cameras: dict[str, Annotated[tuple[int, int], Strict(False)] | None] | None = None
+
+
+_SERVER = TypeAdapter(_ServerForm)
+
+
 def declare_space(who: str, space: ActionSpace) -> Declaration:
     """Return the declaration of an action space alone."""
     return Declaration(
@@ -80,13 +96,7 @@ def declare_space(who: str, space: ActionSpace) -> Declaration:
 
 
 def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
-    """Return what an adapter gives to a policy and takes from it.
-
-    Args:
-        who: What to call this side in messages.
-        adapter: The adapter.
-        rate_hz: Control rate of the run [Hz]; None for that of the adapter.
-    """
+    """Return what an adapter gives to a policy and takes from it, at its own control rate [Hz] if no other is given."""
     answer = adapter.answer
     space = action_space(answer.space)
     absolute = answer.space == "ee_pose"
@@ -103,7 +113,7 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
         rotation=None if space.name.startswith("joint") else answer.rotation,
         gripper=answer.gripper,
         state=", ".join(part for rule in adapter.states for part in rule.parts) or None,
-        language="sentence",
+        language="instruction",
         rate_hz=adapter.control_rate_hz if rate_hz is None else rate_hz,
         cameras={
             "/".join(rule.key): None if rule.width is None or rule.height is None else (rule.width, rule.height)
@@ -113,43 +123,22 @@ def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None)
 
 
 def read_server(who: str, form: object) -> Declaration:
-    """Read what one of our own servers declares.
-
-    Raises:
-        HandshakeError: If it is malformed or of another version.
-    """
-    if not isinstance(form, Mapping):
-        raise HandshakeError(f"{who} declares conventions that are no map. Update the server.")
-    version = form.get("protocol")
+    """Read what one of our own servers declares; raise HandshakeError if it is malformed or of another version."""
+    version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
             f"{who} speaks version {str(version)[:20]} of our declaration, this side {PROTOCOL}. "
             "Install the same release on both sides."
         )
-    preset, rate, space = form.get("preset"), form.get("control_rate_hz"), form.get("action_space")
-    if not isinstance(preset, str) or not isinstance(space, Mapping):
-        raise HandshakeError(f"{who} declares no preset or no action space. Update the server.")
     try:
-        declared = ActionSpace.from_json(space)
-    except BetterError as error:
-        raise HandshakeError(f"{who} declares an action space that cannot be read ({error})") from error
-    cameras = form.get("cameras")
-    sizes: dict[str, tuple[int, int] | None] = {}
-    for key, size in cameras.items() if isinstance(cameras, Mapping) else ():
-        known = isinstance(size, (list, tuple)) and len(size) == 2 and all(isinstance(side, int) for side in size)
-        sizes[str(key)] = (int(size[0]), int(size[1])) if known else None
-    return Declaration(
-        who,
-        preset=preset,
-        action_space=declared.name,
-        action_dim=declared.dim,
-        action_low=declared.low,
-        action_high=declared.high,
-        action_scale=declared.scale,
-        action_convention=declared.convention,
-        rate_hz=float(rate) if isinstance(rate, (int, float)) and not isinstance(rate, bool) else None,
-        cameras=sizes or None,
-    )
+        told = _SERVER.validate_python(form)
+        declared = ActionSpace.from_json(told.action_space)
+    except (BetterError, ValidationError) as error:
+        problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else str(error)
+        raise HandshakeError(
+            f"{who} declares conventions that cannot be read ({problem}). Update the server."
+        ) from error
+    return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
 
 
 def read_execution(who: str, form: object) -> Execution | None:

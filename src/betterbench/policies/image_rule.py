@@ -8,14 +8,14 @@ from typing import Literal
 
 import numpy as np
 from PIL import Image
-from pydantic import ConfigDict, with_config
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""How a image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
+"""How an image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
 
-Turn = Literal[0, 90, 180, 270]
+QuarterTurn = Literal[0, 90, 180, 270]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
@@ -24,19 +24,19 @@ EVERY_CAMERA = "*"
 _LARGEST_SIDE = 4096
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
     """One image that a policy is shown.
 
-    A image is turned, then mirrored, then cropped, then fitted.
+    An image is turned, then mirrored, then cropped, then fitted.
 
     Attributes:
         key: Where it stands in the request: a name, or the names on the way to it in nested maps.
         camera: Which of our cameras shows it, or ``*`` for each of them.
         width: Width that the policy wants [pixel]; None to leave the image as large as it is.
         height: Likewise the height.
-        fit: How a image of another aspect fits.
+        fit: How an image of another aspect fits.
         keep: Share of the area that a crop around the center keeps, before fitting; policies trained with random crops
             were evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Degrees by which it is turned counter-clockwise. Ours are upright.
@@ -49,23 +49,19 @@ class ImageRule:
     height: int | None = None
     fit: Fit = "pad"
     keep: float = 1.0
-    turn: Turn = 0
+    turn: QuarterTurn = 0
     mirror: bool = False
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidInputError: If one is out of range, or only one side is given.
-        """
+        """Check the numbers."""
         where = f"image {'/'.join(self.key)}"
         if (self.width is None) != (self.height is None):
-            raise InvalidInputError(where, "only one of width and height is given", "Give both or none")
+            raise InvalidInputError(where, "only one of width and height is given", "Give both or neither")
         for side in (self.width, self.height):
             if side is not None and not 1 <= side <= _LARGEST_SIDE:
                 raise InvalidInputError(where, f"{side} pixels are out of range", f"Give 1 to {_LARGEST_SIDE}")
         if not 0.0 < self.keep <= 1.0:
-            raise InvalidInputError(where, f"keep = {self.keep:g} is no share", "Give more than 0 and at most 1")
+            raise InvalidInputError(where, f"keep = {self.keep:g} is out of range", "Give more than 0 and at most 1")
         if self.camera == EVERY_CAMERA and not any("{camera}" in part for part in self.key):
             raise InvalidInputError(where, "all cameras would have one key", "Write {camera} into the key")
 
@@ -74,10 +70,10 @@ class ImageRule:
         return tuple(part.replace("{camera}", camera) for part in self.key)
 
     def show(self, image: np.ndarray) -> np.ndarray:
-        """Return a image as the policy is shown it.
+        """Return an image as the policy is shown it.
 
         Shrinking averages over all pixels that fall into one (Pillow's bilinear filter, which is antialiased and is
-        the one that openpi's client resizes with); a image that has the right size already keeps its bits.
+        the one that openpi's client resizes with); an image that has the right size already keeps its bits.
 
         Returns:
             (self.height, self.width, 3) uint8, contiguous.

@@ -46,22 +46,9 @@ _WRIST_WORDS = ("wrist", "hand", "gripper")
 
 
 class LerobotPolicy(AdaptedPolicy):
-    """A policy that answers whole chunks; one instance serves many environments.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the checkpoint declares in the terms of the other clients: its images.
-        info: What the policy says about itself.
-    """
+    """A policy that answers whole chunks; one instance serves many environments."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
-        """Prepare.
-
-        Raises:
-            InvalidInputError: If the checkpoint leaves something open, which the text names.
-            HandshakeError: If the adapter of the address gives something else than the checkpoint wants.
-            UnknownNameError: If a name in the address does not exist.
-        """
         self._address, self._checkpoint = address, checkpoint
         self._where = f"policy {address}"
         features = checkpoint.features
@@ -96,30 +83,15 @@ class LerobotPolicy(AdaptedPolicy):
         return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode in one of the environments.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode in one of the environments; raise HandshakeError if it wants actions of another kind."""
         check_start(self.adapter, start, self._where)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next actions, (horizon, dim) float64; raise PolicyError if the answer cannot be read."""
         return self.act_batch([observation])[0]
 
     def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
-        """Return the next actions of several environments.
-
-        Returns:
-            Per observation (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next actions of several environments."""
         noisy = self._checkpoint.type in NOISE_TYPES
         seeds = [seed_of(seen) for seen in observations] if noisy else []
         chunks = self._checkpoint.chunks(self._batch(observations), seeds)
@@ -128,7 +100,7 @@ class LerobotPolicy(AdaptedPolicy):
         ]
 
     def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
-        """Return what LeRobot's processors take: tensors with a leading batch axis, and the sentences."""
+        """Return what LeRobot's processors take: tensors with a leading batch axis, and the instructions."""
         tensor = self._checkpoint.tensor
         batch: dict[str, Any] = {}
         shown = [self.adapter.images(seen) for seen in observations]
@@ -137,11 +109,7 @@ class LerobotPolicy(AdaptedPolicy):
             batch[key[0]] = tensor(images.astype(np.float32) / 255.0)
         for rule in self.adapter.states:
             values = [
-                rule.read(
-                    seen,
-                    ee_offset_m=self.adapter.ee_offset_m,
-                    gripper_opening_m=self.adapter.gripper_opening_m,
-                )
+                rule.read(seen, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m)
                 for seen in observations
             ]
             batch[rule.key[0]] = tensor(np.stack([np.atleast_1d(value) for value in values]).astype(np.float32))
@@ -150,20 +118,12 @@ class LerobotPolicy(AdaptedPolicy):
 
 
 class LerobotStepPolicy(AdaptedPolicy):
-    """A policy with a memory; each environment has one of its own, and all share the weights.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the checkpoint declares.
-        info: What the policy says about itself.
-    """
+    """A policy with a memory; each environment has one of its own, and all share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
-        """Prepare; see :class:`LerobotPolicy`."""
         given = [option for option in EXECUTION_OPTIONS if option in address.options]
         if given:
-            raise InvalidInputError(
-                f"policy {address}",
+            raise address.error(
                 f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
                 f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
             )
@@ -174,21 +134,13 @@ class LerobotStepPolicy(AdaptedPolicy):
         self._seed = 0
 
     def reset(self, start: EpisodeStart) -> None:
-        """Forget the last episode.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-        """
+        """Forget the last episode; raise HandshakeError if the episode wants actions of another kind."""
         self._inner.reset(start)
         self._policy.reset()
         self._seed = start.episode
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next action, (1, dim) float64.
-
-        Raises:
-            PolicyError: If the answer cannot be read.
-        """
+        """Return the next action, (1, dim) float64; raise PolicyError if the answer cannot be read."""
         batch = self._inner._batch([observation])
         seed = seed_of(observation, self._seed)
         return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)
@@ -262,12 +214,12 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         HandshakeError: If they differ; the text names both.
     """
     wanted = {
-        **{key: f"a image of {width} x {height}" for key, (height, width) in features.images.items()},
+        **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},
         "action": f"{features.action} numbers",
     }
     given = {
-        **{"/".join(r.key): f"a image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
+        **{"/".join(r.key): f"an image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
         **{"/".join(rule.key): f"{rule.size} numbers" for rule in adapter.states},
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
@@ -277,7 +229,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
     ]
     if adapter.instruction.key != _TASK or adapter.instruction.depth:
-        found.append("the sentence: LeRobot takes it as a string under 'task'")
+        found.append("the instruction: LeRobot takes it as a string under 'task'")
     if found:
         raise HandshakeError(
             f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found)}. "
@@ -297,7 +249,7 @@ def seed_of(observation: Observation, salt: int = 0) -> int:
 
 
 def _camera(key: str, address: PolicyAddress, where: str) -> str:
-    """Return which of our cameras a image shows."""
+    """Return which of our cameras an image shows."""
     given = address.options.get(f"camera.{key}")
     if given is not None:
         return given
@@ -309,9 +261,7 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
     if any(word in name for word in _WRIST_WORDS):
         return "wrist"
     raise InvalidInputError(
-        where,
-        f"nothing says which camera {key} shows",
-        f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}",
+        where, f"the camera that {key} shows is not known", f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}"
     )
 
 
@@ -327,7 +277,7 @@ def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRul
     if not space:
         raise InvalidInputError(
             where,
-            f"its actions have {features.action} numbers, and nothing says what they mean",
+            f"its actions have {features.action} numbers, and their meaning is not known",
             "Add action_space=NAME (joint_position, joint_delta or ee_pose have 8), or adapter=FILE",
         )
     return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

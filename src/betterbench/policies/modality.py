@@ -21,7 +21,7 @@ class Modalities:
     Attributes:
         video: Names of the images it wants; None if it does not say. Likewise the others.
         state: Names of the state vectors it wants.
-        language: Names under which it wants the sentence.
+        language: Names under which it wants the instruction.
         action: Names of what it answers.
         steps: Per modality in ``SEEN`` the control steps of each sample relative to now, the last one 0.
         horizon: Actions of a chunk, or None if it does not say.
@@ -66,7 +66,7 @@ class Modalities:
     def check(self, adapter: Adapter, where: str) -> None:
         """Compare with what an adapter gives and reads.
 
-        The name under which the sentence stands is no convention: the server's is used.
+        The name under which the instruction stands is not a convention: the server's is used.
 
         Raises:
             HandshakeError: If they differ; the text names both for each modality that does.
@@ -84,7 +84,7 @@ class Modalities:
                 verb = "answers" if kind == "action" else "wants"
                 differences.append(f"{kind}: the server {verb} {_listed(theirs)}, {side} {_listed(ours)}")
         if self.language is not None and len(self.language) != 1:
-            differences.append(f"language: the server wants {_listed(self.language)}, this side gives one sentence")
+            differences.append(f"language: the server wants {_listed(self.language)}, this side gives one instruction")
         if differences:
             raise HandshakeError(
                 f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "

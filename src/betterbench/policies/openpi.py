@@ -35,23 +35,9 @@ _LONGEST_REASON = 20_000
 
 
 class OpenpiClient(ServerClient[WebSocket]):
-    """A policy behind openpi's protocol; each environment has a client of its own.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the server declares.
-        last_reply: What it answered last, apart from the actions: its timing, for instance.
-    """
+    """A policy behind openpi's protocol; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        """Connect and compare conventions.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it declares other conventions than the address asks for.
-            InvalidInputError: If neither side says which images and state the policy wants.
-            UnknownNameError: If a name in the address does not exist.
-        """
         # What is wrong with the address itself is told before anybody is dialed.
         super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
@@ -81,11 +67,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; the server is not told, the protocol has no word for it.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-        """
+        """Begin an episode; the server is not told, the protocol has no word for it."""
         super().reset(start)
         self._start, self._server_s = start, 0.0
 
@@ -94,12 +76,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._trial = trial
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         trial = self._trial if self._serves_expert else None
         frame = encode_openpi(self.adapter.request(observation, self._start, trial))
 

@@ -76,7 +76,9 @@ def _instance(address: str, name: str, made: Callable[[], Policy]) -> Policy:
 def _load_module(name: str) -> ModuleType:
     if not all(part.isidentifier() for part in name.split(".")):
         raise InvalidInputError(
-            f"policy python:{name}", f"{name!r} is no module name", "Write python:module:Class or python:file.py:Class"
+            f"policy python:{name}",
+            f"{name!r} is not a module name",
+            "Write python:module:Class or python:file.py:Class",
         )
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))

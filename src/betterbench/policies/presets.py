@@ -11,11 +11,11 @@ from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import CAMERA_OPTION, PolicyAddress
 from betterbench.policies.answers import AnswerPart, AnswerRule, Polarity
-from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, Turn
+from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
 
-_TURNS: dict[str, Turn] = {"0": 0, "90": 90, "180": 180, "270": 270}
+_TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
 
 def _twist(*keys: str) -> tuple[AnswerPart, ...]:
@@ -120,10 +120,7 @@ of our own export. The server tells its own at connection, and they are compared
 
 BEING_H_LIBERO = Adapter(
     "being_h_libero",
-    views=(
-        ImageRule(("video.top_view",), "front"),
-        ImageRule(("video.wrist_view",), "wrist"),
-    ),
+    views=(ImageRule(("video.top_view",), "front"), ImageRule(("video.wrist_view",), "wrist")),
     states=(
         StateRule(("state.eef_position",), ("ee_position",)),
         StateRule(("state.eef_rotation",), ("ee_axis_angle",)),
@@ -150,7 +147,7 @@ VLA_EVAL = Adapter(
     answer=AnswerRule("ee_delta", _twist("actions")),
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
-model servers take: images by camera, eight numbers of state, and the sentence. Sizes are the server's business.
+model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
 Servers that want one image take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
 
 PRESETS: dict[str, Adapter] = {
@@ -160,11 +157,7 @@ PRESETS: dict[str, Adapter] = {
 
 
 def preset(name: str) -> Adapter:
-    """Return a preset by name.
-
-    Raises:
-        UnknownNameError: If there is no such preset.
-    """
+    """Return a preset by name; raise UnknownNameError if there is no such preset."""
     try:
         return PRESETS[name]
     except KeyError:
@@ -210,7 +203,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         else:
             reason = ""
         if reason:
-            raise InvalidInputError(where, f"ee_offset means nothing, because {reason}", "Leave ee_offset out")
+            raise InvalidInputError(where, f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
         adapter = replace(adapter, ee_offset_m=_offset(address))
     return replace(adapter, views=tuple(_image(rule, address) for rule in adapter.views), answer=answer)
 
@@ -236,7 +229,7 @@ def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
     for name in ("rotation", "units", "frame"):
         meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")
         if meaningless and name in address.options:
-            raise InvalidInputError(f"policy {address}", f"{name} means nothing for {space}", f"Leave {name} out")
+            raise address.error(f"{name} has no effect for {space}", f"Leave {name} out")
     return replace(
         rule,
         space=space,
@@ -253,7 +246,7 @@ def _size(address: PolicyAddress) -> tuple[int, int]:
     width, _, height = text.partition("x")
     sides = (width, height or width)
     if not all(s.isdecimal() and s.isascii() and len(s) <= 4 for s in sides):
-        raise InvalidInputError(f"policy {address}", f"size={text} is no size", "Write size=224 or size=320x240")
+        raise address.error(f"size={text} is not a size", "Write size=224 or size=320x240")
     return int(sides[0]), int(sides[1])
 
 
@@ -262,7 +255,5 @@ def _offset(address: PolicyAddress) -> tuple[float, float, float]:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise InvalidInputError(
-            f"policy {address}", f"ee_offset={text} is no triple of meters", "Write ee_offset=-0.66,0,0.912"
-        ) from None
+        raise address.error(f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912") from None
     return x, y, z

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, with_config
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
 from betterbench.interface import Observation
+from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
 
 StatePart = Literal[
@@ -47,7 +47,7 @@ _SIZES: dict[str, int] = {
 }
 
 
-@with_config(ConfigDict(extra="forbid"))
+@strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
     """One vector of the robot's state.
@@ -65,11 +65,7 @@ class StateRule:
     scalar: bool = False
 
     def __post_init__(self) -> None:
-        """Check that it holds something.
-
-        Raises:
-            InvalidInputError: If it holds nothing, or a scalar more than one number.
-        """
+        """Check that it holds something."""
         where = f"state {'/'.join(self.key)}"
         if not self.parts:
             raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")

@@ -18,7 +18,7 @@ class Noop:
         """Begin an episode; there is nothing to forget."""
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the action that holds still with an open hand, shape (7,)."""
+        """Return the action that holds still with an open gripper, shape (7,)."""
         del observation
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
 
@@ -29,7 +29,6 @@ class Random:
     info = PolicyInfo("random", needs_images=False)
 
     def __init__(self) -> None:
-        """Prepare a walk; it is seeded anew at every reset."""
         self._draw = np.random.default_rng(0)
         self._velocity = np.zeros(6)
         self._gripper = -1.0

@@ -63,7 +63,7 @@ def plain_text(value: object) -> str:
     """Return something that a server declared as a text of bounded length."""
     try:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
-    except TypeError:  # a map with keys that are no texts
+    except TypeError:  # a map with keys that are not texts
         text = str(value)
     if len(text) <= _LONGEST_TEXT:
         return text
@@ -72,11 +72,7 @@ def plain_text(value: object) -> str:
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
-    """Check that an episode wants actions of the kind that a policy gives.
-
-    Raises:
-        HandshakeError: If it does not.
-    """
+    """Check that an episode wants actions of the kind that a policy gives; raise HandshakeError if it does not."""
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
@@ -137,7 +133,8 @@ class AdaptedPolicy:
 class ServerClient(AdaptedPolicy, Generic[Connection]):
     """A policy behind a server; each environment has a client of its own.
 
-    What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`.
+    What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`. Its ``act`` raises
+    PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be reached.
 
     Attributes:
         info: What the policy says about itself.
@@ -168,11 +165,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         return self._connection.figures
 
     def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode.
-
-        Raises:
-            HandshakeError: If it wants actions of another kind.
-        """
+        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
         check_start(self.adapter, start, self._where)
         self._connection.count_anew()
 

@@ -44,11 +44,7 @@ class Replay:
         self.info = PolicyInfo(f"replay:{folder}", action_space=self._space, needs_images=False)
 
     def reset(self, start: EpisodeStart) -> None:
-        """Go back to the first action.
-
-        Raises:
-            InvalidInputError: If the run uses another action space than the record.
-        """
+        """Go back to the first action; raise InvalidInputError if the run uses another action space than the record."""
         if start.action_space != self._space:
             raise InvalidInputError(
                 "action space",

@@ -1,7 +1,7 @@
 """Requests as our server reads them: an observation in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds. The LIBERO
-layout of openpi is what other people's clients send: two images, eight numbers and the sentence. Nothing in it tells
+layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
 the joint angles; they are NaN then, which no policy can take for a measurement.
 """
 
@@ -31,7 +31,7 @@ class Request:
     """One question of a client.
 
     Attributes:
-        instruction: The sentence.
+        instruction: The instruction.
         step: Control steps since reset, or None where the client does not say.
         start: How the episode began, or None where the client does not say.
         trial: The trial, where the client names it, which only a served expert asks for.
@@ -48,17 +48,13 @@ class Request:
 
 
 def read_request(message: Mapping[Any, Any]) -> Request:
-    """Read a request.
-
-    Raises:
-        InvalidInputError: If a field is missing or malformed; the text names it.
-    """
+    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
     message = {key: value for key, value in message.items() if isinstance(key, str)}
     instruction = message.get("prompt")
     if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
         instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
     if not isinstance(instruction, str) or not instruction.strip():
-        raise InvalidInputError("prompt", "the sentence is missing", "Send what the robot shall do as a string")
+        raise InvalidInputError("prompt", "the instruction is missing", "Send what the robot shall do as a string")
     step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
     start, trial = None, None
     if "better/episode" in message:
@@ -141,7 +137,7 @@ def _whole(value: object, where: str) -> int:
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.item()
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
-        raise InvalidInputError(where, f"{str(value)[:40]!r} is no whole number from 0", "Send an integer")
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is not a whole number from 0", "Send an integer")
     return int(value)
 
 

@@ -61,7 +61,7 @@ class RequestClient:
 
         Raises:
             OSError: If no answer came in time, or the server went away while it was waited for.
-            PolicyError: If the answer is no single frame.
+            PolicyError: If the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:

@@ -46,11 +46,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
-    """Return a rotation in a policy's format.
-
-    Raises:
-        ValueError: If all components of the quaternion are zero.
-    """
+    """Return a rotation in a policy's format; raise ValueError if all components of the quaternion are zero."""
     w, x, y, z = unit = normalize(q)
     if form == "quaternion_wxyz":
         return [w, x, y, z]
@@ -79,10 +75,6 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
 
 def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
     """Return the quaternion (w, x, y, z), w >= 0, of a rotation in a policy's format.
-
-    Args:
-        values: As many numbers as the format has; matrices and their parts need not be exactly orthonormal.
-        form: The format.
 
     Raises:
         ValueError: If the numbers describe no rotation (a quaternion of zeros, parallel columns).

@@ -25,6 +25,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.websocket import quiet_logger
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
 
 logger = logging.getLogger(__name__)
@@ -52,12 +53,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Serves sessions until it is told to stop; a context manager that starts and stops it.
-
-    Attributes:
-        host: Interface it listens on.
-        port: Port it listens on, the real one where any free port was asked for.
-    """
+    """Serves sessions until it is told to stop; a context manager that starts and stops it."""
 
     def __init__(
         self,
@@ -96,7 +92,7 @@ class PolicyServer:
             # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
             ping_interval=None,
             close_timeout=_CLOSE_TIMEOUT_S,
-            logger=_quiet(),
+            logger=quiet_logger(),
         )
         self.host = host
         self.port = int(self._server.socket.getsockname()[1])
@@ -137,14 +133,12 @@ class PolicyServer:
             self._on_stop()
 
     def __enter__(self) -> Self:
-        """Start."""
         self.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop."""
         self.stop()
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -194,7 +188,7 @@ class PolicyServer:
             logger.info("%s left after %d answers", client, answered)
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
-        """Return the reply to a frame; raise InvalidInputError if the frame is no request."""
+        """Return the reply to a frame; raise InvalidInputError if the frame is not a request."""
         if isinstance(frame, str):
             raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
         request = decode_openpi(frame)
@@ -208,7 +202,7 @@ class PolicyServer:
 def _listen(host: str, port: int) -> socket.socket:
     """Return a listening socket; raise InvalidInputError if it cannot be had."""
     if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is no port", "Give 1 to 65535, or 0 for any free one")
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         return socket.create_server((host, port), family=family)
@@ -221,17 +215,10 @@ def _listen(host: str, port: int) -> socket.socket:
             raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
         raise InvalidInputError(
             "--host",
-            f"{host!r} is no interface of this machine ({problem.strerror})",
+            f"{host!r} is not an interface of this machine ({problem.strerror})",
             "127.0.0.1 is this machine alone",
         ) from None
 
 
 def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket
     return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
-
-
-def _quiet() -> logging.Logger:
-    """Return a logger for the library: it logs a traceback for every port scan and every client that breaks off."""
-    quiet = logging.getLogger(f"{__name__}.websockets")
-    quiet.setLevel(logging.CRITICAL)
-    return quiet

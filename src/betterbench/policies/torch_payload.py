@@ -44,7 +44,7 @@ class _Kind:
 
     def dtype(self) -> np.dtype[Any]:
         if not isinstance(self.text, str) or not _NUMBERS.fullmatch(self.text):
-            raise ValueError(f"an array has the type {str(self.text)[:20]!r}, which is no plain number")
+            raise ValueError(f"an array has the type {str(self.text)[:20]!r}, which is not a plain number")
         return np.dtype(self.order.replace("|", "=") + self.text)
 
 
@@ -108,17 +108,13 @@ _STAND_INS = [
 
 
 def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
-    """Return torch.
-
-    Raises:
-        MissingDependencyError: If it is not installed, or too old to read what strangers wrote.
-    """
+    """Return torch; raise MissingDependencyError if it is not installed, or too old to read what strangers wrote."""
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:
         raise MissingDependencyError(
             "being-h:// needs PyTorch, which is not installed. Run pip install 'betterbench[being-h]', or use the "
-            "bridge (betterbench.policies.bridges), which needs none here."
+            "bridge (betterbench.policies.bridges), which does not need it here."
         ) from error
     version = tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
     if version < OLDEST_TORCH:
@@ -178,7 +174,7 @@ def _survey(data: bytes) -> None:
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):
-        raise ValueError("it is no archive as torch has written since version 1.6")
+        raise ValueError("it is not an archive as torch has written since version 1.6")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = archive.infolist()
         if any(e.compress_type != zipfile.ZIP_STORED or e.file_size != e.compress_size for e in entries):
@@ -207,7 +203,7 @@ class _Reader:
             return thing
         if isinstance(thing, Mapping):
             if not all(type(key) is str for key in thing):
-                raise ValueError("a map has keys that are no texts")
+                raise ValueError("a map has keys that are not texts")
             return {key: self.plain(value, depth + 1) for key, value in thing.items()}
         if isinstance(thing, (list, tuple)):
             return [self.plain(value, depth + 1) for value in thing]

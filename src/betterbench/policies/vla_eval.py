@@ -54,21 +54,9 @@ _MessageKind = Literal["hello", "observation", "action", "episode_start", "episo
 
 
 class VlaEvalClient(ServerClient[WebSocket]):
-    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the server declares.
-    """
+    """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        """Connect, say hello and compare conventions.
-
-        Raises:
-            PolicyUnavailableError: If the server cannot be reached.
-            HandshakeError: If it declares other conventions than the address asks for.
-            UnknownNameError: If a name in the address does not exist.
-        """
         super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
         self._max_bytes, self._wanted = max_bytes, self.adapter
         self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
@@ -86,25 +74,14 @@ class VlaEvalClient(ServerClient[WebSocket]):
         )
 
     def reset(self, start: EpisodeStart) -> None:
-        """End the last episode and begin one; the server learns the sentence and nothing else of the trial.
-
-        Raises:
-            HandshakeError: If the episode wants actions of another kind.
-            PolicyError: If the server breaks.
-            PolicyUnavailableError: If it cannot be reached.
-        """
+        """End the last episode and begin one; the server learns the instruction and nothing else of the trial."""
         super().reset(start)
         self._end_episode()
         self._start, self._asked = start, 0
         self._connection.request(self._begin_episode, replies=False)
 
     def act(self, observation: Observation) -> np.ndarray:
-        """Return the next actions, (horizon, dim) float64.
-
-        Raises:
-            PolicyError: If the reply cannot be used, or none came.
-            PolicyUnavailableError: If the server cannot be reached.
-        """
+        """Return the next actions, (horizon, dim) float64."""
         payload = self.adapter.request(observation, self._start)
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
@@ -197,7 +174,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
             frame = connection.receive(end - time.monotonic())
             message = decode_vla_eval(frame) if isinstance(frame, bytes) else None
             if not isinstance(message, Mapping) or not isinstance(message.get("payload"), Mapping):
-                raise PolicyError(f"{self._where} sent what is no message with a type and a payload.")
+                raise PolicyError(f"{self._where} sent a frame that is not a message with a type and a payload.")
             payload: Mapping[Any, Any] = message["payload"]
             kind, number = message.get("type"), message.get("seq")
             if not isinstance(kind, str) or not isinstance(number, int):
@@ -209,7 +186,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
                 return payload
             if number >= sent:
                 raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
-        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that answer nothing.")
+        raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
@@ -246,7 +223,7 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
     """Return what a server declares and what the adapter offers, in words that can be compared.
 
-    As in the harness, a format ``raw`` promises nothing, and ranges are no conventions: its own constant for rotation
+    As in the harness, a format ``raw`` promises nothing, and ranges are not conventions: its own constant for rotation
     vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
     take them in order; how many there are is compared.
 
@@ -309,7 +286,7 @@ def _specs(who: str, hello: Mapping[Any, Any], name: str) -> dict[str, _Spec]:
     if given is None:
         return {}
     if not isinstance(given, Mapping) or not all(isinstance(spec, Mapping) for spec in given.values()):
-        raise HandshakeError(f"{who} declares an {name} that is no map of components.")
+        raise HandshakeError(f"{who} declares an {name} that is not a map of components.")
     found = {}
     for key, spec in given.items():
         told, accepts = spec.get("format"), spec.get("accepts")

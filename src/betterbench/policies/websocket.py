@@ -31,7 +31,7 @@ class WebSocket:
 
         Raises:
             OSError: If the server is not there or not ready.
-            HandshakeError: If it refuses the key, or is no websocket server.
+            HandshakeError: If it refuses the key, or is not a websocket server.
         """
         host, port = address.server()
         name = f"[{host}]" if ":" in host else host
@@ -51,7 +51,7 @@ class WebSocket:
                     # Servers answer no pings while they infer; the deadline of the request finds out who is dead.
                     ping_interval=None,
                     proxy=None,
-                    logger=_quiet(),
+                    logger=quiet_logger(),
                 )
             )
         except InvalidStatus as error:
@@ -63,10 +63,10 @@ class WebSocket:
                 ) from error
             raise ConnectionError(f"the server answered HTTP {status}") from error
         except (InvalidURI, UnicodeError) as error:
-            raise HandshakeError(f"{self._where} is no address of a websocket ({error}).") from error
+            raise HandshakeError(f"{self._where} is not an address of a websocket ({error}).") from error
         except (WebSocketException, EOFError, AssertionError) as error:
             # One who talks before we have asked can trip an assertion of the library's.
-            raise ConnectionError(f"what answers there is no websocket server ({error})") from error
+            raise ConnectionError(f"the server there is not a websocket server ({error})") from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
         """Send one binary message.
@@ -134,8 +134,8 @@ class WebSocket:
         return ConnectionError(f"the server closed the connection with code {error.rcvd.code} {reason}".strip())
 
 
-def _quiet() -> logging.Logger:
-    """Return a logger for the library; what it would say is said by the errors above."""
+def quiet_logger() -> logging.Logger:
+    """Return a logger for the library, which would log a traceback for every port scan and client that breaks off."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

@@ -46,18 +46,20 @@ _MAX_JSON = 1_000_000
 _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
 
+_UNREADABLE = (
+    *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
+    *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
+    *(Image.DecompressionBombError, Image.DecompressionBombWarning),
+)
+"""What the decoders raise about a frame that they cannot read."""
+
 ImageCoding = Literal["raw", "png", "jpeg"]
 """How vla-eval sends uint8 images: as they are, or compressed without or with loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """What a GR00T server says about one modality.
-
-    Attributes:
-        delta_indices: Time steps of each sample, relative to now.
-        modality_keys: Names of its entries, in order.
-    """
+    """What a GR00T server says about one modality."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]
@@ -168,7 +170,7 @@ def _is_image(array: np.ndarray, images: ImageCoding) -> bool:
 def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
     buffer = io.BytesIO()
     image = Image.fromarray(np.ascontiguousarray(array))
-    # Level 1 of zlib: a image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
+    # Level 1 of zlib: an image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
     options: dict[str, int] = {"quality": 95} if images == "jpeg" else {"compress_level": 1}
     image.save(buffer, images.upper(), **options)
     return {"__image__": True, "format": images, "data": buffer.getvalue(), "shape": list(array.shape)}
@@ -177,13 +179,13 @@ def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
 def _image(form: dict[Any, Any]) -> np.ndarray:
     data, coding, shape = form.get("data"), form.get("format"), _shape(form.get("shape"))
     if coding not in ("png", "jpeg") or not isinstance(data, bytes):
-        raise ValueError(f"a image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
+        raise ValueError(f"an image has the format {str(coding)[:20]!r} and its data are a {type(data).__name__}")
     if len(shape) != 3 or shape[2] not in (1, 3, 4) or not 0 < shape[0] * shape[1] <= MAX_PIXELS:
-        raise ValueError(f"a image has the shape {shape}")
+        raise ValueError(f"an image has the shape {shape}")
     with Image.open(io.BytesIO(data), formats=[coding.upper()]) as image:
         expected = {1: "L", 3: "RGB", 4: "RGBA"}[shape[2]]
         if image.size != (shape[1], shape[0]) or image.mode != expected:
-            raise ValueError(f"a image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
+            raise ValueError(f"an image of shape {shape} holds {image.size[::-1]} of mode {image.mode}")
         array = np.asarray(image).reshape(shape)
     array.flags.writeable = False
     return array
@@ -294,51 +296,20 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
         _survey(data)
         # Map keys must be text or bytes: nothing else is needed, and lists of colliding numbers would be slow to hash.
         return msgpack.unpackb(data, object_hook=hook, raw=False, strict_map_key=True, ext_hook=_no_extension)
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        AttributeError,
-        OverflowError,
-        ArithmeticError,
-        RecursionError,
-        MemoryError,
-        EOFError,
-        OSError,
-        SyntaxError,
-        UnicodeError,
-        struct.error,
-        zlib.error,
-        msgpack.UnpackException,
-        Image.DecompressionBombError,
-        Image.DecompressionBombWarning,
-    ) as error:
+    except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"{dialect} frame of {len(data)} bytes: it cannot be read ({problem}).") from error
 
 
 def _no_extension(code: int, data: bytes) -> object:
-    raise ValueError(f"an extension of type {code} with {len(data)} bytes means nothing here")
+    raise ValueError(f"an extension of type {code} with {len(data)} bytes is not supported")
 
 
 # Tokens of msgpack by their first byte: how many bytes follow; how many bytes hold a length; how many hold a count, and
 # of how many values.
-_FIXED = {
-    0xC0: 0,
-    0xC2: 0,
-    0xC3: 0,
-    0xCA: 4,
-    0xCB: 8,
-    0xCC: 1,
-    0xCD: 2,
-    0xCE: 4,
-    0xCF: 8,
-    0xD0: 1,
-    0xD1: 2,
-    0xD2: 4,
-    0xD3: 8,
-}
+_FIXED = dict(
+    zip(b"\xc0\xc2\xc3\xca\xcb\xcc\xcd\xce\xcf\xd0\xd1\xd2\xd3", b"\0\0\0\4\x08\1\2\4\x08\1\2\4\x08", strict=True)
+)
 _SIZED = {0xC4: 1, 0xC5: 2, 0xC6: 4, 0xD9: 1, 0xDA: 2, 0xDB: 4}
 _HOLDERS = {0xDC: (2, 1), 0xDD: (4, 1), 0xDE: (2, 2), 0xDF: (4, 2)}
 
@@ -400,7 +371,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
     if not isinstance(text, str) or not (_NUMBERS.fullmatch(text) or (texts and _TEXTS.fullmatch(text))):
-        raise ValueError(f"an array has the type {str(text)[:20]!r}, which is no plain number")
+        raise ValueError(f"an array has the type {str(text)[:20]!r}, which is not a plain number")
     return np.dtype(text)
 
 
@@ -408,7 +379,7 @@ def _shape(given: object) -> tuple[int, ...]:
     if not isinstance(given, (list, tuple)) or len(given) > _MAX_AXES:
         raise ValueError("an array has no shape")
     if not all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < _MAX_LENGTH for n in given):
-        raise ValueError("the shape of an array is no list of whole numbers")
+        raise ValueError("the shape of an array is not a list of whole numbers")
     return tuple(int(n) for n in given)
 
 

@@ -3,7 +3,7 @@
 from betterbench.recording.builder import RecordBuilder
 from betterbench.recording.columns import Contacts
 from betterbench.recording.durable import write_durably
-from betterbench.recording.journal import Journal, JournalEntry, Status, read_journal
+from betterbench.recording.journal import Journal, JournalEntry, TrialStatus, read_journal
 from betterbench.recording.line_journal import LineJournal
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
@@ -25,8 +25,8 @@ __all__ = [
     "RetryLedger",
     "RunFolder",
     "RunLock",
-    "Status",
     "Termination",
+    "TrialStatus",
     "first_difference",
     "read_journal",
     "read_outcome",

@@ -36,7 +36,6 @@ class RecordBuilder:
     """
 
     def __init__(self, metadata: RecordMetadata) -> None:
-        """Begin an empty record."""
         if metadata.schema_version != SCHEMA_VERSION:
             problem = f"{metadata.schema_version!r} cannot be written"
             raise InvalidInputError("schema_version", problem, f"Leave it at {SCHEMA_VERSION}")
@@ -51,7 +50,6 @@ class RecordBuilder:
         self._no_action = np.full(len(metadata.action_components), np.nan)
 
     def __len__(self) -> int:
-        """Return the number of rows so far."""
         return len(self._states)
 
     def append(
@@ -200,13 +198,13 @@ class RecordBuilder:
         """Return the index of the held object in every row, or -1.
 
         Raises:
-            InvalidInputError: If a state holds what is no object of the scene.
+            InvalidInputError: If a state holds what is not an object of the scene.
         """
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
             row = held.index(-2)
-            problem = f"{self._states[row].held!r} is no object (row {row})"
+            problem = f"{self._states[row].held!r} is not an object (row {row})"
             raise InvalidInputError("state.held", problem, "Name a scene object")
         return np.array(held, dtype=np.int16)
 

@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_form
 from betterbench.recording.line_journal import LineJournal, complete_lines
 from betterbench.tasks.trial_id import TrialId
 
-Status = Literal["done", "error"]
+TrialStatus = Literal["done", "error"]
 """Whether a trial has a record, or broke down outside the policy and is run again when the run is resumed."""
 
 
@@ -37,7 +37,7 @@ class JournalEntry:
     condition: str
     variation: str | None
     seed: int
-    status: Status = "done"
+    status: TrialStatus = "done"
     message: str | None = None
     wall: Mapping[str, float] = field(default_factory=dict)
     ground_truth: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     condition: str
     variation: str | None
     seed: Annotated[int, Field(ge=0)]
-    status: Status
+    status: TrialStatus
     message: str | None
     wall: dict[str, float]
     ground_truth: dict[str, str] = {}
@@ -77,7 +77,6 @@ class Journal(LineJournal):
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the journal."""
         self._entries: dict[TrialId, JournalEntry] = {}
         super().__init__(path)
 
@@ -130,10 +129,7 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> dict[TrialId, JournalEn
     done: dict[TrialId, int] = {}
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
-        try:
-            form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE)
-        except InvalidInputError as error:
-            raise RecordError(str(error)) from error
+        form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
         entry = JournalEntry(**form.model_dump())
         if entry.key in done:
             raise RecordError(

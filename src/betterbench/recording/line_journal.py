@@ -32,7 +32,6 @@ class LineJournal:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the journal."""
         self._path = path
         self._lock = RunLock(path.parent / LOCK_NAME)
         self._handle: int | None = None
@@ -87,13 +86,11 @@ class LineJournal:
         self._lock.release()
 
     def __enter__(self) -> Self:
-        """Return the open journal."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the journal."""
         self.close()
 
 

@@ -51,7 +51,6 @@ class RunLock:
     """
 
     def __init__(self, path: Path) -> None:
-        """Take the lock."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self._handle: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
@@ -79,13 +78,11 @@ class RunLock:
             self._handle = None
 
     def __enter__(self) -> Self:
-        """Return the held lock."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Release the lock."""
         self.release()
 
 

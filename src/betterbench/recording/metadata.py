@@ -20,7 +20,7 @@ Termination = Literal["success", "failure", "step_limit", "policy_error", "inter
 """Why an episode ended: the goal was met (or rightly left alone), it became unreachable or forbidden, the step limit
 was reached, the policy broke its protocol, or the operator stopped it."""
 
-Count = Annotated[int, Field(ge=0)]
+_Count = Annotated[int, Field(ge=0)]
 
 TERMINATIONS: tuple[str, ...] = get_args(Termination)
 
@@ -45,11 +45,7 @@ class Outcome:
     invalid_actions: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse contradictory outcomes.
-
-        Raises:
-            InvalidInputError: If a field is out of range or success contradicts the termination.
-        """
+        """Refuse contradictory outcomes."""
         if self.termination not in TERMINATIONS:
             problem = f"{self.termination!r} is not a reason to end an episode"
             raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
@@ -95,7 +91,7 @@ class RecordMetadata:
     """
 
     task: str
-    task_version: Count
+    task_version: _Count
     suite_version: str
     package_version: str
     condition: str
@@ -103,7 +99,7 @@ class RecordMetadata:
     axis: str | None
     base_condition: str | None
     interventions: tuple[str, ...]
-    seed: Count
+    seed: _Count
     policy: str
     instruction: str
     expected: str

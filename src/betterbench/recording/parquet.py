@@ -183,7 +183,7 @@ def _intact(path: Path) -> bytes:
     """
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
-        raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is no record of an episode")
+        raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record")
     data = path.read_bytes()
     # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
     if seal(data) != data:
@@ -248,4 +248,4 @@ def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
     rows, per_row = file.metadata.num_rows, sum(getattr(field.type, "list_size", 1) for field in expected)
     groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
     if max(sum(group.total_byte_size for group in groups), rows * per_row * 8) > MAX_UNPACKED_BYTES:
-        raise RecordError(f"unpacks to more than {MAX_UNPACKED_BYTES} bytes; this is no record of an episode")
+        raise RecordError(f"unpacks to more than {MAX_UNPACKED_BYTES} bytes; this is not a record")

@@ -14,8 +14,8 @@ from betterbench.recording.columns import COLUMNS, Contacts
 from betterbench.recording.metadata import Outcome, RecordMetadata
 from betterbench.state import Contact, WorldState
 
-Floats = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 _BLOCK_ROWS = 256
 """Rows that are turned into states at once: enough to make it fast, few enough to keep memory small."""
@@ -62,30 +62,30 @@ class Record:
     metadata: RecordMetadata
     outcome: Outcome
     bodies: tuple[str, ...]
-    time: Floats
-    qpos: Floats
-    qvel: Floats
-    act: Floats
-    ctrl: Floats
-    action: Floats
-    applied: Floats
-    ee_position: Floats
-    ee_quaternion: Floats
-    commanded_position: Floats
-    commanded_quaternion: Floats
-    finger_width: Floats
-    gripper_command: Floats
-    joint_positions: Floats
-    joint_velocities: Floats
-    object_positions: Floats
-    object_quaternions: Floats
-    object_linear_speeds: Floats
-    object_angular_speeds: Floats
+    time: FloatArray
+    qpos: FloatArray
+    qvel: FloatArray
+    act: FloatArray
+    ctrl: FloatArray
+    action: FloatArray
+    applied: FloatArray
+    ee_position: FloatArray
+    ee_quaternion: FloatArray
+    commanded_position: FloatArray
+    commanded_quaternion: FloatArray
+    finger_width: FloatArray
+    gripper_command: FloatArray
+    joint_positions: FloatArray
+    joint_velocities: FloatArray
+    object_positions: FloatArray
+    object_quaternions: FloatArray
+    object_linear_speeds: FloatArray
+    object_angular_speeds: FloatArray
     held: npt.NDArray[np.int16]
-    predicates: Bools
-    subgoals: Bools
-    goal: Bools
-    forbidden: Bools
+    predicates: BoolArray
+    subgoals: BoolArray
+    goal: BoolArray
+    forbidden: BoolArray
     contacts: Contacts
 
     def __post_init__(self) -> None:
@@ -94,7 +94,6 @@ class Record:
             array.setflags(write=False)
 
     def __len__(self) -> int:
-        """Return the number of rows, one more than the number of control steps."""
         return int(self.time.shape[0])
 
     @property
@@ -199,7 +198,7 @@ class Record:
             )
 
 
-def _tuples(values: Floats) -> list[Any]:
+def _tuples(values: FloatArray) -> list[Any]:
     """Return an array's last axis as tuples of floats, in one flat list.
 
     Striding over one list of floats is several times faster than turning each small array into a tuple. The result

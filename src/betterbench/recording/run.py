@@ -60,15 +60,8 @@ class RunFolder:
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
         """Create a run, or resume the one in the folder if it has the same plan.
 
-        ``run.json`` is written before anything else. A resumed run keeps the context of its first start.
-
-        Args:
-            path: The folder; it is made if missing.
-            plan: JSON form of everything that makes this run what it is.
-            context: JSON form of what else is good to know.
-
-        Returns:
-            The run folder.
+        The folder is made if missing, and ``run.json`` is written before anything else. A resumed run keeps the
+        context of its first start.
 
         Raises:
             RunConflictError: If the folder holds a run with another plan, other files, or is being written to.
@@ -113,9 +106,9 @@ class RunFolder:
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         try:
             data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure)
-            document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure)
         except InvalidInputError as error:
             raise RecordError(str(error)) from error
+        document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)
         require_origins(document.plan, path)
         return cls(path, document.plan, document.context)
 
@@ -137,9 +130,6 @@ class RunFolder:
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
         """Write what became known about the run later into its context, and return the run.
 
-        Args:
-            changes: JSON form by name; what the context held under a name is replaced.
-
         Raises:
             RunConflictError: If a process is writing to the run.
             InvalidInputError: If a change is not JSON.
@@ -160,11 +150,7 @@ class RunFolder:
         return Journal(self.journal_path)
 
     def entries(self) -> tuple[JournalEntry, ...]:
-        """Read the journal without locking the folder.
-
-        Raises:
-            RecordError: If the journal is corrupt.
-        """
+        """Read the journal without locking the folder; raise RecordError if the journal is corrupt."""
         return read_journal(self.journal_path)
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
@@ -176,21 +162,17 @@ class RunFolder:
         return self._inside("records", task, condition, f"{_seed(seed)}.parquet")
 
     def video_path(self, task: str, condition: str, seed: int, *, camera: str) -> Path:
-        """Return the place of a trial's video; see :meth:`record_path`.
-
-        Raises:
-            InvalidInputError: If a name could leave the folder or the seed is negative.
-        """
+        """Return the place of a trial's video; see :meth:`record_path`."""
         return self._inside("videos", task, condition, f"{_seed(seed)}_{_safe_name('camera', camera)}.mp4")
 
     def scene_path(self, scene_hash: str) -> Path:
         """Return the place of a stored scene.
 
         Raises:
-            InvalidInputError: If it is no hash in lower-case hexadecimal digits.
+            InvalidInputError: If it is not a hash in lower-case hexadecimal digits.
         """
         if not _HASH.fullmatch(scene_hash):
-            raise InvalidInputError("scene hash", f"{scene_hash!r} is none", "Give 8 to 128 hexadecimal digits")
+            raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
         return self._inside("scenes", f"{scene_hash}.zip")
 
     def write_record(self, record: Record) -> Path:
@@ -228,9 +210,6 @@ class RunFolder:
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
         """Store a scene once; the same files give the same bytes.
-
-        Returns:
-            The archive; one that exists is left as it is.
 
         Raises:
             InvalidInputError: If a name could leave the archive's folder or the scene is too large.

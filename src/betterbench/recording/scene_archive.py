@@ -65,7 +65,7 @@ def read_scene(path: Path) -> dict[str, bytes]:
 def _member_problem(name: str) -> str | None:
     """Return why a name must not stand in an archive, or None."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
-        return "is no portable file name"
+        return "is not a portable file name"
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts or str(path) != name:
         return "could lead out of its folder"
@@ -79,7 +79,7 @@ def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
         RecordError: If it exceeds them, or holds a name that could lead out of a folder or stands there twice.
     """
     members = archive.infolist()
-    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is no scene of a run.")
+    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
     if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
         raise too_large
     files: dict[str, bytes] = {}
@@ -87,7 +87,7 @@ def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
     for member in members:
         problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
         if problem:
-            raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is no scene of a run.")
+            raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is not a scene of a run.")
         blocks: list[bytes] = []
         with archive.open(member) as stream:
             while block := stream.read(_READ_BLOCK):

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
 from betterbench.report.html import data_uri, environment, write
-from betterbench.report.wording import listed
 from betterbench.statistics import Rate, percent
+from betterbench.statistics.wording import listed
 
 KINDS = {
     Kind.NONE: "right",
@@ -36,7 +36,7 @@ def write_calibration_page(calibration: Calibration, out: Path) -> Path:
         matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
         suspicious=suspicious(calibration.probes),
-        speechless=listed(speechless(calibration.probes)),
+        redundant=listed(redundant(calibration.probes)),
         kinds=KINDS,
     )
     return write(out / "calibration.html", page)
@@ -105,10 +105,10 @@ def calibration_markdown(calibration: Calibration) -> str:
     if calibration.probes:
         found = suspicious(calibration.probes)
         lines += ["", _probe_sentence(calibration.probes, found), ""]
-        alone = speechless(calibration.probes)
+        alone = redundant(calibration.probes)
         if alone:
             lines += [
-                f"Only one sentence makes sense in the scene of {listed(alone)}: they test eyes and not ears.",
+                f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.",
                 "",
             ]
         if found:
@@ -126,8 +126,8 @@ def suspicious(cells: Sequence[ProbeCell]) -> list[ProbeCell]:
     return sorted((c for c in cells if c.above_chance), key=lambda c: (c.p_value, c.task, c.variation))
 
 
-def speechless(cells: Sequence[ProbeCell]) -> list[str]:
-    """Return the variations in whose scene only one sentence makes sense."""
+def redundant(cells: Sequence[ProbeCell]) -> list[str]:
+    """Return the variations in whose scene only one instruction makes sense."""
     return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 

@@ -13,13 +13,7 @@ from betterbench.report.html import environment, write
 
 @dataclass(frozen=True, slots=True)
 class TaskRows:
-    """The conditions of one task as the page shows them.
-
-    Attributes:
-        task: Task id.
-        variations: Its variations.
-        training: Its training conditions.
-    """
+    """The variations and the training conditions of one task as the page shows them."""
 
     task: str
     variations: tuple[Summary, ...]

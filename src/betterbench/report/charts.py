@@ -103,8 +103,8 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     return Chart(
         "outcomes",
         "How the trials ended",
-        "Counts of trials. Reasoning: it went for the wrong thing. Execution: the right thing at the right time, and "
-        "the hand failed. System: the policy did not run.",
+        "Counts of trials. Reasoning: it went for the wrong object. Execution: correct target at the right time, "
+        "failed manipulation. System: the policy did not run.",
         tuple(groups),
         key=tuple(FAMILIES.items()),
     )

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from betterbench.report.wording import Figure, minus, p_text
+from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
+from betterbench.statistics.wording import minus, p_text
 
 GRID = 0.25
 """Distance of the grid lines of a chart, as a fraction."""
@@ -104,9 +105,7 @@ class Chart:
 
     Attributes:
         name: File name without its ending.
-        title: Heading.
         caption: What is shown, one or two sentences.
-        groups: Bars or stacks.
         scale: Horizontal scale of bars; stacks fill their width.
         key: Class and name of every style that needs a legend.
     """

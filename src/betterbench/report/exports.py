@@ -16,15 +16,7 @@ from betterbench.report.task_views import task_views
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A table in its file forms.
-
-    Attributes:
-        name: File name without its ending.
-        title: What it holds, in a few words.
-        csv: CSV form.
-        latex: LaTeX form.
-        rows: Number of rows.
-    """
+    """A table in its file forms, with its number of rows; ``name`` is the file name without its ending."""
 
     name: str
     title: str

@@ -25,13 +25,7 @@ def film_key(policy: str, trial: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One image of a film.
-
-    Attributes:
-        time_s: Simulated time [s].
-        image: A JPEG or PNG file.
-        caption: A few words, or nothing.
-    """
+    """One image of a film: simulated time [s], a JPEG or PNG file, and a few words or nothing."""
 
     time_s: float
     image: bytes
@@ -51,14 +45,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Film:
-    """The frames of a trial, and those of its counterfactual twin.
+    """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
 
     Attributes:
-        policy: Address of the policy.
-        trial: Key of the trial ("fast_food/T1/3").
-        frames: Frames of the trial, in time.
-        twin: Key of the twin, or None.
-        twin_frames: Frames of the twin, in time.
         evidence_s: Beginning and end of the span that shows the evidence [s]; frames inside it are marked.
     """
 
@@ -77,16 +66,12 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial that is worth a film, and the moments to render.
+    """A trial that is worth a film, and the moments to render, each with its caption.
 
     Attributes:
-        policy: Address of the policy.
-        trial: Key of the trial.
         twin: Key of the twin, or None if the run has no record of it.
         times_s: Moments of the trial [s], strictly increasing.
-        captions: One caption per moment.
         twin_times_s: Moments of the twin [s], strictly increasing.
-        twin_captions: One caption per moment of the twin.
         evidence_s: Beginning and end of the span that shows the evidence [s].
     """
 
@@ -140,24 +125,24 @@ def _representative(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnos
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the moments of a trial and of its twin."""
+    """Return the moments of a trial about its evidence, and of its twin about the first attempt there."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
     what = "attempt" if trial.attempts and trial.kind is not Kind.NONE else "evidence"
     moments = _moments(start, end, trial.duration_s, what)
-    twin = by_key.get(trial.twin_key or "")
-    twin_moments: dict[float, str] = {}
+    twin, shown = by_key.get(trial.twin_key or ""), dict[float, str]()
     if twin is not None:
-        first = twin.attempts[0] if twin.attempts else None
-        begin, stop = (first.start_s, first.end_s) if first else (twin.evidence.start_s, twin.evidence.end_s)
-        twin_moments = _moments(begin, max(begin, stop), twin.duration_s, "attempt" if first else "evidence")
+        span = twin.attempts[0] if twin.attempts else twin.evidence
+        what = "attempt" if twin.attempts else "evidence"
+        shown = _moments(span.start_s, max(span.start_s, span.end_s), twin.duration_s, what)
+    key = None if twin is None else twin.key
     return Showing(
         policy,
         trial.key,
-        None if twin is None else twin.key,
+        key,
         tuple(moments),
         tuple(moments.values()),
-        tuple(twin_moments),
-        tuple(twin_moments.values()),
+        tuple(shown),
+        tuple(shown.values()),
         (start, end),
     )
 

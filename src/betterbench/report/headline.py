@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.legend import LEGEND
 from betterbench.report.outcomes import Segment, segments_of
-from betterbench.report.wording import THIN, Figure, listed, plural, points
+from betterbench.report.wording import THIN, Figure
+from betterbench.statistics.wording import listed, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
@@ -21,19 +22,14 @@ by its success; what it attempts first can still be judged."""
 
 
 PLACE_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules that send the hand to a place, whatever stands there."""
+"""Labels of rules that send the gripper to a slot, whatever stands there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """The leading failure mode of some variation trials.
+    """The leading failure mode of some trials: how many of the failures and of all trials ended with its label.
 
-    Attributes:
-        label: The label.
-        count: Trials that ended with it.
-        failures: All failures among the trials.
-        trials: All trials.
-        look_alikes: Look-alikes that its rule took from a trained place, where there are more of them than of its own.
+    ``look_alikes`` counts those that its rule took from a trained slot, where there are more of them than of its own.
     """
 
     label: Label
@@ -46,11 +42,6 @@ class Failure:
     def name(self) -> str:
         """Full name of the label."""
         return LEGEND[self.label].name
-
-    @property
-    def family(self) -> str:
-        """Color family of the label."""
-        return LEGEND[self.label].family
 
     @property
     def share(self) -> str:
@@ -71,16 +62,9 @@ class Headline:
     """What the top of the page says about one policy.
 
     Attributes:
-        policy: Address of the policy.
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
-        training: Success rate on the training conditions.
-        variations: Success rate on the variations.
-        gap: Illusion gap.
-        intention: Intention accuracy on the variations.
-        grasps: Distractor grasp rate on the variations.
-        failure: The leading failure mode, or None.
         segments: Outcomes of the variation trials.
     """
 
@@ -196,7 +180,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
     )
     if gap.value is None:
         return f"{text}; without twins there is no illusion gap."
-    size = f"{points(gap.value)} points"
+    size = f"{points(gap.value, 0)} points"
     ends = f"95{THIN}% interval {gap.interval()}, {gap.count()}" if gap.interval() else gap.count()
     return f"{text}: an illusion gap of {size} ({ends})."
 

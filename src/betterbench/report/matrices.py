@@ -47,14 +47,7 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """One condition behind a cell.
-
-    Attributes:
-        id: Task and variation or training condition ("fruit_lunch/T1").
-        expected: What a right policy does.
-        success: Success rate of its trials.
-        labels: How its trials ended, the most frequent first.
-    """
+    """One condition behind a cell ("fruit_lunch/T1"); ``labels`` is how its trials ended, the most frequent first."""
 
     id: str
     expected: Expected
@@ -64,11 +57,9 @@ class MatrixSource:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One cell of a matrix.
+    """One cell of a matrix: the state of the first target, and of the distractor or second target.
 
     Attributes:
-        row: State of the first target.
-        column: State of the distractor or of the second target.
         sources: The conditions behind it; none if the run has none.
         success: Success rate over all their trials; no trials if there are none.
         labels: How the trials ended, the most frequent first.
@@ -96,9 +87,7 @@ class Matrix:
 
     Attributes:
         name: File name without its ending.
-        title: Heading.
         caption: What rows and columns are.
-        policy: Address of the policy.
         axes: What the rows and what the columns tell the state of.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
@@ -150,21 +139,9 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
         for cell in (cell for row in matrix.cells for cell in row):
             rate = cell.success
             ends = (None, None) if cell.empty else (rate.low, rate.high)
-            rows.append(
-                (
-                    matrix.policy,
-                    cell.row.value,
-                    cell.column.value,
-                    rate.k,
-                    rate.n,
-                    rate.value,
-                    *ends,
-                    outcomes_text(cell.labels),
-                    " ".join(source.id for source in cell.sources),
-                    cell.note,
-                    cell.paper,
-                )
-            )
+            sources = " ".join(source.id for source in cell.sources)
+            where = (matrix.policy, cell.row.value, cell.column.value, rate.k, rate.n, rate.value, *ends)
+            rows.append((*where, outcomes_text(cell.labels), sources, cell.note, cell.paper))
     first = matrices[0] if matrices else None
     axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
     columns = ("policy", *axes, "k", "n", "success_rate", "low", "high", "outcomes", "conditions", "note", "paper")
@@ -192,16 +169,10 @@ def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
 def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequence[MatrixSource]]) -> Matrix:
     """Return one matrix."""
     title, caption, axes = _HEADINGS[horizon]
+    positions = [[CellPosition(horizon, row, column) for column in State] for row in State]
     cells = tuple(
-        tuple(
-            _cell(
-                CellPosition(horizon, row, column),
-                groups.get(CellPosition(horizon, row, column), ()),
-                PAPER[horizon][i][j],
-            )
-            for j, column in enumerate(State)
-        )
-        for i, row in enumerate(State)
+        tuple(_cell(at, groups.get(at, ()), paper) for at, paper in zip(row, seen, strict=True))
+        for row, seen in zip(positions, PAPER[horizon], strict=True)
     )
     return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
 

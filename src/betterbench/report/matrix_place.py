@@ -28,13 +28,7 @@ class Horizon(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CellPosition:
-    """A cell's place.
-
-    Attributes:
-        horizon: The matrix.
-        row: State of the first target.
-        column: State of the distractor (short horizon) or of the second target (long horizon).
-    """
+    """A cell's matrix, and the states of the first target and of the distractor (long horizon: the second target)."""
 
     horizon: Horizon
     row: State

@@ -5,36 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
+from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
-from betterbench.tasks.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A part of an outcome bar: a label and how many trials ended with it."""
+    """A part of an outcome bar: a failure mode, or a success, and how many trials ended with it."""
 
-    label: Label
+    mode: FailureMode
     count: int
-
-    @property
-    def family(self) -> str:
-        """Color family."""
-        return LEGEND[self.label].family
-
-    @property
-    def short(self) -> str:
-        """Name of one or two words."""
-        return LEGEND[self.label].short
-
-    @property
-    def name(self) -> str:
-        """Full name."""
-        return LEGEND[self.label].name
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +28,13 @@ class ConditionRow:
 
     Attributes:
         id: "fast_food/T1", or "fast_food/training".
-        task: Task id.
         variation: Name of the variation, or None for the training conditions.
-        axis: Axis, or None.
-        title: A few words.
         hypothesis: What a right policy shows, or an empty string if the task is not known here.
         expected: What a right policy does, in words.
-        instruction: The sentence, or the first of several.
-        changed: The interventions, as ``do(...)``.
-        support: Whether the poses lie inside the training regime, or an empty string.
-        trial: Success rate.
+        instruction: The instruction, or the first of several.
+        changed: The interventions, as text.
+        support: Whether the poses lie inside the training distribution, or an empty string.
         twin: Success rate of the counterfactual twins of the pairs in the run.
-        gap: Illusion gap.
         segments: Outcomes, in the order of stacking, none empty.
     """
 
@@ -75,7 +55,7 @@ class ConditionRow:
 
     def count_of(self, family: str) -> int:
         """Return how many trials ended in a color family."""
-        return sum(segment.count for segment in self.segments if segment.family == family)
+        return sum(segment.count for segment in self.segments if segment.mode.family == family)
 
 
 def task_of(name: str) -> Task | None:
@@ -124,7 +104,7 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
     """Return the outcomes of trials in the order of stacking."""
     counts = Counter(trial.label for trial in trials)
-    return tuple(Segment(label, counts[label]) for label in LEGEND if counts[label])
+    return tuple(Segment(mode, counts[mode.label]) for mode in LEGEND.values() if counts[mode.label])
 
 
 def suite_rank(task: str, variation: str) -> tuple[int, str]:

@@ -24,7 +24,7 @@ from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.task_views import task_views
-from betterbench.report.wording import listed, p_text, plural
+from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
 
 STRIP_FRAMES = 3
@@ -33,7 +33,7 @@ STRIP_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class ReportSetting:
-    """One line of a table of settings: a name and its value per policy, or one value if all agree."""
+    """One line of a table of settings: its value per policy, or one value if all agree."""
 
     name: str
     values: tuple[str, ...]

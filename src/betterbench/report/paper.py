@@ -45,16 +45,7 @@ class PaperRow:
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One of the paper's tables.
-
-    Attributes:
-        name: File name without its ending.
-        title: Heading.
-        caption: What is measured, one or two sentences.
-        groups: Headings over the columns.
-        columns: The columns.
-        rows: The rows.
-    """
+    """One of the paper's tables; ``groups`` are headings over the columns, ``name`` a file name without its ending."""
 
     name: str
     title: str

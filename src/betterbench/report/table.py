@@ -15,14 +15,7 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A plain table.
-
-    Attributes:
-        name: File name without its ending.
-        caption: One sentence for a caption.
-        columns: Names of the columns.
-        rows: The rows, each as long as the columns.
-    """
+    """A plain table, each row as long as the columns; ``name`` is a file name without its ending."""
 
     name: str
     caption: str

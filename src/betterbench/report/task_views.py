@@ -26,11 +26,7 @@ class TaskLine:
     """How one policy did on the variations of a task.
 
     Attributes:
-        policy: Address of the policy.
         training: Success rate of the training trials that the variations are derived from.
-        variation: Success rate on the variations.
-        gap: Illusion gap.
-        grasps: Distractor grasp rate on the variations.
         segments: Outcomes of the variation trials.
         failure: The leading failure mode, or None.
         findings: What its trials prove together about this task.

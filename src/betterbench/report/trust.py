@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import RunDiagnosis, packaged_calibration
-from betterbench.report.calibration_page import rate_text, speechless, suspicious
-from betterbench.report.wording import listed
+from betterbench.report.calibration_page import rate_text, redundant, suspicious
 from betterbench.statistics import Rate
+from betterbench.statistics.wording import listed
 from betterbench.tasks import SUITE_VERSION
 
 
@@ -35,13 +35,13 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     if calibration.probes:
         facts["Blind probes"] = (
             "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
-            + " more often than by guessing the sentence: a success there proves less."
+            + " more often than by guessing the instruction: a success there proves less."
             if blind
-            else "No variation of this run is solved blind, or deaf, more often than by guessing."
+            else "No variation of this run is solved without images or instruction more often than by guessing."
         )
-        alone = [name for name in speechless(calibration.probes) if name in ran]
+        alone = [name for name in redundant(calibration.probes) if name in ran]
         if alone:
-            facts["Sentences"] = f"Only one makes sense in the scene of {listed(alone)}: they test eyes and not ears."
+            facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}: it is redundant there."
     return facts
 
 
@@ -53,5 +53,5 @@ def _certified(trials: set[tuple[str, int]]) -> str:
     covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
     return (
         f"{rate_text(covered)} of the trials are covered by the packaged certificate: solved by the expert with "
-        "trained motions only, at rest, reachable, and showing what the sentence says."
+        "trained motions only, at rest, reachable, and showing what the instruction says."
     )

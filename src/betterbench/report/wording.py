@@ -8,27 +8,25 @@ from fractions import Fraction
 
 from betterbench.diagnosis.verdict import Metric
 from betterbench.statistics import Rate, percent, round_half_up
+from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
 """What stands where a run has no such number."""
 
-MINUS = "\N{MINUS SIGN}"
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A number ready for a page, a CSV file or LaTeX; all fractions.
+    """A number ready for a page, a CSV file or LaTeX: all fractions, None where there is no such number.
 
     Attributes:
-        value: The number, or None if there is none.
-        low: Lower end of the 95 % interval, or None.
-        high: Upper end of the 95 % interval, or None.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
         k: Numerator, or None where the number is no single rate.
         n: Denominator, or pairs; None where the number has none by nature (a guess).
         difference: True for differences of rates, which are said in points and with their sign.
         noun: What is counted ("trials", "pairs", "attempts").
-        p_value: Of the test, where there is one.
     """
 
     value: float | None = None
@@ -98,43 +96,6 @@ class Figure:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""
         return f"{self.with_unit()} ({self.count()}){ends}"
-
-
-def minus(number: Decimal) -> str:
-    """Return a decimal with a real minus sign."""
-    return str(number).replace("-", MINUS)
-
-
-def signed(number: Decimal) -> str:
-    """Return a decimal with its sign; zero has none."""
-    return f"+{number}" if number > 0 else minus(number)
-
-
-def points(value: float, digits: int = 0) -> str:
-    """Return a fraction as percentage points without a plus sign."""
-    return minus(round_half_up(100 * value, digits))
-
-
-def p_text(p_value: float | None) -> str:
-    """Return a p-value for people ("p < 0.001", "p = 0.03"), or an empty string."""
-    if p_value is None:
-        return ""
-    if p_value < 0.001:
-        return "p < 0.001"
-    digits = 3 if p_value < 0.01 else 2
-    return f"p = {round_half_up(p_value, digits)}"
-
-
-def listed(items: list[str]) -> str:
-    """Return "a", "a and b" or "a, b and c"."""
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} and {items[-1]}"
-
-
-def plural(count: int, one: str, many: str | None = None) -> str:
-    """Return "1 trial", "2 trials"."""
-    return f"{count} {one if count == 1 else many or one + 's'}"
 
 
 def _rounded_rate(k: int | None, n: int | None, value: float, digits: int) -> Decimal:

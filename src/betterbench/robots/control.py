@@ -44,6 +44,7 @@ from betterbench.interface.actions import (
     ActionSpace,
 )
 from betterbench.robots.ik import ArmIK
+from betterbench.robots.physics import PHYSICS
 from betterbench.robots.spec import RobotSpec
 
 POSITION_LEAD_M = 0.05
@@ -68,10 +69,8 @@ joint at most, so it binds only where the arm is blocked or far from its referen
 class ControllerState:
     """What a controller remembers between two actions, beyond the simulator's own state.
 
-    Attributes:
-        pose: Commanded pose ``T_base_tcp``.
-        joints: Commanded joint angles [rad].
-        width_m: Commanded distance of the finger pads [m].
+    The commanded pose ``T_base_tcp``, the commanded joint angles [rad] and the commanded distance of the finger pads
+    [m].
     """
 
     pose: Pose
@@ -113,7 +112,7 @@ class ArmController:
             raise InvalidInputError(
                 "time step",
                 f"{model.opt.timestep} s does not divide the control period of {spec.control_period_s} s",
-                "Use 0.002 s",
+                f"Use {PHYSICS.timestep_s} s",
             )
         self.substeps = round(substeps)
         self._period = self.substeps * float(model.opt.timestep)

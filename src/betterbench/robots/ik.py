@@ -33,7 +33,7 @@ POSITION_COST = 1.0
 """Weight of a position error [1/m]."""
 
 ORIENTATION_COST = 0.3
-"""Weight of a rotation error [1/rad]: the reach of the hand in meters, so that both errors weigh alike at the wrist."""
+"""Weight of a rotation error [1/rad]: reach of the gripper [m], so that both errors weigh alike at the wrist."""
 
 POSTURE_COST = 1e-3
 """Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""
@@ -78,14 +78,10 @@ _RESTARTS = (
 
 @dataclass(frozen=True, slots=True)
 class IKResult:
-    """Joint angles found for a pose.
+    """Joint angles found for a pose: read-only, shape (n,) [rad], with the errors that remain.
 
-    Attributes:
-        q: Joint angles, shape (n,) [rad]; read-only.
-        position_error_m: Remaining distance of the tool center point [m].
-        rotation_error_rad: Remaining rotation [rad].
-        converged: Whether both errors are within the tolerances asked for.
-        iterations: Gauss-Newton iterations used, over all restarts.
+    ``converged`` tells whether both errors are within the tolerances asked for; ``iterations`` counts over all
+    restarts.
     """
 
     q: np.ndarray

@@ -40,11 +40,9 @@ _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
 @dataclass(frozen=True, slots=True)
 class MeshPart:
-    """One paint of one link.
+    """One paint ("shell", "dark") of one link ("link3", "hand"; the stem of the source file).
 
     Attributes:
-        link: Stem of the source file ("link3", "hand").
-        paint: Name of the paint ("shell", "dark").
         vertices: Corners in the link frame [m], shape (V, 3), float32.
         faces: Corner numbers per triangle, shape (F, 3), int32.
     """

@@ -65,14 +65,10 @@ _HALF_PI = 0.5 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """A collision primitive in the frame of its link.
+    """A collision primitive in the frame of its link [m].
 
-    Attributes:
-        kind: "capsule" or "cylinder" (from ``start`` to ``end``) or "box" (center ``start``, half extents ``end``).
-        start: First end or center [m].
-        end: Second end or half extents [m].
-        radius: Radius of capsules and cylinders [m].
-        turn_x: Rotation of a box about the link's x axis [rad].
+    A "capsule" or "cylinder" goes from ``start`` to ``end``; a "box" has its center at ``start`` and ``end`` as its
+    half extents, and is turned about the link's x axis by ``turn_x`` [rad].
     """
 
     kind: str
@@ -273,7 +269,7 @@ _GRIPPER_DAMPING = 60.0
 
 _GRIPPER_FORCE_N = 40.0
 """Force of each pad [N]: the Franka Hand holds 70 N continuously (data sheet), and 35 N already held round and flat
-things in trials."""
+objects in trials."""
 
 PANDA = RobotSpec(
     name="panda",
@@ -429,7 +425,7 @@ _COLLIDES = {"group": COLLISION_GROUP, "mass": 0.0, "condim": PHYSICS.condim, "r
 
 
 def _add_fingers(spec: mujoco.MjSpec, hand: mujoco.MjsBody) -> None:
-    """Add both fingers with their pads, coupled so that the object stays in the middle of the hand."""
+    """Add both fingers with their pads, coupled so that the object stays in the middle of the gripper."""
     for index, name in enumerate(PANDA.finger_bodies):
         finger = _add_link(hand, _FINGER, name, mirrored=index == 1)
         finger.add_joint(
@@ -484,33 +480,33 @@ def _add_servos(spec: mujoco.MjSpec) -> None:
         PANDA.joint_high,
         strict=True,
     ):
-        servo = spec.add_actuator(name=position, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo = _add_servo(spec, position, joint, gain=stiffness, bias=(0.0, -stiffness, 0.0))
         servo.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR
-        servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        servo.gainprm[0] = stiffness
-        servo.biasprm[1] = -stiffness
         servo.actlimited = True
         servo.actrange = (low, high)
-        damper = spec.add_actuator(name=velocity, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        damper.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        damper.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        damper.gainprm[0] = damping
-        damper.biasprm[2] = -damping
+        _add_servo(spec, velocity, joint, gain=damping, bias=(0.0, 0.0, -damping))
     width = spec.add_tendon(name="pad_distance")
     for joint in PANDA.finger_joints:
         width.wrap_joint(joint, 1.0)
-    gripper = spec.add_actuator(name=PANDA.gripper_actuator, target="pad_distance", trntype=mujoco.mjtTrn.mjTRN_TENDON)
-    gripper.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-    gripper.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    gripper.gainprm[0] = _GRIPPER_STIFFNESS
-    gripper.biasprm[1] = -_GRIPPER_STIFFNESS
-    gripper.biasprm[2] = -_GRIPPER_DAMPING
+    bias = (0.0, -_GRIPPER_STIFFNESS, -_GRIPPER_DAMPING)
+    gripper = _add_servo(spec, PANDA.gripper_actuator, "pad_distance", gain=_GRIPPER_STIFFNESS, bias=bias)
+    gripper.trntype = mujoco.mjtTrn.mjTRN_TENDON
     gripper.ctrllimited = True
     # Below zero, so that the full force also holds the thinnest object.
     gripper.ctrlrange = (-PANDA.gripper_lead_m, PANDA.gripper_opening_m)
     gripper.forcelimited = True
     gripper.forcerange = (-_GRIPPER_FORCE_N, _GRIPPER_FORCE_N)
+
+
+def _add_servo(
+    spec: mujoco.MjSpec, name: str, target: str, *, gain: float, bias: tuple[float, float, float]
+) -> mujoco.MjsActuator:
+    """Add a servo on a joint whose force is ``gain`` times the control, plus ``bias`` times (1, length, velocity)."""
+    servo = spec.add_actuator(name=name, target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    servo.gainprm[0] = gain
+    servo.biasprm[:3] = bias
+    return servo
 
 
 def _exclude_neighbors(spec: mujoco.MjSpec) -> None:

@@ -1,4 +1,4 @@
-"""What the rest of the house knows about a robot: one frozen value per robot and a register to find it by name."""
+"""What other packages know about a robot: one frozen value per robot and a register to find it by name."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Progress = Callable[[str, int, int], None]
 class RobotSpec:
     """Everything that controllers, scenes and experts have to know about a robot.
 
-    Names are those of the robot's own model; a scene that attaches it under a prefix hands the prefix on. Arm joints
+    Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix on. Arm joints
     are listed from base to flange and all per-joint tuples follow that order.
 
     Attributes:
         name: Name in the register ("panda").
-        title: What people call it.
+        title: Name for people.
         source: Where kinematics, masses and meshes come from.
         license: License of what is used.
         arm_joints: Names of the arm joints.
@@ -31,10 +31,10 @@ class RobotSpec:
         velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
         finger_joints: Slide joints of the fingers; their sum is the distance of the pads.
-        finger_bodies: Bodies of the left (+y of the hand) and the right finger.
+        finger_bodies: Bodies of the left (+y of the gripper) and the right finger.
         pad_geoms: Collision geoms of the left and the right pad.
         hand_body: Body that carries the fingers.
-        arm_bodies: Bodies of the arm without hand and fingers.
+        arm_bodies: Bodies of the arm without the gripper.
         tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
         home_joints: Ready pose [rad].
         joint_low: Lower joint limits [rad].
@@ -136,11 +136,7 @@ _ROBOTS: dict[str, tuple[RobotSpec, RobotBuilder]] = {}
 
 
 def register_robot(spec: RobotSpec, builder: RobotBuilder) -> None:
-    """Make a robot known by its name.
-
-    Raises:
-        InvalidInputError: If the name is taken.
-    """
+    """Make a robot known by its name; a name that is taken raises an InvalidInputError."""
     if spec.name in _ROBOTS:
         raise InvalidInputError(f"robot {spec.name!r}", "the name is taken", "Register each robot once")
     _ROBOTS[spec.name] = (spec, builder)
@@ -152,11 +148,7 @@ def robot_names() -> tuple[str, ...]:
 
 
 def robot(name: str) -> RobotSpec:
-    """Return a robot by name.
-
-    Raises:
-        UnknownNameError: If no robot of this name is registered.
-    """
+    """Return a robot by name; an unknown one raises an UnknownNameError."""
     try:
         return _ROBOTS[name][0]
     except KeyError:

@@ -1,4 +1,4 @@
-"""Living scenes: assets, robot and stage composed into one compiled MuJoCo model, stepped, rendered and checked."""
+"""Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked."""
 
 from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
 from betterbench.scenes.clearance import Clearance

@@ -29,13 +29,9 @@ ROBOT_PREFIX = "robot/"
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: what it is and where it starts.
+    """One object of a scene: what it is, the asset chosen for it, and its pose ``T_world_object`` at reset.
 
-    Attributes:
-        spec: The object as the condition wants it.
-        asset: The asset chosen for it.
-        pose: Pose ``T_world_object`` at reset.
-        shut: For a drawer, its pose while it is shut.
+    ``shut`` is the pose of a drawer while it is shut.
     """
 
     spec: ObjectSpec
@@ -79,8 +75,8 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 
 
 LOOK_SETS = 8
-"""Number of different sets of looks of a task. A trial draws one set: every kind of thing has its own look in each, and
-runs compile and store a few scenes instead of one per trial."""
+"""Number of sets of looks of a task. A trial draws one set: every kind of object has its own look in each, and runs
+compile and store a few scenes instead of one per trial."""
 
 
 _SPELLED_IN_LOOKS = {"gray": "grey"}
@@ -88,7 +84,7 @@ _SPELLED_IN_LOOKS = {"gray": "grey"}
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
-    """Return the look of an object in a trial; like things look alike, and no other object has a say in it."""
+    """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene."""
     drawn = int(stream(task, seed, "look").integers(LOOK_SETS))
     color = _SPELLED_IN_LOOKS.get(spec.color or "", spec.color)
     offset = zlib.crc32(f"{spec.category}:{color}".encode())
@@ -225,7 +221,7 @@ def _compile(
     for name, p in zip(names, placements, strict=True):
         add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
     for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
-        # The rails carry a drawer: between it and the carcass there is play, and nothing to collide.
+        # The rails carry a drawer: it has clearance in the carcass and does not collide with it.
         for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
             spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
     model = spec.compile()

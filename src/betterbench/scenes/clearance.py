@@ -16,7 +16,7 @@ ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
 
 
 class Clearance:
-    """Tells what the robot, and an object in its hand, would touch. It never touches the scene it was made from."""
+    """Tells what the robot, and an object in its gripper, would touch. It never changes the scene it was made from."""
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
         """Copy the scene's model.
@@ -61,17 +61,14 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return what would be touched.
+        """Return what would be touched: one text "a-b" per pair, none if the configuration is free.
 
         Args:
             joints: (7,) arm joint angles [rad].
             finger_width_m: Distance of the finger pads [m].
-            held: Name of an object that moves with the hand, or None.
+            held: Name of an object that moves with the gripper, or None.
             held_pose: Pose ``T_world_object`` of the held object.
             ignore: Objects that the robot may touch.
-
-        Returns:
-            One text "a-b" per pair that would touch; empty if the configuration is free.
         """
         data = self._data
         data.qpos[self._arm] = joints

@@ -2,7 +2,7 @@
 
 MuJoCo hands every visible geom and the sky to OpenGL, which then throws away what lies outside the view or behind
 something. A software renderer has transformed the vertices and painted the pixels by then: a camera at the wrist, which
-has most of the robot behind it, spends a third of its time on things that it does not show. Neither a geom whose
+has most of the robot behind it, spends a third of its time on geoms that it does not show. Neither a geom whose
 bounding sphere lies beyond one side of the view nor a sky behind a floor that fills the view changes any pixel.
 """
 

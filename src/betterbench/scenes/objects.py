@@ -26,13 +26,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DrawerRail:
-    """How an object slides along its own x axis.
-
-    Attributes:
-        travel_m: Distance between its two stops [m].
-        friction_n: Force of dry friction [N].
-        damping: Viscous damping [N s/m].
-    """
+    """How an object slides along its own x axis: distance between its stops [m], dry friction [N], damping [N s/m]."""
 
     travel_m: float
     friction_n: float

@@ -46,9 +46,9 @@ class Images:
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
-        depth: (height, width) float32 distances along the optical axis, not along the ray [m], infinite where nothing
-            was hit. A point at depth ``d`` in pixel (u, v) is ``CameraMatrices.unproject`` of it.
-        masks: (height, width) int32 numbers of bodies; ``Renderer.body_names`` tells their names. 0 is the world itself
+        depth: (height, width) float32 distances along the optical axis [m], infinite where nothing was hit;
+            ``CameraMatrices.unproject`` gives the points.
+        masks: (height, width) int32 numbers of bodies; ``Renderer.body_names`` has their names. 0 is the world itself
             (the floor), -1 is the sky.
     """
 
@@ -93,7 +93,7 @@ class Renderer:
         self._culling = Culling(model, self._scene)
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._option = _visible_things()
+        self._option = _visible_groups()
         self._camera_ids = {model.camera(number).name: number for number in range(model.ncam)}
         self.body_names: tuple[str, ...] = tuple(model.body(number).name for number in range(model.nbody))
         """Names of the bodies by the number that masks hold."""
@@ -131,17 +131,7 @@ class Renderer:
         width: int | None = None,
         height: int | None = None,
     ) -> Images:
-        """Draw one view; :meth:`render_views` says more.
-
-        Args:
-            data: State to show; positions must be up to date (``mj_forward`` or a step).
-            camera: Name of a camera of the model.
-            rgb: True to get colors.
-            depth: True to get distances.
-            masks: True to get body numbers.
-            width: Image width [pixel]; the renderer's own unless given.
-            height: Image height [pixel]; the renderer's own unless given.
-        """
+        """Draw one view as :meth:`render_views` does; its size [pixel] is the renderer's own unless given."""
         view = (camera, width or self.width, height or self.height)
         return self.render_views(data, (view,), rgb=rgb, depth=depth, masks=masks)[0]
 
@@ -346,7 +336,7 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
     return context
 
 
-def _visible_things() -> mujoco.MjvOption:
+def _visible_groups() -> mujoco.MjvOption:
     """Return drawing options that show shapes of the visible groups 0 to 2 and no marks, sites or contacts."""
     option = mujoco.MjvOption()
     option.flags[:] = 0

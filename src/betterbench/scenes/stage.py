@@ -1,9 +1,9 @@
-"""The stage: the empty world that every task shares, and the quality presets that images of it are made with.
+"""The base scene: the empty world that every task shares, and the quality presets that images of it are made with.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
 0``; the robot stands on a pedestal at the origin, the table begins in front of it, the floor is at ``z = -0.75``.
 
-Cameras of the stage:
+Cameras of the base scene:
 
 ===================  =========================  ==========================================================
 name                 position [m]               purpose
@@ -12,23 +12,24 @@ name                 position [m]               purpose
 ``front_official``   (1.6, 0, 0.9)              the same place with the wider lens of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
-``wrist``            on the hand                added by :func:`add_wrist_camera`
+``wrist``            on the gripper             added by :func:`add_wrist_camera`
 ===================  =========================  ==========================================================
 
-The physical part of a stage (bodies, collision shapes, solver options) depends on nothing. A look changes tints only
-and a quality changes nothing but what the renderer does, so a policy rolled out under any of them meets the same
-physics.
+The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A look changes tints
+only and a quality changes only what the renderer does, so a policy rolled out under any of them meets the same physics.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
@@ -47,10 +48,10 @@ TABLE_THICKNESS_M = 0.04
 """Thickness of the table top [m]."""
 
 CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
-"""Cameras that every stage has; ``wrist`` joins them with the robot."""
+"""Cameras of the base scene; ``wrist`` comes with the robot."""
 
 WRIST_CAMERA = "wrist"
-"""Name of the camera on the hand."""
+"""Name of the camera on the gripper."""
 
 # Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
 _PEDESTAL_X_M = (-0.23, 0.13)
@@ -73,6 +74,8 @@ class Quality:
         shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
         samples: Samples per pixel of the multisampled buffer; 0 for none.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
 
     name: str
     shadows: bool
@@ -98,24 +101,16 @@ class Quality:
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Quality:
-        """Return the quality of a JSON form.
+        """Return the quality of a JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
+        try:
+            return _QUALITY.validate_json(json.dumps(dict(value)))
+        except ValidationError as error:
+            problem = error.errors()[0]
+            field = ".".join(("quality", *map(str, problem["loc"])))
+            raise InvalidInputError(field, problem["msg"], f"Give {', '.join(cls.__slots__)}") from None
 
-        Args:
-            value: What :meth:`to_json` returned.
 
-        Raises:
-            InvalidInputError: If a field is missing, unknown, of the wrong type or out of range.
-        """
-        types = {"name": str, "shadows": bool, "shadow_map_size": int, "samples": int}
-        if set(value) != set(types):
-            raise InvalidInputError("quality", f"has the fields {sorted(value)}", f"Give exactly {sorted(types)}")
-        for field, kind in types.items():
-            if type(value[field]) is not kind:
-                raise InvalidInputError(
-                    f"quality.{field}", f"{value[field]!r} is no {kind.__name__}", "Correct its type"
-                )
-        return cls(**value)
-
+_QUALITY = TypeAdapter(Quality)
 
 FAST = Quality("fast", shadows=False, shadow_map_size=0, samples=0)
 """No shadows, no multisampling: for large sweeps on machines without a graphics card."""
@@ -131,11 +126,7 @@ QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, 
 
 
 def quality_preset(name: str) -> Quality:
-    """Return a quality preset by name: "fast", "standard" or "high".
-
-    Raises:
-        UnknownNameError: If there is no such preset.
-    """
+    """Return the preset "fast", "standard" or "high"; another name raises an UnknownNameError."""
     try:
         return QUALITIES[name]
     except KeyError:
@@ -144,14 +135,9 @@ def quality_preset(name: str) -> Quality:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The tints of a stage.
+    """The tints of the base scene: mean colors (r, g, b) in [0, 1] of table top, background and floor.
 
-    Attributes:
-        name: What a person would call it.
-        surface: Material of the table top: "wood", "laminate" or "cloth".
-        table: Mean color of the table top (r, g, b), each in [0, 1].
-        wall: Color of the calm background.
-        floor: Color of the floor.
+    ``surface`` is the material of the table top: "wood", "laminate" or "cloth".
     """
 
     name: str
@@ -224,7 +210,7 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.map.shadowclip = 1.1
     visual.quality.shadowsize = quality.shadow_map_size
     visual.quality.offsamples = quality.samples
-    # Flat things under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # Flat surfaces under directional light are evenly lit: cutting them into quads only costs time (a tenth of
     # an image).
     visual.quality.numquads = 1
     visual.global_.offwidth = 448
@@ -265,13 +251,16 @@ def _add_materials(spec: mujoco.MjSpec, tint: Look) -> None:
 
 def _add_furniture(spec: mujoco.MjSpec) -> None:
     """Add floor, pedestal and table, all of them static."""
-    box, plane = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_PLANE
-    world = spec.worldbody
     # The larger friction of two surfaces counts; these are low, so that every object brings its own.
     friction = [0.5, 0.005, 0.0001]
-    world.add_geom(
+
+    def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        body.add_geom(name=name, type=box, pos=center, size=half_size, material=material, friction=friction)
+
+    spec.worldbody.add_geom(
         name="floor",
-        type=plane,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[0.0, 0.0, FLOOR_HEIGHT_M],
         size=[6.0, 6.0, 0.5],
         material="floor",
@@ -279,43 +268,24 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
     )
     x_low, x_high = _PEDESTAL_X_M
     half_height = -0.5 * FLOOR_HEIGHT_M
-    pedestal = spec.worldbody.add_body(name="pedestal")
-    pedestal.add_geom(
-        name="pedestal",
-        type=box,
-        pos=[0.5 * (x_low + x_high), 0.0, -half_height],
-        size=[0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M, half_height],
-        material="pedestal",
-        friction=friction,
-    )
+    center, half_size = (0.5 * (x_low + x_high), 0.0, -half_height), (0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M)
+    add_box(spec.worldbody.add_body(name="pedestal"), "pedestal", center, (*half_size, half_height), "pedestal")
 
     (x_low, x_high), (y_low, y_high) = TABLE_X_M, TABLE_Y_M
-    center = [0.5 * (x_low + x_high), 0.5 * (y_low + y_high)]
-    half_x, half_y = 0.5 * (x_high - x_low), 0.5 * (y_high - y_low)
-    table = spec.worldbody.add_body(name="table")
-    table.add_geom(
-        name="table",
-        type=box,
-        pos=[*center, -0.5 * TABLE_THICKNESS_M],
-        size=[half_x, half_y, 0.5 * TABLE_THICKNESS_M],
-        material="table_top",
-        friction=friction,
+    x, y, half_x, half_y = (
+        0.5 * (x_low + x_high),
+        0.5 * (y_low + y_high),
+        0.5 * (x_high - x_low),
+        0.5 * (y_high - y_low),
     )
+    table = spec.worldbody.add_body(name="table")
+    half_thickness = 0.5 * TABLE_THICKNESS_M
+    add_box(table, "table", (x, y, -half_thickness), (half_x, half_y, half_thickness), "table_top")
     leg, inset = 0.025, 0.05
-    leg_half_height = 0.5 * (-FLOOR_HEIGHT_M - TABLE_THICKNESS_M)
+    half_leg = 0.5 * (-FLOOR_HEIGHT_M - TABLE_THICKNESS_M)
     for number, (side_x, side_y) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
-        table.add_geom(
-            name=f"table_leg_{number}",
-            type=box,
-            pos=[
-                center[0] + side_x * (half_x - inset),
-                center[1] + side_y * (half_y - inset),
-                FLOOR_HEIGHT_M + leg_half_height,
-            ],
-            size=[leg, leg, leg_half_height],
-            material="metal",
-            friction=friction,
-        )
+        foot = (x + side_x * (half_x - inset), y + side_y * (half_y - inset), FLOOR_HEIGHT_M + half_leg)
+        add_box(table, f"table_leg_{number}", foot, (leg, leg, half_leg), "metal")
 
 
 def _add_lights(spec: mujoco.MjSpec) -> None:
@@ -324,33 +294,22 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
     Ambient 0.40, headlight 0.08, key 0.40 and fill 0.22 add up to less than 1 on any surface at once, so that no color
     is clipped and white stays distinguishable from light gray.
     """
-    world = spec.worldbody
-    directional = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    key = np.array([-0.55, -0.35, -1.0])
-    key /= np.linalg.norm(key)
     aim = np.array([0.45, 0.0, 0.1])
-    world.add_light(
-        name="key",
-        type=directional,
-        pos=(aim - 1.6 * key).tolist(),
-        dir=key.tolist(),
-        castshadow=True,
-        ambient=[0.0, 0.0, 0.0],
-        diffuse=[0.40, 0.40, 0.39],
-        specular=[0.3, 0.3, 0.3],
-    )
-    fill = np.array([0.35, 0.7, -0.8])
-    fill /= np.linalg.norm(fill)
-    world.add_light(
-        name="fill",
-        type=directional,
-        pos=(aim - 1.6 * fill).tolist(),
-        dir=fill.tolist(),
-        castshadow=False,
-        ambient=[0.0, 0.0, 0.0],
-        diffuse=[0.21, 0.21, 0.22],
-        specular=[0.0, 0.0, 0.0],
-    )
+    for name, direction, diffuse, specular in (
+        ("key", (-0.55, -0.35, -1.0), [0.40, 0.40, 0.39], 0.3),
+        ("fill", (0.35, 0.7, -0.8), [0.21, 0.21, 0.22], 0.0),
+    ):
+        along = np.array(direction) / np.linalg.norm(direction)
+        spec.worldbody.add_light(
+            name=name,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            pos=(aim - 1.6 * along).tolist(),
+            dir=along.tolist(),
+            castshadow=name == "key",
+            ambient=[0.0] * 3,
+            diffuse=diffuse,
+            specular=[specular] * 3,
+        )
 
 
 def _add_cameras(spec: mujoco.MjSpec) -> None:

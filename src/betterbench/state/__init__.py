@@ -1,4 +1,4 @@
-"""What is true: the privileged state of a scene, which no policy ever sees."""
+"""The privileged state of a scene, which no policy under test ever sees."""
 
 from betterbench.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
 from betterbench.state.world import Contact, PrivilegedPolicy, WorldState

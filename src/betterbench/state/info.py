@@ -1,4 +1,4 @@
-"""The part of the truth that does not change during an episode: objects, their shapes and the slots of the table."""
+"""The part of the privileged state that stays the same in an episode: objects, their shapes, slots of the table."""
 
 from __future__ import annotations
 
@@ -65,24 +65,20 @@ class ObjectInfo:
     slot: str | None = None
 
     def region(self, name: str) -> Region:
-        """Return a region by name.
-
-        Raises:
-            UnknownNameError: If the asset has no such region.
-        """
+        """Return a region by name; an unknown one raises an UnknownNameError."""
         return find_named(f"region of {self.name}", name, self.regions)
 
 
 @dataclass(frozen=True, slots=True)
 class SlotInfo:
-    """A named place on the table.
+    """A named start position on the table.
 
     Attributes:
         name: Name of the slot.
         position: Center on the table [m], world frame.
         yaw: Nominal heading of what stands there [rad].
-        trained_kinds: Kinds of object that stood here in the training regime.
-        picked_kinds: Kinds of object that were picked here in the training regime.
+        trained_kinds: Kinds of object that stood here in the training distribution.
+        picked_kinds: Kinds of object that were picked here in the training distribution.
     """
 
     name: str
@@ -94,7 +90,7 @@ class SlotInfo:
 
 @dataclass(frozen=True, slots=True)
 class SceneInfo:
-    """The unchanging truth about one scene.
+    """The part of the privileged state that does not change, for one scene.
 
     Attributes:
         objects: All objects, in the order in which states list them.
@@ -114,11 +110,7 @@ class SceneInfo:
         self._index.update({o.name: i for i, o in enumerate(self.objects)})
 
     def index(self, name: str) -> int:
-        """Return an object's position in the lists of a state.
-
-        Raises:
-            UnknownNameError: If the scene has no such object.
-        """
+        """Return an object's position in the lists of a state; an unknown name raises an UnknownNameError."""
         try:
             return self._index[name]
         except KeyError:
@@ -148,11 +140,7 @@ class SceneInfo:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> SceneInfo:
-        """Read the JSON form.
-
-        Raises:
-            RecordError: If a field is missing or of the wrong shape.
-        """
+        """Read the JSON form; a missing or malformed field raises a RecordError."""
         try:
             objects = tuple(
                 ObjectInfo(

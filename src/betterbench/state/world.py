@@ -1,4 +1,4 @@
-"""The part of the truth that changes: one privileged state per control step."""
+"""The part of the privileged state that changes: one value per control step."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from betterbench.state.info import SceneInfo
 
 
 class Contact(NamedTuple):
-    """One pair of touching bodies; a named tuple, because several are made at every control step.
+    """One pair of touching bodies and the sum of the normal forces of all its contact points [N].
 
-    Attributes:
-        a: First body: an object name, "left_finger", "right_finger", "hand", "arm", "table" or "floor".
-        b: Second body, likewise.
-        force_n: Sum of the normal forces of all contact points of the pair [N].
+    A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
+    because several are made at every control step.
     """
 
     a: str
@@ -27,12 +25,12 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WorldState:
-    """Everything that is true at one control step.
+    """The privileged state at one control step.
 
     Objects are listed in the order of ``info.objects``. All values are in the world frame.
 
     Attributes:
-        info: The unchanging truth.
+        info: The part that does not change.
         step: Number of control steps taken since reset.
         time_s: Simulated time since reset [s].
         positions: Object positions [m].
@@ -89,7 +87,7 @@ GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
 
 
 class PrivilegedPolicy(Protocol):
-    """A policy that sees the truth: the expert and the calibration zoo."""
+    """A policy that sees the privileged state: the expert and the faulty policies."""
 
     @property
     def name(self) -> str:

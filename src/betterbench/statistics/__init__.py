@@ -1,6 +1,10 @@
-"""Numbers with their uncertainty: intervals, exact tests, corrections and what few trials can detect."""
+"""Numbers with their uncertainty: intervals, exact tests, corrections and what few trials can detect.
 
-from betterbench.statistics.bootstrap import paired_bootstrap
+Every function refuses counts that no experiment can have, and levels, shares and probabilities out of range, with an
+``InvalidInputError`` that names the argument. Confidence levels and alpha are two-sided, strictly between 0 and 1.
+"""
+
+from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
 from betterbench.statistics.chance import chance_p
 from betterbench.statistics.difference import (
     Difference,
@@ -53,5 +57,6 @@ __all__ = [
     "smallest_unpaired_difference",
     "two_rate_e_process",
     "unpaired_power",
+    "wider_paired_difference",
     "wilson_interval",
 ]

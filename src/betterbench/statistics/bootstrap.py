@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
-from betterbench.statistics.difference import Difference
+from betterbench.statistics.difference import Difference, newcombe_paired_difference
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, check_fraction
+from betterbench.statistics.paired import PairedTable
 
 DEFAULT_RESAMPLES = 10_000
 """With this many resamples the Monte Carlo error of a 2.5 % tail is 0.16 percentage points."""
@@ -46,9 +47,6 @@ def paired_bootstrap(
 
     Returns:
         ``mean(first - second)``; without pairs the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the lengths differ, a score is not between 0 and 1, or a number is out of range.
     """
     check_fraction("confidence", confidence)
     if resamples < 1:
@@ -75,6 +73,32 @@ def paired_bootstrap(
     tail = (1.0 - confidence) / 2.0
     low, high = np.quantile(means, (tail, 1.0 - tail))
     return Difference(float(np.sum(np.sort(scores))) / n, float(low), float(high), "paired bootstrap", confidence)
+
+
+def wider_paired_difference(
+    outcomes: Sequence[tuple[bool, bool]],
+    *,
+    generator: np.random.Generator,
+    strata: Sequence[str],
+    clusters: Sequence[str],
+    confidence: float = DEFAULT_CONFIDENCE,
+) -> Difference:
+    """Return the difference of pairs (first succeeded, second succeeded) with the wider of two intervals.
+
+    The bootstrap knows that several variations share the twin of their seed, but has no width where all pairs agree;
+    Newcombe's interval has. Strata and clusters are those of :func:`paired_bootstrap`.
+    """
+    drawn = paired_bootstrap(
+        [float(first) for first, _ in outcomes],
+        [float(second) for _, second in outcomes],
+        generator=generator,
+        strata=strata,
+        clusters=clusters,
+        confidence=confidence,
+    )
+    scored = newcombe_paired_difference(PairedTable.from_outcomes(outcomes), confidence=confidence)
+    low, high = min(drawn.low, scored.low), max(drawn.high, scored.high)
+    return Difference(drawn.value, low, high, "paired bootstrap or Newcombe, the wider", confidence)
 
 
 def _paired_scores(first: Sequence[float], second: Sequence[float]) -> npt.NDArray[np.float64]:

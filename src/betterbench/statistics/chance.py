@@ -15,13 +15,10 @@ def chance_p(rate: Rate, *, chance: float) -> float:
 
     Args:
         rate: The measured rate.
-        chance: Rate of somebody who guesses, strictly between 0 and 1 (0.5 for a choice of two).
+        chance: Rate of guessing, strictly between 0 and 1 (0.5 for a choice of two).
 
     Returns:
         The p-value, 1.0 without trials.
-
-    Raises:
-        InvalidInputError: If the chance level is not between 0 and 1.
     """
     check_fraction("chance", chance)
     return float(stats.binomtest(rate.k, rate.n, chance).pvalue) if rate.n else 1.0

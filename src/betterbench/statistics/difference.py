@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypedDict
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, Interval, check_fraction, wilson_interval
@@ -16,26 +16,12 @@ POINTS = 100.0
 """Percentage points in one whole."""
 
 
-class DifferenceForm(TypedDict):
-    """JSON form of a difference; the ends and the value are fractions."""
-
-    value: float | None
-    low: float
-    high: float
-    method: str
-    confidence: float
-
-
 @dataclass(frozen=True, slots=True)
 class Difference:
     """A difference of rates.
 
     Attributes:
         value: First minus second, as a fraction, or None if a side has no trials.
-        low: Lower end of the interval, as a fraction.
-        high: Upper end of the interval, as a fraction.
-        method: How the interval was made.
-        confidence: Two-sided confidence level of the interval.
     """
 
     value: float | None
@@ -64,15 +50,9 @@ class Difference:
         """Whether the interval leaves no room for "no difference"."""
         return self.low > 0.0 or self.high < 0.0
 
-    def to_json(self) -> DifferenceForm:
-        """Return the JSON form."""
-        return {
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "method": self.method,
-            "confidence": self.confidence,
-        }
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; the ends and the value are fractions."""
+        return asdict(self)
 
 
 def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
@@ -81,16 +61,8 @@ def newcombe_difference(first: Rate, second: Rate, *, confidence: float = DEFAUL
     This is the hybrid score interval (method 10 of Newcombe, Statistics in Medicine 17, 1998, 873-890): the distances
     from each rate to the ends of its Wilson interval are added in quadrature.
 
-    Args:
-        first: The rate that counts positive.
-        second: The rate that counts negative.
-        confidence: Two-sided confidence level, between 0 and 1.
-
     Returns:
         ``first - second``; with no trials on a side the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     return _contrast(((1.0, first), (-1.0, second)), confidence, "newcombe")
 
@@ -102,16 +74,8 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
     to the ends of the Wilson intervals in quadrature with the weights of the contrast (Zou and Donner, Statistics in
     Medicine 27, 2008, 1693-1702); with one seen condition it is Newcombe's.
 
-    Args:
-        novel: Success rate of the novel composition.
-        seen: Success rates of the seen compositions, at least one, from independent trials.
-        confidence: Two-sided confidence level, between 0 and 1.
-
     Returns:
         The difference; with no trials in a condition the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If no seen condition is given or the level is not between 0 and 1.
     """
     if not seen:
         raise InvalidInputError("seen", "no seen composition to compare with", "Give at least one success rate")
@@ -126,15 +90,8 @@ def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAUL
     share that the correlation of the pairs explains. Unlike the bootstrap it keeps a sensible width when all
     pairs agree or all pairs differ the same way.
 
-    Args:
-        table: Counts of the four kinds of pairs.
-        confidence: Two-sided confidence level, between 0 and 1.
-
     Returns:
         ``first - second``; with no pairs the value is None and the interval is [-1, 1].
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     method = "newcombe paired"
     check_fraction("confidence", confidence)

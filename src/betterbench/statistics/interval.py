@@ -16,12 +16,7 @@ DEFAULT_CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A closed interval of rates or of differences of rates.
-
-    Attributes:
-        low: Lower end, as a fraction.
-        high: Upper end, as a fraction.
-    """
+    """A closed interval of rates or of differences of rates."""
 
     low: float
     high: float
@@ -33,16 +28,8 @@ def wilson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONFIDENCE) -
     It holds all rates ``p`` with ``|k/n - p| <= z sqrt(p (1 - p) / n)``. Its coverage is close to the confidence level
     on average over ``p``, also for few trials, but may fall below it for single values of ``p``.
 
-    Args:
-        k: Number of successes.
-        n: Number of trials; with 0 trials nothing is known and the interval is [0, 1].
-        confidence: Two-sided confidence level, between 0 and 1.
-
     Returns:
         The interval, inside [0, 1].
-
-    Raises:
-        InvalidInputError: If the counts are impossible or the level is not between 0 and 1.
     """
     check_counts(k, n)
     z = normal_quantile(confidence)
@@ -61,17 +48,6 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
     It holds all rates that neither one-sided exact binomial test rejects at ``(1 - confidence) / 2``. It covers the
     true rate with at least the confidence level whatever the rate is; it is wider than Wilson's.
-
-    Args:
-        k: Number of successes.
-        n: Number of trials; with 0 trials nothing is known and the interval is [0, 1].
-        confidence: Two-sided confidence level, between 0 and 1.
-
-    Returns:
-        The interval, inside [0, 1].
-
-    Raises:
-        InvalidInputError: If the counts are impossible or the level is not between 0 and 1.
     """
     check_counts(k, n)
     check_fraction("confidence", confidence)
@@ -84,35 +60,18 @@ def clopper_pearson_interval(k: int, n: int, *, confidence: float = DEFAULT_CONF
 
 
 def normal_quantile(confidence: float) -> float:
-    """Return the half width of the central interval of a standard normal variable that has this probability.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
-    """
+    """Return the half width of the central interval of a standard normal variable that has this probability."""
     check_fraction("confidence", confidence)
     return float(special.ndtri(0.5 + confidence / 2.0))
 
 
 def check_counts(k: int, n: int, *, where: str = "rate") -> None:
-    """Refuse counts that no experiment can have.
-
-    Args:
-        k: Number of successes.
-        n: Number of trials.
-        where: What the message calls the pair of counts.
-
-    Raises:
-        InvalidInputError: If the counts are negative or there are more successes than trials.
-    """
+    """Refuse counts that no experiment can have."""
     if n < 0 or k < 0 or k > n:
         raise InvalidInputError(where, f"{k} successes in {n} trials is impossible", "Give counts with 0 <= k <= n")
 
 
 def check_fraction(where: str, value: float) -> None:
-    """Refuse a level or probability that does not lie strictly between 0 and 1.
-
-    Raises:
-        InvalidInputError: If it does not.
-    """
+    """Refuse a level or probability that does not lie strictly between 0 and 1."""
     if not 0.0 < value < 1.0:
         raise InvalidInputError(where, f"{value!r} is not strictly between 0 and 1", "Give a fraction such as 0.95")

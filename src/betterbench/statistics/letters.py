@@ -21,9 +21,6 @@ def compact_letters(different: Sequence[Sequence[bool]]) -> tuple[str, ...]:
     Returns:
         One text per item, its letters in alphabetical order. Letters are named in the order of the first item that
         carries them, so the first item always carries "a"; after "Z" they go on with "a1".
-
-    Raises:
-        InvalidInputError: If the matrix is not square and symmetric, or an item differs from itself.
     """
     n = len(different)
     _check(different)

@@ -14,15 +14,6 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     Rejecting what is below ``alpha`` after adjustment keeps the probability of any false rejection in the family below
     ``alpha``, whatever the dependence among the tests. The ``i``-th smallest of ``m`` values is multiplied by
     ``m - i + 1``; a value is never adjusted below a smaller one, nor above 1.
-
-    Args:
-        p_values: The family of p-values, in any order.
-
-    Returns:
-        The adjusted values in the order given.
-
-    Raises:
-        InvalidInputError: If a value is not between 0 and 1.
     """
     for i, p in enumerate(p_values):
         if not (math.isfinite(p) and 0.0 <= p <= 1.0):

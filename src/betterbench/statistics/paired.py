@@ -12,14 +12,7 @@ from betterbench.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class PairedTable:
-    """Counts of the four kinds of pairs.
-
-    Attributes:
-        both: Pairs in which both succeeded.
-        only_first: Pairs in which only the first succeeded.
-        only_second: Pairs in which only the second succeeded.
-        neither: Pairs in which neither succeeded.
-    """
+    """Counts of the four kinds of pairs."""
 
     both: int
     only_first: int
@@ -52,9 +45,6 @@ def mcnemar_p(table: PairedTable) -> float:
 
     If the two rates are equal, each discordant pair is equally likely to favor either side. The p-value is twice
     the smaller tail of that fair binomial, at most 1; concordant pairs carry no information.
-
-    Args:
-        table: Counts of the four kinds of pairs.
 
     Returns:
         The p-value, 1.0 when no pair is discordant.

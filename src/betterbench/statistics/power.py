@@ -37,9 +37,6 @@ class DetectableDifference:
 
     Attributes:
         value: The difference as a fraction, or None if not even the largest possible one is found.
-        n: Pairs, or trials in each arm.
-        alpha: Two-sided level of the test.
-        power: Probability of finding it.
         assumption: Test and assumption behind the number, as a phrase for a caption.
     """
 
@@ -61,9 +58,6 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
 
     Returns:
         The probability of a p-value of at most ``alpha``, summed exactly over all outcomes.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     discordant_share = difference + 2.0 * opposite
@@ -88,18 +82,6 @@ def unpaired_power(n: int, first: float, second: float, *, alpha: float = DEFAUL
 
     Up to :data:`EXACT_ARM_LIMIT` trials per arm all outcomes are summed; above, the normal approximation of the pooled
     score test is used.
-
-    Args:
-        n: Trials in each arm.
-        first: True rate of the first arm, from 0 to 1.
-        second: True rate of the second arm, from 0 to 1.
-        alpha: Two-sided level of the test.
-
-    Returns:
-        The probability of a p-value of at most ``alpha``.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     for where, rate in (("first", first), ("second", second)):
@@ -120,18 +102,6 @@ def smallest_paired_difference(
 
     With ``opposite = 0`` every pair that differs does so in the same direction. That is the most favorable case, so no
     smaller difference can be found with this many pairs.
-
-    Args:
-        n: Number of pairs.
-        opposite: True share of pairs that differ the other way, below one half.
-        alpha: Two-sided level of the test.
-        power: Probability of finding the difference.
-
-    Returns:
-        The difference and what it assumes.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     check_fraction("power", power)
@@ -148,18 +118,6 @@ def smallest_unpaired_difference(
     """Return the smallest difference that two independent arms of ``n`` trials find with Barnard's test.
 
     One arm has the reference rate, the other lies below it (above it, if the reference is below one half).
-
-    Args:
-        n: Trials in each arm.
-        reference: True rate of the first arm, from 0 to 1.
-        alpha: Two-sided level of the test.
-        power: Probability of finding the difference.
-
-    Returns:
-        The difference and what it assumes.
-
-    Raises:
-        InvalidInputError: If a number is out of range.
     """
     _check_plan(n, alpha)
     check_fraction("power", power)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypedDict
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import (
@@ -19,27 +19,13 @@ from betterbench.statistics.interval import (
 _METHODS = {"wilson": wilson_interval, "clopper_pearson": clopper_pearson_interval}
 
 
-class RateForm(TypedDict):
-    """JSON form of a rate."""
-
-    k: int
-    n: int
-    value: float | None
-    low: float
-    high: float
-    method: str
-    confidence: float
-
-
 @dataclass(frozen=True, slots=True)
 class Rate:
     """``k`` successes in ``n`` trials.
 
     Attributes:
-        k: Number of successes.
         n: Number of trials. With 0 trials the value is None and the interval is [0, 1].
         method: How the interval is made: "wilson" (default) or "clopper_pearson" (guaranteed coverage).
-        confidence: Two-sided confidence level of the interval.
     """
 
     k: int
@@ -74,15 +60,6 @@ class Rate:
         """Upper end of the interval."""
         return self.interval.high
 
-    def to_json(self) -> RateForm:
+    def to_json(self) -> dict[str, Any]:
         """Return the JSON form with the interval written out."""
-        low, high = self.interval
-        return {
-            "k": self.k,
-            "n": self.n,
-            "value": self.value,
-            "low": low,
-            "high": high,
-            "method": self.method,
-            "confidence": self.confidence,
-        }
+        return {**asdict(self), "value": self.value, "low": self.low, "high": self.high}

@@ -25,9 +25,6 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
 
     Returns:
         The rounded number with exactly that many decimals.
-
-    Raises:
-        InvalidInputError: If the value is not a finite number or the number of decimals is negative.
     """
     if digits < 0:
         raise InvalidInputError("digits", f"{digits} is not a number of decimals", "Give 0 or more")
@@ -44,16 +41,8 @@ def round_half_up(value: float | str | Decimal | Fraction, digits: int) -> Decim
 def percent(k: int, n: int, *, digits: int = 1) -> Decimal | None:
     """Return ``k`` of ``n`` in percent, computed exactly and rounded half up.
 
-    Args:
-        k: Number of successes.
-        n: Number of trials.
-        digits: Decimals to keep.
-
     Returns:
         The percentage, or None without trials.
-
-    Raises:
-        InvalidInputError: If the counts are impossible.
     """
     check_counts(k, n)
     return round_half_up(Fraction(100 * k, n), digits) if n else None

@@ -1,7 +1,7 @@
 """Sequential tests of pairs: evidence that may be looked at after every pair, and stopped at any time.
 
 An e-process starts at 1 and, if there is no difference, is expected not to grow, whenever one stops. By Ville's
-inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often somebody looks. A
+inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often one looks. A
 p-value of a fixed number of trials has no such guarantee: who looks after every pair finds a difference in the end.
 """
 
@@ -68,12 +68,6 @@ def discordant_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = D
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
-
-    Returns:
-        The evidence after every pair.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     check_fraction("alpha", alpha)
     wins, log, logs = [0, 0], 0.0, []
@@ -98,12 +92,6 @@ def two_rate_e_process(pairs: Iterable[tuple[bool, bool]], *, alpha: float = DEF
     Args:
         pairs: (first succeeded, second succeeded) in an order that does not depend on the outcomes.
         alpha: Level of the test.
-
-    Returns:
-        The evidence after every pair.
-
-    Raises:
-        InvalidInputError: If the level is not between 0 and 1.
     """
     check_fraction("alpha", alpha)
     counts, log, logs = [0, 0], 0.0, []

@@ -24,10 +24,6 @@ def barnard_p(first: Rate, second: Rate) -> float:
     it finds more with few trials (Barnard 1947; Suissa and Shuster 1985). The search for the worst common rate is done
     here and not by ``scipy.stats.barnard_exact``, which stops at a local maximum for some tables (10/20 against 11/20).
 
-    Args:
-        first: One rate.
-        second: A rate from other, independent trials.
-
     Returns:
         The p-value; 1.0 when a side has no trials or all trials ended alike.
     """
@@ -42,10 +38,6 @@ def boschloo_p(first: Rate, second: Rate) -> float:
 
     It orders the outcomes by Fisher's p-value and is uniformly more powerful than Fisher's test (Boschloo 1970). The
     two-sided value is twice the smaller one-sided value, at most 1.
-
-    Args:
-        first: One rate.
-        second: A rate from other, independent trials.
 
     Returns:
         The p-value; 1.0 when a side has no trials or all trials ended alike.
@@ -63,10 +55,6 @@ def boschloo_p(first: Rate, second: Rate) -> float:
 def fisher_p(first: Rate, second: Rate) -> float:
     """Return the two-sided p-value of Fisher's exact test, which is conservative; for comparison with published values.
 
-    Args:
-        first: One rate.
-        second: A rate from other, independent trials.
-
     Returns:
         The p-value; 1.0 when a side has no trials or all trials ended alike.
     """
@@ -78,9 +66,6 @@ def fisher_p(first: Rate, second: Rate) -> float:
 
 def barnard_p_values(n: int) -> npt.NDArray[np.float64]:
     """Return Barnard's p-value of every possible outcome of two arms with the same number of trials.
-
-    Args:
-        n: Trials in each arm, at least 1.
 
     Returns:
         Array of shape (n + 1, n + 1): the p-value of ``i`` successes in one arm against ``j`` in the other.
@@ -126,9 +111,6 @@ def _common_rates() -> npt.NDArray[np.float64]:
 
 def _worst_probability(extreme: npt.NDArray[np.bool_]) -> float:
     """Return the largest probability that any common rate gives to a set of outcomes.
-
-    Args:
-        extreme: Which outcomes belong to the set, shape (n1 + 1, n2 + 1).
 
     Returns:
         The maximum over a grid of common rates, refined once around its best point.

@@ -79,7 +79,7 @@ class Condition:
         name: Name within the task ("train1", "L3").
         objects: All objects.
         layout: Object name to slot name, for every object that starts on the table.
-        instruction: The sentence and what it asks for.
+        instruction: The text and what it asks for.
         preplaced: Object name to the place where it already rests.
         opened: Drawer name to the distance by which it is drawn out at the start [m]; drawers not named are shut.
         expected: What a right policy does.

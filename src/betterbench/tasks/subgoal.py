@@ -50,10 +50,10 @@ class Subgoal:
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """A sentence together with what it asks for.
+    """A text together with what it asks for.
 
     Attributes:
-        text: The sentence a policy is given.
+        text: What a policy is given.
         subgoals: Its steps, in the order in which they are asked.
         ordered: True if the order is part of the goal.
     """

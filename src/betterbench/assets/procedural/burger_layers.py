@@ -5,222 +5,138 @@ top, so that a stack has few contacts and keeps still. Layers are thicker than f
 its center and cannot take anything lower than 10 mm from a table.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import (
-    JAW_OPENS_ALONG_X,
-    JAW_OPENS_ALONG_Y,
-    foot,
-    mass_properties,
-    solid_box,
-    upright_cylinder,
+from betterbench.assets.asset import Grasp
+from betterbench.assets.authoring import (
+    Draft,
+    Turned,
+    disc,
+    generator,
+    grip,
+    grip_across,
+    part,
+    spheroid,
+    standing,
+    zone,
 )
-from betterbench.assets.procedural.burger import BUN
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism, rectangle
+from betterbench.assets.authoring.paint import BUN, Canvas, Color, jittered, mixed, scattered, shaded
+from betterbench.assets.authoring.solids import solid_box
 
 _CRUMB: Color = (0.95, 0.82, 0.56)
 # Height of the jaw's center for slices [m].
 _SLICE_GRIP = 0.010
 
 
-def _from_above(mesh: Mesh, radius: float) -> Mesh:
-    """Return the mesh with a picture of side two laid on it from above, its edge at distance one."""
-    return Mesh(mesh.vertices, mesh.faces, 0.5 + 0.5 * mesh.vertices[:, :2] / radius)
-
-
-def _disc_regions(radius: float, height: float, *, top: float) -> tuple[Region, ...]:
-    """Return the discs on which a layer stands and on which the next one is put."""
-    return (
-        Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),
-        Region("top", (0.0, 0.0, height), (top, top, 0.001)),
-    )
-
-
-def _disc_grasps(radius: float, height: float) -> tuple[Grasp, ...]:
-    """Return the grasp across the diameter."""
-    clearance = min(0.012, 0.0395 - radius)
-    return (
-        Grasp(
-            "body",
-            Pose((0.0, 0.0, height), JAW_OPENS_ALONG_Y),
-            2.0 * radius,
-            clearance_m=clearance,
-            symmetric_yaw=True,
-        ),
-    )
-
-
 def _square_grasps(side: float) -> tuple[Grasp, ...]:
     """Return the grasps across both pairs of sides."""
     return (
-        Grasp("body", Pose((0.0, 0.0, _SLICE_GRIP), JAW_OPENS_ALONG_Y), side, clearance_m=0.007),
-        Grasp("long", Pose((0.0, 0.0, _SLICE_GRIP), JAW_OPENS_ALONG_X), side, clearance_m=0.007, preference=1),
+        grip("body", _SLICE_GRIP, side, clearance=0.007),
+        grip("long", _SLICE_GRIP, side, across="x", clearance=0.007, preference=1),
     )
 
 
-def _disc(radius: float, height: float) -> tuple[CollisionPart, ...]:
-    """Return a flat cylinder on four corners."""
-    return (foot(0.66 * radius), upright_cylinder(radius, 0.0005, height))
+def _slab(side: float, low: float, high: float, *, corner: float, bevel: float, crease: float) -> Mesh:
+    """Return a square slab with rounded corners and bevelled edges."""
+    steps, half = ((low, bevel), (low + bevel, 0.0), (high - bevel, 0.0), (high, bevel)), 0.5 * side
+    rings = [rectangle(half - e, half - e, z, corner=corner - e, steps=4) for z, e in steps]
+    return prism(rings, crease_degrees=crease)
 
 
 @generator("bun_bottom", colors=("brown",))
-def bun_bottom(rng: np.random.Generator, color: str) -> Draft:
+def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     """Make the lower half of a bun, its cut face up.
 
     Half a bun of 80 mm weighs 30 g; 60 g let it stand still while a burger is built on it.
-
-    Args:
-        rng: Source of proportions, crust and crumb.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.040 * float(rng.uniform(0.985, 1.0))
-    height = 0.020
-    belly = float(rng.uniform(0.35, 0.55))
-    toast = float(rng.uniform(0.0, 0.8))
+    radius, height = 0.040 * rng.uniform(0.985, 1.0), 0.020
+    belly, toast = rng.uniform(0.35, 0.55), rng.uniform(0.0, 0.8)
     crust = jittered(mixed(BUN, _CRUMB, 0.08), rng, amount=0.12)
-    profile = [
-        (0.0, 0.0),
-        (0.86 * radius, 0.0),
-        (0.97 * radius, 0.22 * height),
-        (radius, belly * height),
-        (0.985 * radius, height - 0.0015),
-        (0.97 * radius, height),
-        (0.0, height),
-    ]
-    mesh = _from_above(lathe(profile, 24, crease_degrees=55.0), radius)
+    radii = (0.0, 0.86 * radius, 0.97 * radius, radius, 0.985 * radius, 0.97 * radius, 0.0)
+    z = (0.0, 0.0, 0.22 * height, belly * height, height - 0.0015, height, height)
+    bun = Turned(radii, z, crease_degrees=55.0, wrap=False)
+    mesh = bun.mesh().seen_from_above(radius)
     # The side is seen under the crust at the picture's edge, the cut face in its middle.
-    side = mesh.vertices[:, 2] < height - 0.001
-    mesh = Mesh(
-        mesh.vertices, mesh.faces, np.where(side[:, None], 0.5 + 0.985 * (mesh.uv - 0.5), 0.92 * mesh.uv + 0.04)
-    )
+    side = (mesh.vertices[:, 2] < height - 0.001)[:, None]
+    mesh = Mesh(mesh.vertices, mesh.faces, np.where(side, 0.5 + 0.985 * (mesh.uv - 0.5), 0.92 * mesh.uv + 0.04))
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
-    x, y = canvas.x - 1.0, canvas.y - 1.0
-    r = np.hypot(x, y)
-    crumb = jittered(_CRUMB, rng, amount=0.05)
+    r, crumb = canvas.radius, jittered(_CRUMB, rng, amount=0.05)
     canvas.paint(r < 0.885, crumb)
     canvas.paint(np.exp(-(((r - 0.70) / 0.16) ** 2)) * (r < 0.885), (0.80, 0.55, 0.24), strength=0.55 * toast)
     canvas.grain(rng, cells=(26, 26), amount=0.030)
     for u, v, size in rng.uniform(0.0, 1.0, (110, 3)).tolist():
         distance, angle = 0.85 * math.sqrt(u), 2.0 * math.pi * v
         center = (1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle))
-        radii = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
-        canvas.ellipse(center, radii, shaded(crumb, 0.80), 3.0 * v)
-    collision = _disc(radius, height)
+        pore = (0.010 + 0.022 * size * size, 0.010 + 0.014 * size * size)
+        canvas.ellipse(center, pore, shaded(crumb, 0.80), 3.0 * v)
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",
-        tags=("bun", "bottom bun", "burger bun", "bread", "food", color),
-        body=mass_properties(collision, 0.06),
-        visual=(part("bun", mesh, crust, picture=canvas.pixels(), specular=0.12),),
-        collision=collision,
-        grasps=(),
-        regions=_disc_regions(radius, height, top=0.97 * radius),
+        tags=("bun", "bottom bun", "burger bun", "bread", "food"),
+        mass_kg=0.06,
+        parts=(part("bun", mesh, canvas, specular=0.12), *bun.filled(0.66 * radius)),
+        regions=(disc("base", radius), disc("top", 0.97 * radius, height)),
         parameters={"radius_m": radius, "height_m": height, "toast": toast},
     )
 
 
 @generator("patty", colors=("brown",))
-def patty(rng: np.random.Generator, color: str) -> Draft:
+def patty(rng: np.random.Generator, _color: str) -> Draft:
     """Make a grilled patty of minced beef.
 
     A patty of 70 mm by 20 mm holds 75 cm^3 and weighs about 0.1 kg raw or 0.08 kg grilled.
-
-    Args:
-        rng: Source of edge and grill marks.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.034 * float(rng.uniform(0.985, 1.0))
-    height = 0.020
+    radius, height = 0.034 * rng.uniform(0.985, 1.0), 0.020
     meat = jittered((0.30, 0.15, 0.08), rng, amount=0.12)
     marks = str(rng.choice(["stripes", "cross", "none"]))
-    profile = [
-        (0.0, 0.0),
-        (0.90 * radius, 0.0),
-        (radius, 0.30 * height),
-        (0.995 * radius, 0.72 * height),
-        (0.91 * radius, height),
-        (0.0, height),
-    ]
-    mesh = lathe(profile, 24, crease_degrees=60.0)
+    radii = (0.0, 0.90 * radius, radius, 0.995 * radius, 0.91 * radius, 0.0)
+    disc_ = Turned(radii, (0.0, 0.0, 0.30 * height, 0.72 * height, height, height), crease_degrees=60.0, wrap=False)
+    mesh = disc_.mesh()
     angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
-    swell = sum(np.sin(k * angle + float(rng.uniform(0.0, 2.0 * math.pi))) for k in (4, 7, 9))
-    factor = (1.0 - 0.010 * (1.0 + swell / 3.0))[:, None]
-    mesh = Mesh(mesh.vertices * np.hstack([factor, factor, np.ones_like(factor)]), mesh.faces, mesh.uv)
+    swell = sum(np.sin(k * angle + rng.uniform(0.0, 2.0 * math.pi)) for k in (4, 7, 9))
+    mesh = mesh.scaled_across(1.0 - 0.010 * (1.0 + swell / 3.0))
     # Unrolled a little at the edge, so that the meat's grain does not run down the side in streaks.
     below = (height - mesh.vertices[:, 2]) / height
     share = 0.40 * np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1]) / radius + 0.09 * below
-    uv = 0.5 + share[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    mesh = Mesh(mesh.vertices, mesh.faces, uv)
+    mesh = Mesh(mesh.vertices, mesh.faces, 0.5 + share[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     canvas = Canvas(2.0, 2.0, (160, 160), meat)
     canvas.grain(rng, cells=(30, 30), amount=0.20)
     canvas.grain(rng, cells=(60, 60), amount=0.14)
     for u, v, size in rng.uniform(0.0, 1.0, (90, 3)).tolist():
         tone = shaded(meat, 0.55) if size < 0.55 else mixed(meat, (0.62, 0.36, 0.20), 0.6)
         canvas.ellipse((2.0 * u, 2.0 * v), (0.012 + 0.03 * size, 0.012 + 0.02 * size), tone, 6.0 * u)
-    turn = float(rng.uniform(-0.5, 0.5))
-    x, y = canvas.x - 1.0, canvas.y - 1.0
-    inside = np.hypot(x, y) < 0.76
+    turn = rng.uniform(-0.5, 0.5)
     for k in range({"stripes": 1, "cross": 2, "none": 0}[marks]):
         at = turn + 0.5 * math.pi * k
-        across = x * math.sin(at) + y * math.cos(at)
-        canvas.paint(inside & (np.abs((across + 0.13) % 0.30 - 0.13) < 0.045), (0.07, 0.035, 0.02), strength=0.85)
-    collision = _disc(radius, height)
+        across = (canvas.x - 1.0) * math.sin(at) + (canvas.y - 1.0) * math.cos(at)
+        stripe = (canvas.radius < 0.76) & (np.abs((across + 0.13) % 0.30 - 0.13) < 0.045)
+        canvas.paint(stripe, (0.07, 0.035, 0.02), strength=0.85)
     return Draft(
         shape="round",
         description="A grilled burger patty.",
-        tags=("patty", "burger patty", "meat", "beef", "food", color),
-        body=mass_properties(collision, 0.10),
-        visual=(part("patty", mesh, meat, picture=canvas.pixels(), specular=0.35, shininess=0.3),),
-        collision=collision,
-        grasps=_disc_grasps(radius, 0.011),
-        regions=_disc_regions(radius, height, top=0.9 * radius),
+        tags=("patty", "burger patty", "meat", "beef", "food"),
+        mass_kg=0.10,
+        parts=(part("patty", mesh, canvas, specular=0.35), *disc_.filled(0.66 * radius)),
+        grasps=(grip_across(0.011, radius),),
+        regions=(disc("base", radius), disc("top", 0.9 * radius, height)),
         parameters={"radius_m": radius, "height_m": height, "marks": marks},
     )
 
 
-def _slab(side: float, low: float, high: float, *, corner: float, bevel: float) -> list[np.ndarray]:
-    """Return the rings of a square slab with rounded corners and bevelled edges."""
-    steps = ((low, bevel), (low + bevel, 0.0), (high - bevel, 0.0), (high, bevel))
-    half = 0.5 * side
-    return [rectangle(half - e, half - e, z, corner=corner - e, steps=4) for z, e in steps]
-
-
 @generator("cheese_slice", colors=("yellow",))
-def cheese_slice(rng: np.random.Generator, color: str) -> Draft:
+def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
     """Make a thick square slice of cheese with rounded corners.
 
     Cheese of 62 by 62 by 12 mm weighs 45 g when solid; 30 g are used for one with holes.
-
-    Args:
-        rng: Source of proportions, shade and holes.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    side = 0.062 * float(rng.uniform(0.985, 1.0))
-    height = 0.012
-    corner = float(rng.uniform(0.0060, 0.0100))
-    holes = int(rng.choice([0, 3, 5, 7]))
-    shade = jittered(mixed((0.98, 0.66, 0.06), (0.96, 0.78, 0.20), float(rng.random())), rng, amount=0.04)
-    mesh = prism(_slab(side, 0.0, height, corner=corner, bevel=0.0014), crease_degrees=55.0)
-    uv = 0.5 + 0.96 * mesh.vertices[:, :2] / side
-    mesh = Mesh(mesh.vertices, mesh.faces, uv)
+    side, height, corner = 0.062 * rng.uniform(0.985, 1.0), 0.012, rng.uniform(0.0060, 0.0100)
+    half, holes = 0.5 * side, int(rng.choice([0, 3, 5, 7]))
+    shade = jittered(mixed((0.98, 0.66, 0.06), (0.96, 0.78, 0.20), rng.random()), rng, amount=0.04)
+    mesh = _slab(side, 0.0, height, corner=corner, bevel=0.0014, crease=55.0)
+    mesh = Mesh(mesh.vertices, mesh.faces, 0.5 + 0.96 * mesh.vertices[:, :2] / side)
     canvas = Canvas(2.0, 2.0, (128, 128), shade)
     canvas.grain(rng, cells=(5, 5), amount=0.018)
     reach = np.maximum(np.abs(canvas.x - 1.0), np.abs(canvas.y - 1.0))
@@ -232,99 +148,72 @@ def cheese_slice(rng: np.random.Generator, color: str) -> Draft:
         x, y = (float(e) for e in rng.uniform(0.38, 1.62, 2))
         if all(math.hypot(x - px, y - py) > 0.42 for px, py in placed):
             placed.append((x, y))
-            size = float(rng.uniform(0.07, 0.15))
+            size = rng.uniform(0.07, 0.15)
             canvas.ellipse((x, y), (size, 0.9 * size), shaded(shade, 0.62))
             canvas.ellipse((x, y - 0.18 * size), (0.82 * size, 0.70 * size), shaded(shade, 0.80))
-    collision = (solid_box((-0.5 * side, -0.5 * side, 0.0), (0.5 * side, 0.5 * side, height)),)
     return Draft(
         shape="box",
         description="A thick square slice of yellow cheese.",
-        tags=("cheese", "cheese slice", "slice", "food", color),
-        body=mass_properties(collision, 0.03),
-        visual=(part("cheese", mesh, shade, picture=canvas.pixels(), specular=0.45, shininess=0.5),),
-        collision=collision,
-        grasps=_square_grasps(side),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (0.5 * side, 0.5 * side, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.5 * side, 0.5 * side, 0.001)),
+        tags=("cheese", "cheese slice", "slice", "food"),
+        mass_kg=0.03,
+        parts=(
+            part("cheese", mesh, canvas, specular=0.45, shininess=0.5),
+            solid_box((-half, -half, 0.0), (half, half, height)),
         ),
+        grasps=_square_grasps(side),
+        regions=(zone("base", half, half), zone("top", half, half, height)),
         parameters={"side_m": side, "height_m": height, "holes": float(holes)},
     )
 
 
 @generator("sponge", colors=("yellow",))
-def sponge(rng: np.random.Generator, color: str) -> Draft:
+def sponge(rng: np.random.Generator, _color: str) -> Draft:
     """Make a kitchen sponge with a green scouring underside, as wide and as yellow as the cheese slice.
 
     A cut cellulose sponge of this size weighs 5 g dry; damp as it lies beside a sink it weighs 20 g.
-
-    Args:
-        rng: Source of proportions, shade and pores.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    side = 0.064 * float(rng.uniform(0.98, 1.0))
-    height = 0.0135  # the cheese slice and an eighth
-    scour = float(rng.uniform(0.0040, 0.0048))
-    corner = float(rng.uniform(0.0030, 0.0060))
-    shade = jittered(mixed((0.98, 0.72, 0.10), (0.95, 0.82, 0.28), float(rng.random())), rng, amount=0.04)
+    side, scour, corner = 0.064 * rng.uniform(0.98, 1.0), rng.uniform(0.0040, 0.0048), rng.uniform(0.0030, 0.0060)
+    half, height = 0.5 * side, 0.0135  # the height of the cheese slice and an eighth
+    shade = jittered(mixed((0.98, 0.72, 0.10), (0.95, 0.82, 0.28), rng.random()), rng, amount=0.04)
     pad = jittered((0.07, 0.34, 0.16), rng, amount=0.12)
-    upper = prism(_slab(side, scour, height, corner=corner, bevel=0.0008), crease_degrees=50.0)
+    upper = _slab(side, scour, height, corner=corner, bevel=0.0008, crease=50.0)
     # The sides show a strip of the picture of their own height, next to the edge of the top.
     down = ((height - upper.vertices[:, 2]) / side)[:, None]
-    toward = upper.vertices[:, :2] / (0.5 * side)
+    toward = upper.vertices[:, :2] / half
     uv = 0.5 + 0.5 * toward * 0.80 + 0.5 * np.sign(toward) * (np.abs(toward) > 0.8) * 1.2 * down
     upper = Mesh(upper.vertices, upper.faces, np.clip(uv, 0.0, 1.0))
-    lower = prism(_slab(side, 0.0, scour, corner=corner, bevel=0.0006), crease_degrees=50.0)
+    lower = _slab(side, 0.0, scour, corner=corner, bevel=0.0006, crease=50.0)
     canvas = Canvas(2.0, 2.0, (192, 192), shade)
     canvas.grain(rng, cells=(40, 40), amount=0.05)
-    pores = rng.uniform(0.0, 1.0, (300, 4)).tolist()
-    for u, v, size, turn in pores:
+    for u, v, size, turn in rng.uniform(0.0, 1.0, (300, 4)).tolist():
         big = 0.012 + 0.045 * size**4
         canvas.ellipse((2.0 * u, 2.0 * v), (big, 0.75 * big), shaded(shade, 0.50 + 0.2 * turn), 3.0 * turn)
-    collision = (solid_box((-0.5 * side, -0.5 * side, 0.0), (0.5 * side, 0.5 * side, height)),)
     return Draft(
         shape="box",
         description="A yellow kitchen sponge with a green scouring side.",
-        tags=("sponge", "kitchen sponge", "scourer", "cleaning", color),
-        body=mass_properties(collision, 0.02),
-        visual=(
-            part("sponge", upper, shade, picture=canvas.pixels(), specular=0.02),
+        tags=("sponge", "kitchen sponge", "scourer", "cleaning"),
+        mass_kg=0.02,
+        parts=(
+            part("sponge", upper, canvas, specular=0.02),
             part("scourer", lower, pad, specular=0.02),
+            solid_box((-half, -half, 0.0), (half, half, height)),
         ),
-        collision=collision,
         grasps=_square_grasps(side),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (0.5 * side, 0.5 * side, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.5 * side, 0.5 * side, 0.001)),
-        ),
+        regions=(zone("base", half, half), zone("top", half, half, height)),
         parameters={"side_m": side, "height_m": height, "scourer_m": scour},
     )
 
 
 @generator("lettuce_leaf", colors=("green",))
-def lettuce_leaf(rng: np.random.Generator, color: str) -> Draft:
+def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     """Make a round frilly stack of lettuce leaves.
 
     A few leaves of 65 mm weigh 10 to 20 g. They touch as a flat disc of their own thickness.
-
-    Args:
-        rng: Source of frill, shade and veins.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.034 * float(rng.uniform(0.985, 1.0))
-    height = 0.0125
-    solid = radius - 0.0015
-    frills = int(rng.choice([9, 11, 13]))
-    frill = float(rng.uniform(0.0022, 0.0032))
+    radius, height = 0.034 * rng.uniform(0.985, 1.0), 0.0125
+    solid, frills, frill = radius - 0.0015, int(rng.choice([9, 11, 13])), rng.uniform(0.0022, 0.0032)
     shade = jittered((0.36, 0.64, 0.14), rng, amount=0.14)
-    n = 36
-    angle = 2.0 * math.pi * np.arange(n) / n
+    angle = 2.0 * math.pi * np.arange(36) / 36
     wobble = rng.uniform(-0.5, 0.5, 3)
     leaves = []
     # Two leaves, the upper one turned by half a frill.
@@ -332,123 +221,88 @@ def lettuce_leaf(rng: np.random.Generator, color: str) -> Draft:
         wave = np.cos(frills * angle + phase + float(wobble[0]))
         small = np.cos((2 * frills + 3) * angle + 6.0 * float(wobble[1]))
         edge = size * radius * (0.955 + 0.030 * wave + 0.015 * small)
-        middle = 0.5 * (low + high)
-
-        def ring(r: np.ndarray | float, z: np.ndarray | float) -> np.ndarray:
-            points = np.stack([np.cos(angle) * r, np.sin(angle) * r, np.zeros(n)], axis=1)
-            points[:, 2] = z
-            return points
-
-        lift = middle + frill * wave * (0.5 * (high - low) - 0.0012) / 0.0032
-        thin = 0.0011
+        lift = 0.5 * (low + high) + frill * wave * (0.5 * (high - low) - 0.0012) / 0.0032
+        level = ((0.60 * size * radius, low), (edge, lift - 0.0011), (edge, lift + 0.0011))
         rings = [
-            ring(0.60 * size * radius, low),
-            ring(edge, lift - thin),
-            ring(edge, lift + thin),
-            ring(0.62 * size * radius, high - 0.0006),
+            np.stack([np.cos(angle) * r, np.sin(angle) * r, np.broadcast_to(z, angle.shape)], axis=1)
+            for r, z in (*level, (0.62 * size * radius, high - 0.0006))
         ]
         leaves.append(creased(loft(rings), 70.0))
     mesh = merge(leaves)
-    mesh = _from_above(mesh.moved(z=-float(mesh.vertices[:, 2].min())), 1.03 * radius)
-    canvas = Canvas(2.0, 2.0, (160, 160), shade)
-    x, y = canvas.x - 1.0, canvas.y - 1.0
-    r = np.hypot(x, y)
-    canvas.paint(np.clip(1.0 - r / 0.75, 0.0, 1.0), (0.78, 0.88, 0.48), strength=0.75)
-    canvas.paint(np.clip((r - 0.75) / 0.25, 0.0, 1.0), shaded(shade, 0.62), strength=0.6)
-    start = float(rng.uniform(0.0, 6.0))
-    for k in range(9):
-        a = start + 2.0 * math.pi * k / 9 + float(rng.uniform(-0.2, 0.2))
-        bend = a + float(rng.uniform(-0.25, 0.25))
-        points = [(1.0, 1.0), (1.0 + 0.45 * math.cos(a), 1.0 + 0.45 * math.sin(a))]
-        points.append((1.0 + 0.88 * math.cos(bend), 1.0 + 0.88 * math.sin(bend)))
-        canvas.line(points, 0.035, (0.82, 0.90, 0.58), 0.7)
-    canvas.grain(rng, cells=(18, 18), amount=0.07)
-    collision = _disc(solid, 0.012)
+    mesh = mesh.moved(z=-float(mesh.vertices[:, 2].min())).seen_from_above(1.03 * radius)
     return Draft(
         shape="round",
         description="A frilly round leaf of green lettuce.",
-        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food", color),
-        body=mass_properties(collision, 0.02),
-        visual=(part("leaf", mesh, shade, picture=canvas.pixels(), specular=0.3, shininess=0.4),),
-        collision=collision,
-        grasps=_disc_grasps(solid, _SLICE_GRIP),
-        regions=_disc_regions(solid, 0.012, top=0.9 * solid),
+        tags=("lettuce", "lettuce leaf", "salad", "leaf", "food"),
+        mass_kg=0.02,
+        parts=(
+            part("leaf", mesh, _veins(rng, shade), specular=0.3, shininess=0.4),
+            *standing(0.66 * solid, (solid, 0.012)),
+        ),
+        grasps=(grip_across(_SLICE_GRIP, solid),),
+        regions=(disc("base", solid), disc("top", 0.9 * solid, 0.012)),
         parameters={"radius_m": radius, "height_m": height, "frills": float(frills)},
     )
 
 
+def _veins(rng: np.random.Generator, shade: Color) -> Canvas:
+    """Draw a leaf from above: pale in the middle, dark at the edge, with nine bent veins."""
+    canvas = Canvas(2.0, 2.0, (160, 160), shade)
+    r = canvas.radius
+    canvas.paint(np.clip(1.0 - r / 0.75, 0.0, 1.0), (0.78, 0.88, 0.48), strength=0.75)
+    canvas.paint(np.clip((r - 0.75) / 0.25, 0.0, 1.0), shaded(shade, 0.62), strength=0.6)
+    start = rng.uniform(0.0, 6.0)
+    for k in range(9):
+        a = start + 2.0 * math.pi * k / 9 + rng.uniform(-0.2, 0.2)
+        bend = a + rng.uniform(-0.25, 0.25)
+        knee, tip = (0.45 * math.cos(a), 0.45 * math.sin(a)), (0.88 * math.cos(bend), 0.88 * math.sin(bend))
+        points = [(1.0, 1.0), (1.0 + knee[0], 1.0 + knee[1]), (1.0 + tip[0], 1.0 + tip[1])]
+        canvas.line(points, 0.035, (0.82, 0.90, 0.58), 0.7)
+    canvas.grain(rng, cells=(18, 18), amount=0.07)
+    return canvas
+
+
 @generator("bun_top", colors=("brown",))
-def bun_top(rng: np.random.Generator, color: str) -> Draft:
+def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     """Make the domed upper half of a bun, with sesame on most looks.
 
     Half a bun of 72 mm weighs 25 to 30 g; 50 g keep it where it is put.
-
-    Args:
-        rng: Source of proportions, crust and seeds.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    radius = 0.036 * float(rng.uniform(0.985, 1.0))
-    height = 0.034 * float(rng.uniform(0.97, 1.0))
-    crust = jittered(BUN, rng, amount=0.14)
-    seeds = int(rng.choice([0, 20, 28, 36]))
+    radius, height = 0.036 * rng.uniform(0.985, 1.0), 0.034 * rng.uniform(0.97, 1.0)
+    crust, seeds = jittered(BUN, rng, amount=0.14), int(rng.choice([0, 20, 28, 36]))
     shoulder = 0.0165
     rise = height - shoulder
-    profile = [
-        (0.0, 0.0),
-        (0.955 * radius, 0.0),
-        (radius, 0.0045),
-        (radius, 0.60 * shoulder),
-        (0.97 * radius, shoulder),
-        (0.84 * radius, shoulder + 0.46 * rise),
-        (0.62 * radius, shoulder + 0.77 * rise),
-        (0.32 * radius, shoulder + 0.95 * rise),
-        (0.0, height),
-    ]
-    mesh = lathe(profile, 24, crease_degrees=50.0)
-    # Stretch the map outwards, where the dome is steep, so that the seeds keep their shape.
-    distance = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1])
-    below = np.clip((height - mesh.vertices[:, 2]) / height, 0.0, 1.0)
-    reach = np.hypot(distance / radius, 0.75 * below) / math.hypot(1.0, 0.75)
-    share = (0.5 * reach / np.maximum(distance, 1e-9))[:, None]
-    mesh = Mesh(mesh.vertices, mesh.faces, 0.5 + share * mesh.vertices[:, :2])
-    collision = (
-        foot(0.66 * radius),
-        upright_cylinder(radius, 0.0005, shoulder),
-        CollisionPart("ellipsoid", (0.985 * radius, 0.985 * radius, rise), (0.0, 0.0, shoulder)),
+    dome = (0.97 * radius, 0.84 * radius, 0.62 * radius, 0.32 * radius, 0.0)
+    z = (shoulder, shoulder + 0.46 * rise, shoulder + 0.77 * rise, shoulder + 0.95 * rise, height)
+    bun = Turned(
+        (0.0, 0.955 * radius, radius, radius, *dome), (0.0, 0.0, 0.0045, 0.60 * shoulder, *z), 24, 50.0, wrap=False
     )
+    mesh = bun.mesh().domed(radius, height, height)
     return Draft(
         shape="round",
         description="The domed upper half of a burger bun.",
-        tags=("bun", "top bun", "burger bun", "bread", "food", color),
-        body=mass_properties(collision, 0.05),
-        visual=(part("bun", mesh, crust, picture=_sesame(rng, crust, seeds=seeds), specular=0.25, shininess=0.35),),
-        collision=collision,
-        grasps=_disc_grasps(radius, 0.014),
-        regions=_disc_regions(radius, height, top=0.5 * radius),
+        tags=("bun", "top bun", "burger bun", "bread", "food"),
+        mass_kg=0.05,
+        parts=(
+            part("bun", mesh, _sesame(rng, crust, seeds=seeds), specular=0.25, shininess=0.35),
+            *standing(0.66 * radius, (radius, shoulder)),
+            spheroid(0.985 * radius, rise, shoulder),
+        ),
+        grasps=(grip_across(0.014, radius),),
+        regions=(disc("base", radius), disc("top", 0.5 * radius, height)),
         parameters={"radius_m": radius, "height_m": height, "seeds": float(seeds)},
     )
 
 
-def _sesame(rng: np.random.Generator, crust: Color, *, seeds: int) -> np.ndarray:
+def _sesame(rng: np.random.Generator, crust: Color, *, seeds: int) -> Canvas:
     """Draw the crust from above: brown on the crown, pale toward the cut, strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
-    r = np.hypot(canvas.x - 1.0, canvas.y - 1.0)
+    r = canvas.radius
     canvas.paint(np.clip((r - 0.72) / 0.28, 0.0, 1.0), mixed(crust, _CRUMB, 0.7))
     canvas.paint(np.clip(1.0 - r / 0.62, 0.0, 1.0), shaded(crust, 0.66), strength=0.45)
     canvas.grain(rng, cells=(13, 13), amount=0.035)
-    placed: list[tuple[float, float]] = []
-    for _ in range(30 * seeds):
-        if len(placed) == seeds:
-            break
-        angle, distance = float(rng.uniform(0.0, 2.0 * math.pi)), 0.72 * math.sqrt(float(rng.random()))
-        x, y = 1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle)
-        if any(math.hypot(x - px, y - py) < 0.165 for px, py in placed):
-            continue
-        placed.append((x, y))
-        turn = float(rng.uniform(0.0, math.pi))
+    for x, y in scattered(rng, tries=30 * seeds, gap=0.165, reach=0.72, count=seeds):
+        turn = rng.uniform(0.0, math.pi)
         canvas.ellipse((x + 0.010, y - 0.014), (0.062, 0.040), shaded(crust, 0.60), turn)
         canvas.ellipse((x, y), (0.058, 0.036), (0.97, 0.91, 0.72), turn)
-    return canvas.pixels()
+    return canvas

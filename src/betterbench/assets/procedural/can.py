@@ -1,18 +1,12 @@
 """Full beverage cans."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, prism, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
+from betterbench.assets.authoring.mesh import Mesh, prism
+from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Color, jittered, mixed, shaded
 
 # Radius of the standard 330 ml can [m].
 CAN_RADIUS = 0.033
@@ -26,105 +20,59 @@ def can(rng: np.random.Generator, color: str) -> Draft:
 
     The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminum
     and 0.33 l of drink).
-
-    Args:
-        rng: Source of height and print.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    height = float(rng.uniform(0.1125, 0.1175))
-    shoulder = float(rng.uniform(0.010, 0.013))
-    design = str(rng.choice(DESIGNS))
-    profile = can_profile(height, shoulder)
-    top = profile[-1][1]
-    shade = jittered(PALETTE[color], rng, amount=0.06)
-    shell = lathe(profile, 24, wrap=True)
-    picture = draw_label(rng, profile, shade, design=design).pixels()
-    angle = np.arange(10) * (2.0 * math.pi / 10)
+    height, shoulder, design = rng.uniform(0.1125, 0.1175), rng.uniform(0.010, 0.013), str(rng.choice(DESIGNS))
+    shell, shade = can_shell(height, shoulder), jittered(PALETTE[color], rng, amount=0.06)
+    angle, top = np.arange(10) * (2.0 * math.pi / 10), shell.heights[-1]
 
-    def lid_ellipse(a: float, b: float, x: float, thickness: float) -> list[np.ndarray]:
+    def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
+        """Return a flat ellipse on the lid."""
         outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.full(10, top - 0.0004)], axis=1)
-        return [outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])]
+        return prism([outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])])
 
-    mouth = prism(lid_ellipse(0.0088, 0.0068, 0.0125, 0.0002))
-    tab = prism(lid_ellipse(0.0095, 0.0058, -0.0035, 0.0014))
-    hole = prism(lid_ellipse(0.0034, 0.0028, -0.0078, 0.0016))
-    collision = (
-        foot(0.0170),
-        upright_cylinder(CAN_RADIUS, 0.0005, height - 0.006),
-        upright_cylinder(0.027, height - 0.006, height),
-    )
-    body = mass_properties(collision, 0.35)
     return Draft(
         shape="cylinder",
         description=f"A full {color} soda can with a printed label and a pull tab.",
-        tags=("can", "soda", "drink", "beverage", "metal", color),
-        body=body,
-        visual=(
-            part("shell", shell, shade, picture=picture, specular=0.7, shininess=0.6),
-            part("mouth", mouth, (0.36, 0.37, 0.39), specular=0.3),
-            part("tab", tab, (0.86, 0.87, 0.88), specular=0.8, shininess=0.7),
-            part("hole", hole, (0.42, 0.43, 0.45), specular=0.3),
+        tags=("can", "soda", "drink", "beverage", "metal"),
+        mass_kg=0.35,
+        parts=(
+            part("shell", shell.mesh(), draw_label(rng, shell, shade, design=design), specular=0.7, shininess=0.6),
+            part("mouth", on_lid(0.0088, 0.0068, 0.0125, 0.0002), (0.36, 0.37, 0.39), specular=0.3),
+            part("tab", on_lid(0.0095, 0.0058, -0.0035, 0.0014), (0.86, 0.87, 0.88), specular=0.8, shininess=0.7),
+            part("hole", on_lid(0.0034, 0.0028, -0.0078, 0.0016), (0.42, 0.43, 0.45), specular=0.3),
+            *standing(0.0170, (CAN_RADIUS, height - 0.006), (0.027, height)),
         ),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, height - 0.037), JAW_OPENS_ALONG_Y),
-                2 * CAN_RADIUS,
-                clearance_m=0.006,
-                symmetric_yaw=True,
-            ),
-        ),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (CAN_RADIUS, CAN_RADIUS, 0.001)),
-            Region("top", (0.0, 0.0, height), (0.027, 0.027, 0.001)),
-        ),
+        grasps=(grip_across(height - 0.037, CAN_RADIUS, clearance=0.006),),
+        regions=(disc("base", CAN_RADIUS), disc("top", 0.027, height)),
         parameters={"radius_m": CAN_RADIUS, "height_m": height, "design": design},
     )
 
 
-def can_profile(height: float, shoulder: float) -> list[tuple[float, float]]:
-    """Return the profile (radius, z) of a can [m]: bottom, wall, shoulder, rim, lid.
+def can_shell(height: float, shoulder: float) -> Turned:
+    """Return a can: bottom, wall, shoulder, rim, lid.
 
     Args:
         height: Height to the rim [m].
         shoulder: Height of the tapered part under the rim [m].
     """
-    return [
-        (0.0, 0.0),
-        (0.0245, 0.0),
-        (CAN_RADIUS, 0.0075),
-        (CAN_RADIUS, height - shoulder),
-        (0.0275, height - 0.0015),
-        (0.0270, height),
-        (0.0258, height),
-        (0.0250, height - 0.0035),
-        (0.0, height - 0.0035),
-    ]
+    lid = height - 0.0035
+    radii = (0.0, 0.0245, CAN_RADIUS, CAN_RADIUS, 0.0275, 0.0270, 0.0258, 0.0250, 0.0)
+    return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
-def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Color, *, design: str) -> Canvas:
+def draw_label(rng: np.random.Generator, shell: Turned, shade: Color, *, design: str) -> Canvas:
     """Draw half of a can from the bottom over the print to the lid.
 
     Args:
         rng: Source of the sheen.
-        profile: See :func:`can_profile`.
+        shell: See :func:`can_shell`.
         shade: Color of the print.
         design: One of :data:`DESIGNS`.
-
-    Returns:
-        The picture; its height is the length along the profile [m].
     """
-    length = profile_length(profile)
-    bottom, low, high, rim, lid = (float(length[k]) for k in (1, 2, 3, 5, 7))
-    width = math.pi * CAN_RADIUS
-    metal = (0.80, 0.81, 0.83)
-    canvas = Canvas(width, float(length[-1]), (128, 256), metal)
-    x, y = canvas.x, canvas.y
-    printed = (y > low + 0.002) & (y < high + 0.004)
+    bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))
+    canvas = shell.canvas(CHROME)
+    x, y, width = canvas.x, canvas.y, canvas.width
+    printed = canvas.between(low + 0.002, high + 0.004)
     canvas.paint(printed, shade)
     accent = (0.95, 0.95, 0.93) if sum(shade) < 1.9 else (0.72, 0.10, 0.12)
     second = mixed(shade, (0.0, 0.0, 0.0), 0.45)
@@ -136,9 +84,8 @@ def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], sha
         canvas.paint(printed & (np.abs(y - wave + 0.15 * span) < 0.025 * span), second)
     elif design == "disc":
         for u in (0.0, 1.0):
-            canvas.ellipse((u * width, middle), (0.021, 0.021), accent)
-            canvas.ellipse((u * width, middle), (0.0155, 0.0155), second)
-            canvas.ellipse((u * width, middle), (0.008, 0.008), accent)
+            for radius, ink in ((0.021, accent), (0.0155, second), (0.008, accent)):
+                canvas.ellipse((u * width, middle), (radius, radius), ink)
         canvas.band(low + 0.06 * span, low + 0.10 * span, accent)
     elif design == "stripes":
         slanted = (y + 0.9 * np.abs(x - width / 2.0)) % (0.40 * span)
@@ -150,8 +97,8 @@ def draw_label(rng: np.random.Generator, profile: list[tuple[float, float]], sha
             canvas.paint(printed & (away < 1.0), accent)
             canvas.paint(printed & (away < 0.62), second)
     canvas.band(low + 0.002, low + 0.0045, accent)
-    canvas.shade(1.0 + 0.05 * np.cos(4.0 * math.pi * x / width + float(rng.uniform(0.0, 6.0))))
+    canvas.shade(1.0 + 0.05 * np.cos(4.0 * math.pi * x / width + rng.uniform(0.0, 6.0)))
     canvas.shade(np.where(y < bottom, 0.6, 1.0))
-    canvas.shade(np.where((y > rim) & (y < lid), 0.80, 1.0))
-    canvas.paint(y > lid, shaded(metal, 0.93))
+    canvas.shade(np.where(canvas.between(rim, lid), 0.80, 1.0))
+    canvas.paint(y > lid, shaded(CHROME, 0.93))
     return canvas

@@ -1,21 +1,13 @@
 """Computer mice and the bar of soap that has the outline of one."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, mapped
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, zone
+from betterbench.assets.authoring.mesh import ABOVE, Mesh, creased, loft
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
-# Pictures of things that lie on a desk are drawn as their user at +x sees them: columns along +y, rows up along -x.
-_RIGHT, _UP = (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
 _SIDES = 28
 
 
@@ -24,54 +16,39 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
     A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
-
-    Args:
-        rng: Source of proportions and trim.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.102, 0.108))
-    width = float(rng.uniform(0.0605, 0.0630))
-    height = float(rng.uniform(0.0345, 0.0375))
-    hump = float(rng.uniform(0.006, 0.016))  # how far behind the middle the back is highest
-    waist = float(rng.uniform(0.00, 0.07))  # how much the sides are drawn in
-    trim = str(rng.choice(["plain", "grips", "spine", "two-tone"]))
-    extra_button = bool(rng.random() < 0.6)
+    length, width, height = uniforms(rng, (0.102, 0.108), (0.0605, 0.0630), (0.0345, 0.0375))
+    # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
+    hump, waist = rng.uniform(0.006, 0.016), rng.uniform(0.00, 0.07)
+    trim, extra_button = str(rng.choice(["plain", "grips", "spine", "two-tone"])), rng.random() < 0.6
     shade = jittered(shaded(PALETTE[color], 1.06) if color == "black" else PALETTE[color], rng)
     accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
-
-    top = _dome(length, width, height, hump=hump, waist=waist)
-    wheel_x = -0.27 * length
-    wheel_z = float(_back(np.array([wheel_x]), length, height, hump)[0]) - 0.0042
-    wheel = (
-        lathe(
-            [(0.0, -0.0034), (0.0070, -0.0034), (0.0080, -0.0018), (0.0080, 0.0018), (0.0070, 0.0034), (0.0, 0.0034)],
-            12,
-        )
-        .rotated("x", math.pi / 2.0)
-        .moved(wheel_x, 0.0, wheel_z)
-    )
-    picture = _shell(shade, accent, length=length, width=width, wheel_x=wheel_x, trim=trim, extra_button=extra_button)
-    half = 0.5 * width - 0.0006
-    collision = (
-        solid_box((-0.30 * length, -half, 0.0), (0.32 * length, half, 0.021)),
-        solid_box((-0.47 * length, -0.66 * half, 0.0005), (0.47 * length, 0.66 * half, 0.0155)),
-        solid_box((-0.22 * length, -0.66 * half, 0.021), (0.34 * length, 0.66 * half, height - 0.003)),
-    )
+    x, half = -0.27 * length, 0.5 * width - 0.0006
+    z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0042
+    radii, levels = (0.0, 0.0070, 0.0080, 0.0080, 0.0070, 0.0), (-0.0034, -0.0034, -0.0018, 0.0018, 0.0034, 0.0034)
+    wheel = Turned(radii, levels, 12, wrap=False).mesh().rotated("x", math.pi / 2.0).moved(x, 0.0, z)
+    picture = _shell(shade, accent, length=length, width=width, wheel_x=x, trim=trim, extra_button=extra_button)
     return Draft(
         shape="irregular",
         description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
-        tags=("mouse", "computer mouse", "cordless mouse", "desk", color),
-        body=mass_properties(collision, 0.10),
-        visual=(
-            part("shell", top, shade, picture=picture, specular=0.35, shininess=0.45),
+        tags=("mouse", "computer mouse", "cordless mouse", "desk"),
+        mass_kg=0.10,
+        parts=(
+            part(
+                "shell",
+                _dome(length, width, height, hump=hump, waist=waist),
+                picture,
+                view=ABOVE,
+                specular=0.35,
+                shininess=0.45,
+            ),
             part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
+            solid_span((-0.30 * length, 0.32 * length), half, (0.0, 0.021)),
+            solid_span((-0.47 * length, 0.47 * length), 0.66 * half, (0.0005, 0.0155)),
+            solid_span((-0.22 * length, 0.34 * length), 0.66 * half, (0.021, height - 0.003)),
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
+        regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "trim": trim},
     )
 
@@ -107,20 +84,12 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
     side = ring(1.0, 0.0)
     side[:, 2] = 0.006
     levels = ((0.985, 0.58), (0.92, 0.80), (0.78, 0.925), (0.52, 0.985), (0.24, 1.0))
-    mesh = creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
-    return mapped(mesh, _RIGHT, _UP)
+    return creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
 
 
 def _shell(
-    shade: Color,
-    accent: Color,
-    *,
-    length: float,
-    width: float,
-    wheel_x: float,
-    trim: str,
-    extra_button: bool,
-) -> np.ndarray:
+    shade: Color, accent: Color, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
+) -> Canvas:
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
@@ -148,7 +117,7 @@ def _shell(
     ink = (0.80, 0.81, 0.82) if sum(shade) < 1.6 else (0.35, 0.36, 0.38)
     canvas.ellipse(mark, (0.0062, 0.0040), ink)
     canvas.ellipse((mark[0], mark[1] + 0.0006), (0.0044, 0.0024), accent if trim == "two-tone" else shade)
-    return canvas.pixels()
+    return canvas
 
 
 @generator("soap_bar", colors=("gray", "white", "green"))
@@ -157,90 +126,50 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
 
     A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
     0.11 kg, a used bar, so that it is no heavier in the hand than the mouse it is taken for.
-
-    Args:
-        rng: Source of proportions and stamp.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    length = float(rng.uniform(0.095, 0.101))
-    width = float(rng.uniform(0.0585, 0.0615))
-    height = float(rng.uniform(0.0325, 0.0355))
-    power = float(rng.choice([2.3, 2.8, 3.6]))
-    stamp = str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
-    dish = float(rng.uniform(0.0012, 0.0022))  # depth of the hollow in which the stamp stands
+    length, width, height = uniforms(rng, (0.095, 0.101), (0.0585, 0.0615), (0.0325, 0.0355))
+    power, stamp = float(rng.choice([2.3, 2.8, 3.6])), str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
+    dish = rng.uniform(0.0012, 0.0022)  # depth of the hollow in which the stamp stands
     shade = jittered({"gray": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
-    outline = _outline(0.5 * length, 0.5 * width, power, 0.0)
-    levels = (
-        (0.78, 0.0),
-        (0.93, 0.12),
-        (1.0, 0.42),
-        (0.985, 0.62),
-        (0.89, 0.90),
-        (0.80, 1.0),
-        (0.72, 1.0),
-        (0.66, 1.0 - dish / height),
-    )
-    rings = [np.column_stack([share * outline, np.full(_SIDES, level * height)]) for share, level in levels]
-    bar = mapped(creased(loft(rings), 50.0), _RIGHT, _UP)
-    half = 0.5 * width - 0.0006
-    collision = (
-        solid_box((-0.38 * length, -0.66 * half, 0.0), (0.38 * length, 0.66 * half, height - 0.001)),
-        solid_box((-0.28 * length, -half, 0.005), (0.28 * length, half, 0.82 * height)),
-        solid_box((-0.49 * length, -0.5 * half, 0.006), (0.49 * length, 0.5 * half, 0.78 * height)),
-    )
+    outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
+    sides = ((0.78, 0.0), (0.93, 0.12), (1.0, 0.42), (0.985, 0.62), (0.89, 0.90))
+    levels = (*sides, (0.80, 1.0), (0.72, 1.0), (0.66, 1.0 - dish / height))
+    bar = creased(loft([np.column_stack([s * outline, np.full(_SIDES, v * height)]) for s, v in levels]), 50.0)
+    picture = _stamped(rng, shade, stamp=stamp, length=length, width=width)
     return Draft(
         shape="irregular",
         description=f"A {color} bar of soap with a stamp on its top.",
-        tags=("soap", "bar of soap", "soap bar", "bathroom", color),
-        body=mass_properties(collision, 0.11),
-        visual=(
-            part(
-                "bar",
-                bar,
-                shade,
-                picture=_stamped(rng, shade, stamp=stamp, length=length, width=width),
-                specular=0.25,
-                shininess=0.2,
-            ),
+        tags=("soap", "bar of soap", "soap bar", "bathroom"),
+        mass_kg=0.11,
+        parts=(
+            part("bar", bar, picture, view=ABOVE, specular=0.25, shininess=0.2),
+            solid_span((-0.38 * length, 0.38 * length), 0.66 * half, (0.0, height - 0.001)),
+            solid_span((-0.28 * length, 0.28 * length), half, (0.005, 0.82 * height)),
+            solid_span((-0.49 * length, 0.49 * length), 0.5 * half, (0.006, 0.78 * height)),
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.016), JAW_OPENS_ALONG_Y), 2.0 * half, clearance_m=0.008),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * length, 0.5 * width, 0.001)),),
+        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
+        regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "stamp": stamp},
     )
 
 
-# Strokes of the letters that are stamped into soap, in a cell one unit wide and 1.6 units high.
-_LETTERS: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
-    "S": (
-        (
-            (0.95, 1.35),
-            (0.7, 1.6),
-            (0.25, 1.6),
-            (0.0, 1.3),
-            (0.2, 0.9),
-            (0.8, 0.7),
-            (1.0, 0.3),
-            (0.75, 0.0),
-            (0.25, 0.0),
-            (0.02, 0.25),
-        ),
-    ),
-    "O": (
-        ((0.5, 0.0), (0.1, 0.3), (0.0, 0.8), (0.1, 1.3), (0.5, 1.6), (0.9, 1.3), (1.0, 0.8), (0.9, 0.3), (0.5, 0.0)),
-    ),
-    "A": (((0.0, 0.0), (0.5, 1.6), (1.0, 0.0)), ((0.2, 0.55), (0.8, 0.55))),
-    "P": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)),),
-    "U": (((0.0, 1.6), (0.0, 0.4), (0.3, 0.0), (0.7, 0.0), (1.0, 0.4), (1.0, 1.6)),),
-    "R": (((0.05, 0.0), (0.05, 1.6), (0.7, 1.6), (1.0, 1.25), (0.7, 0.8), (0.05, 0.8)), ((0.5, 0.8), (1.0, 0.0))),
-    "E": (((1.0, 0.0), (0.05, 0.0), (0.05, 1.6), (1.0, 1.6)), ((0.05, 0.8), (0.8, 0.8))),
+# Strokes of the letters that are stamped into soap, the x of its points and then their y, in a cell 1 by 1.6.
+_Stroke = tuple[tuple[float, ...], tuple[float, ...]]
+_BOWL: _Stroke = ((0.05, 0.05, 0.7, 1.0, 0.7, 0.05), (0.0, 1.6, 1.6, 1.25, 0.8, 0.8))
+_SNAKE = (0.95, 0.7, 0.25, 0.0, 0.2, 0.8, 1.0, 0.75, 0.25, 0.02)
+_OVAL = (0.5, 0.1, 0.0, 0.1, 0.5, 0.9, 1.0, 0.9, 0.5)
+_LETTERS: dict[str, tuple[_Stroke, ...]] = {
+    "S": ((_SNAKE, (1.35, 1.6, 1.6, 1.3, 0.9, 0.7, 0.3, 0.0, 0.0, 0.25)),),
+    "O": ((_OVAL, (0.0, 0.3, 0.8, 1.3, 1.6, 1.3, 0.8, 0.3, 0.0)),),
+    "A": (((0.0, 0.5, 1.0), (0.0, 1.6, 0.0)), ((0.2, 0.8), (0.55, 0.55))),
+    "P": (_BOWL,),
+    "U": (((0.0, 0.0, 0.3, 0.7, 1.0, 1.0), (1.6, 0.4, 0.0, 0.0, 0.4, 1.6)),),
+    "R": (_BOWL, ((0.5, 1.0), (0.8, 0.0))),
+    "E": (((1.0, 0.05, 0.05, 1.0), (0.0, 0.0, 1.6, 1.6)), ((0.05, 0.8), (0.8, 0.8))),
 }
 
 
-def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: float, width: float) -> np.ndarray:
+def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: float, width: float) -> Canvas:
     """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)
@@ -259,16 +188,11 @@ def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: floa
                 canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
                 canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
             continue
-        cell, pitch = 0.0105, 0.0150
+        # The word reads from -y: along the bar from the near to the far end.
+        cell, left = 0.0105, middle[0] + shift
         for k, letter in enumerate(stamp):
-            for stroke in _LETTERS[letter]:
-                # The word reads from -y: along the bar from the near to the far end.
-                points = [
-                    (
-                        middle[0] + 0.8 * cell - cell * v + shift,
-                        middle[1] + pitch * (k - 1.5) + cell * (u - 0.5) + shift,
-                    )
-                    for u, v in stroke
-                ]
+            low = middle[1] + 0.0150 * (k - 1.5) + shift
+            for across, up in _LETTERS[letter]:
+                points = [(left + cell * (0.8 - v), low + cell * (u - 0.5)) for u, v in zip(across, up, strict=True)]
                 canvas.line(points, 0.0023, ink)
-    return canvas.pixels()
+    return canvas

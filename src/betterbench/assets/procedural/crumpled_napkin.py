@@ -1,18 +1,13 @@
 """Crumpled paper napkins."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, creased
-from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, centered, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring.mesh import Mesh, creased
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
@@ -23,64 +18,34 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper napkin crumpled to a ball.
 
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
-
-    Args:
-        rng: Source of the folds.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    across = float(rng.uniform(0.059, 0.064))
-    high = float(rng.uniform(0.050, 0.056))
-    printed = bool(rng.random() < 0.45)
+    across, high, printed = rng.uniform(0.059, 0.064), rng.uniform(0.050, 0.056), rng.random() < 0.45
     ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
-    roughness = float(rng.uniform(0.11, 0.16))
+    roughness = rng.uniform(0.11, 0.16)
     paper = jittered((0.93, 0.93, 0.92) if color == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
-
     ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
-    shift = centered([ball])
-    ball = ball.moved(*shift)
-    radius = 0.5 * across - 0.0015
-    top = float(ball.vertices[:, 2].max())
-    collision = (
-        CollisionPart("box", (0.013, 0.013, 0.003), (0.0, 0.0, 0.003), friction=_FRICTION),
-        _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
-        _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
-    )
+    ball = ball.moved(*centered(ball))
+    radius, top = 0.5 * across - 0.0015, float(ball.vertices[:, 2].max())
     return Draft(
         shape="irregular",
         description=f"A crumpled {color} paper napkin.",
-        tags=("napkin", "paper", "crumpled paper", "paper ball", "trash", color),
-        body=mass_properties(collision, 0.015),
-        visual=(
-            part(
-                "paper",
-                ball,
-                paper,
-                picture=_paper(rng, paper, ink=ink if printed else None),
-                specular=0.02,
-                shininess=0.05,
-            ),
+        tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
+        mass_kg=0.015,
+        parts=(
+            part("paper", ball, _paper(rng, paper, ink=ink if printed else None), specular=0.02, shininess=0.05),
+            _rough(foot(0.013, height=0.006)),
+            _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
+            _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
         ),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.028), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.006,
-                symmetric_yaw=True,
-            ),
-        ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (0.5 * across, 0.5 * across, 0.001)),),
+        grasps=(grip_across(0.028, radius, clearance=0.006),),
+        regions=(disc("base", 0.5 * across),),
         parameters={"across_m": across, "height_m": top, "roughness": roughness},
     )
 
 
-def _rough(cylinder: CollisionPart) -> CollisionPart:
-    """Return the cylinder with the friction of paper."""
-    return CollisionPart(cylinder.shape, cylinder.size, cylinder.position, friction=_FRICTION)
+def _rough(solid: CollisionPart) -> CollisionPart:
+    """Return the solid with the friction of paper."""
+    return CollisionPart(solid.shape, solid.size, solid.position, friction=_FRICTION)
 
 
 def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +94,7 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     for _ in range(7):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)
-        away = np.abs(directions @ axis - float(rng.uniform(-0.5, 0.5)))
+        away = np.abs(directions @ axis - rng.uniform(-0.5, 0.5))
         share = share * (1.0 - roughness * np.clip(1.0 - away / 0.17, 0.0, 1.0))
     share = share * (1.0 + 0.55 * roughness * rng.uniform(-1.0, 1.0, n))
     spread = directions + 0.05 * rng.standard_normal((n, 3))
@@ -144,7 +109,7 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
 
 
-def _paper(rng: np.random.Generator, paper: Color, *, ink: Color | None) -> np.ndarray:
+def _paper(rng: np.random.Generator, paper: Color, *, ink: Color | None) -> Canvas:
     """Draw paper whose row is the depth of the fold: gray at the bottom of a crease, bright on a ridge."""
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
@@ -153,4 +118,4 @@ def _paper(rng: np.random.Generator, paper: Color, *, ink: Color | None) -> np.n
             canvas.paint(np.abs(canvas.x - at) < 0.022, mixed(paper, ink, 0.75))
     canvas.shade(0.66 + 0.34 * np.clip(canvas.y / 0.7, 0.0, 1.0))
     canvas.paint(canvas.y > 0.93, shaded(paper, 1.3), strength=0.5)
-    return canvas.pixels()
+    return canvas

@@ -1,22 +1,16 @@
 """Crushed beverage cans: the trash that a full can must not be taken for."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_profile, draw_label
-from betterbench.assets.procedural.mesh import Mesh, creased, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, jittered
-from betterbench.assets.procedural.registry import Draft, centered, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring.mesh import Mesh, creased, loft
+from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, uniforms
+from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_shell, draw_label
 
 _SIDES = 18
-_HEIGHT, _SHOULDER = 0.115, 0.0115  # of the can before it was crushed [m]
+_CAN = can_shell(0.115, 0.0115)  # before it was crushed
 
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
@@ -24,78 +18,46 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that was stamped down along its axis: folded, skewed, half as high, a little wider.
 
     The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it.
-
-    Args:
-        rng: Source of the folds and the print.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    height = float(rng.uniform(0.050, 0.058))
-    folds = int(rng.choice([3, 3, 4]))
-    lobes = int(rng.choice([4, 5]))
-    skew = float(rng.uniform(0.0025, 0.0045))  # how far the top is pushed aside
-    tilt = math.radians(float(rng.uniform(6.0, 13.0)))  # of the top
-    design = str(rng.choice(DESIGNS))
-    shade = jittered(PALETTE[color], rng, amount=0.06)
-
+    height, folds, lobes = rng.uniform(0.050, 0.058), int(rng.choice([3, 3, 4])), int(rng.choice([4, 5]))
+    skew, tilt = rng.uniform(0.0025, 0.0045), math.radians(rng.uniform(6.0, 13.0))  # of the top
+    design, shade = str(rng.choice(DESIGNS)), jittered(PALETTE[color], rng, amount=0.06)
     mesh = _folded(rng, height, folds=folds, lobes=lobes, skew=skew, tilt=tilt)
-    mesh = mesh.moved(*centered([mesh]))
-    canvas = draw_label(rng, can_profile(_HEIGHT, _SHOULDER), shade, design=design)
+    mesh = mesh.moved(*centered(mesh))
+    canvas = draw_label(rng, _CAN, shade, design=design)
     _scratch(rng, canvas, folds=folds)
     across = float(min(np.ptp(mesh.vertices[:, 0]), np.ptp(mesh.vertices[:, 1])))
-    radius = 0.5 * min(across, 0.070) - 0.0008
-    top = float(mesh.vertices[:, 2].max())
-    collision = (
-        foot(0.0165),
-        upright_cylinder(radius, 0.0060, 0.80 * top),
-        upright_cylinder(0.024, 0.0005, top - 0.004),
-    )
+    radius, top = 0.5 * min(across, 0.070) - 0.0008, float(mesh.vertices[:, 2].max())
     return Draft(
         shape="irregular",
         description=f"A crushed, empty {color} soda can.",
-        tags=("crushed can", "can", "empty can", "metal", "trash", color),
-        body=mass_properties(collision, 0.020),
-        visual=(part("shell", mesh, shade, picture=canvas.pixels(), specular=0.7, shininess=0.6),),
-        collision=collision,
-        grasps=(
-            Grasp(
-                "body",
-                Pose((0.0, 0.0, 0.028), JAW_OPENS_ALONG_Y),
-                2.0 * radius,
-                clearance_m=0.004,
-                symmetric_yaw=True,
-            ),
+        tags=("crushed can", "can", "empty can", "metal", "trash"),
+        mass_kg=0.020,
+        parts=(
+            part("shell", mesh, canvas, specular=0.7, shininess=0.6),
+            foot(0.0165),
+            upright_cylinder(radius, 0.0060, 0.80 * top),
+            upright_cylinder(0.024, 0.0005, top - 0.004),
         ),
-        regions=(Region("base", (0.0, 0.0, 0.0), (radius, radius, 0.001)),),
+        grasps=(grip_across(0.028, radius, clearance=0.004),),
+        regions=(disc("base", radius),),
         parameters={"height_m": top, "folds": float(folds), "lobes": float(lobes), "design": design},
     )
 
 
 def _folded(rng: np.random.Generator, height: float, *, folds: int, lobes: int, skew: float, tilt: float) -> Mesh:
     """Return the crushed shell; its texture rows are those of the full can, so that the print is folded with it."""
-    profile = can_profile(_HEIGHT, _SHOULDER)
-    rows = profile_length(profile)
-    rows = rows / rows[-1]
+    rows = [row / _CAN.rows[-1] for row in _CAN.rows]
     # Ring by ring: radius [m], height as a share of the whole, how strongly it is wrinkled, texture row.
-    rings = [(0.0245, 0.0, 0.0, float(rows[1])), (CAN_RADIUS - 0.001, 0.13, 0.35, float(rows[2]))]
-    steps = 2 * folds
-    for k in range(1, steps):
-        inward = k % 2 == 1
-        r = CAN_RADIUS + (-0.0055 if inward else 0.0012) + float(rng.uniform(-0.0006, 0.0006))
-        share = k / steps
-        rings.append((r, 0.13 + 0.69 * share, 1.0, float(rows[2] + share * (rows[3] - rows[2]))))
-    rings += [
-        (CAN_RADIUS - 0.001, 0.82, 0.45, float(rows[3])),
-        (0.0272, 0.965, 0.15, float(rows[4])),
-        (0.0270, 1.0, 0.10, float(rows[5])),
-        (0.0256, 1.0, 0.10, float(rows[6])),
-        (0.0250, 0.945, 0.08, float(rows[7])),
-    ]
+    rings = [(0.0245, 0.0, 0.0, rows[1]), (CAN_RADIUS - 0.001, 0.13, 0.35, rows[2])]
+    for k in range(1, 2 * folds):
+        r = CAN_RADIUS + (-0.0055 if k % 2 == 1 else 0.0012) + rng.uniform(-0.0006, 0.0006)
+        share = k / (2 * folds)
+        rings.append((r, 0.13 + 0.69 * share, 1.0, rows[2] + share * (rows[3] - rows[2])))
+    rings += [(CAN_RADIUS - 0.001, 0.82, 0.45, rows[3]), (0.0272, 0.965, 0.15, rows[4])]
+    rings += [(0.0270, 1.0, 0.10, rows[5]), (0.0256, 1.0, 0.10, rows[6]), (0.0250, 0.945, 0.08, rows[7])]
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
-    heading = float(rng.uniform(0.0, 2.0 * math.pi))
-    phase = float(rng.uniform(0.0, 2.0 * math.pi))
+    heading, phase = uniforms(rng, (0.0, 2.0 * math.pi), (0.0, 2.0 * math.pi))
     points = []
     for index, (r, share, wrinkle, _) in enumerate(rings):
         # Buckled cylinders fold into diamonds: each fold is turned by half a lobe against the one below.
@@ -104,31 +66,20 @@ def _folded(rng: np.random.Generator, height: float, *, folds: int, lobes: int, 
         rough = rng.uniform(-1.0, 1.0, _SIDES)
         reach = r * (1.0 + wrinkle * (0.035 * wave + 0.018 * rough)) if wrinkle > 0.0 else np.full(_SIDES, r)
         reach = np.minimum(reach, CAN_RADIUS + 0.0016)
-        z = height * share + wrinkle * (0.0022 * np.cos(lobes * angle + turn + 1.2) + 0.0008 * rough)
-        lean = share * math.tan(tilt)
         x, y = reach * np.cos(angle), reach * np.sin(angle)
-        z = z + lean * (x * math.cos(heading) + y * math.sin(heading)) * share
-        if share == 0.0:
-            z = np.zeros(_SIDES)
-        points.append(
-            np.stack(
-                [
-                    x + skew * share * math.cos(heading + 0.7),
-                    y + skew * share * math.sin(heading + 0.7),
-                    np.maximum(z, 0.0),
-                ],
-                axis=1,
-            )
-        )
+        z = height * share + wrinkle * (0.0022 * np.cos(lobes * angle + turn + 1.2) + 0.0008 * rough)
+        z = z + share * math.tan(tilt) * (x * math.cos(heading) + y * math.sin(heading)) * share
+        z = np.maximum(z, 0.0) if share > 0.0 else np.zeros(_SIDES)
+        dx, dy = skew * share * math.cos(heading + 0.7), skew * share * math.sin(heading + 0.7)
+        points.append(np.stack([x + dx, y + dy, z], axis=1))
     u = 1.0 - np.abs(np.arange(_SIDES) / (_SIDES / 2) - 1.0)
     return creased(loft(points, u=u, v=[row for *_, row in rings]), 28.0)
 
 
 def _scratch(rng: np.random.Generator, canvas: Canvas, *, folds: int) -> None:
     """Rub the print off along the folds, where bare metal shows, and darken the valleys between them."""
-    length = profile_length(can_profile(_HEIGHT, _SHOULDER))
-    low, high = float(length[2]), float(length[3])
-    wave = 0.0012 * np.sin(900.0 * canvas.x + float(rng.uniform(0.0, 6.0)))
+    low, high = _CAN.rows[2], _CAN.rows[3]
+    wave = 0.0012 * np.sin(900.0 * canvas.x + rng.uniform(0.0, 6.0))
     for k in range(1, 2 * folds):
         away = np.abs(canvas.y + wave - low - (high - low) * k / (2 * folds))
         if k % 2 == 1:

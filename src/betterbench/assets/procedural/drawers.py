@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge
-from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_box, solid_span, zone
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, mapped, span
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
 _COLORS = ("white", "brown", "gray")
 _PAINT: dict[str, Color] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "gray": (0.45, 0.47, 0.50)}
@@ -28,32 +25,25 @@ _BOARD = 0.009  # top, bottom, shelf and back
 _SIDE = 0.012  # the sides hold the slides, and are thicker
 _OPENING = 0.5 * (_HEIGHT - 3.0 * _BOARD)  # height of each opening
 _OPENING_HALF_Y = _HALF_Y - _SIDE
+_SHELF = _BOARD + _OPENING  # height of the underside of the shelf
 
 # The drawer [m]. It is lower than its opening by the play and 22 mm of free height over its rim.
 _PLAY = 0.0015
 _FRONT_GAP = 0.002  # between the closed front panel and the carcass
 _PANEL = 0.012
-_PANEL_HEIGHT = 0.076
-_PANEL_HALF_Y = 0.118
-_WALL = 0.008
-_REAR = 0.006
-_FLOOR = 0.006
-_RIM = 0.054
+_PANEL_HEIGHT, _PANEL_HALF_Y = 0.076, 0.118
+_WALL, _REAR, _FLOOR, _RIM = 0.008, 0.006, 0.006, 0.054
 _INSIDE_X, _INSIDE_HALF_Y = 0.165, 0.096
-_LENGTH = _REAR + _INSIDE_X + _PANEL
-_FRONT = 0.5 * _LENGTH
+_FRONT = 0.5 * (_REAR + _INSIDE_X + _PANEL)
 
 # The knob [m].
 _KNOB = (0.016, 0.020, 0.030)
 # From the panel: a hand 65 mm thick, centered on the knob, clears the panel by 20 mm, the wrist above it by 8 mm.
 _KNOB_AWAY = 0.053
-_KNOB_SIDE = 0.070
-_KNOB_HEIGHT = 0.030
+_KNOB_SIDE, _KNOB_HEIGHT = 0.070, 0.030
 _STEM = (0.010, 0.010)  # thickness along y and z
 
-TRAVEL_M = 0.15
-FRICTION_N = 1.5
-DAMPING_N_S_M = 4.0
+_SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_n_s_m": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,83 +82,66 @@ class _Style:
         return canvas
 
 
+def _carcass() -> tuple[CollisionPart, ...]:
+    """Return the boards of the cabinet: bottom, shelf, top, back and both sides."""
+    x, rear, inside = (-_HALF_X, _HALF_X), (-_HALF_X, -_HALF_X + _BOARD), (_BOARD, _HEIGHT - _BOARD)
+    return (
+        solid_span(x, _HALF_Y, (0.0, _BOARD)),
+        solid_span(x, _OPENING_HALF_Y, (_SHELF, _SHELF + _BOARD)),
+        solid_span(x, _HALF_Y, (_HEIGHT - _BOARD, _HEIGHT)),
+        solid_span(rear, _OPENING_HALF_Y, inside),
+        solid_box((-_HALF_X, -_HALF_Y, _BOARD), (_HALF_X, -_OPENING_HALF_Y, _HEIGHT - _BOARD)),
+        solid_box((-_HALF_X, _OPENING_HALF_Y, _BOARD), (_HALF_X, _HALF_Y, _HEIGHT - _BOARD)),
+    )
+
+
+def _linings() -> Mesh:
+    """Return the dark inside of the openings: thin boards that leave the front edges free."""
+    back, deep, thin, sheets = -_HALF_X + _BOARD, 2.0 * _HALF_X - _BOARD - 0.012, 0.0004, []
+    x = (back, back + deep)
+    for low in (_BOARD, _SHELF + _BOARD):
+        high, middle = low + _OPENING, low + 0.5 * _OPENING
+        sheets += [span(x, _OPENING_HALF_Y, z) for z in ((low, low + thin), (high - thin, high))]
+        size, away = (deep, thin, _OPENING), _OPENING_HALF_Y - 0.5 * thin
+        sheets += [box(size, (back + 0.5 * deep, y * away, middle)) for y in (-1, 1)]
+        sheets.append(span((back, back + thin), _OPENING_HALF_Y, (low, high)))
+    return merge(sheets)
+
+
 @generator("drawer_cabinet", colors=_COLORS, family="drawers")
 def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
 
     Its volume of 1.9 l of particle board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and
     "lower" are the frames of the closed drawers.
-
-    Args:
-        rng: Source of the shade and the grain; the same numbers as for the drawers.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
     style = _Style.draw(rng, color)
-    shelf = _BOARD + _OPENING
-    collision = (
-        solid_box((-_HALF_X, -_HALF_Y, 0.0), (_HALF_X, _HALF_Y, _BOARD)),
-        solid_box((-_HALF_X, -_OPENING_HALF_Y, shelf), (_HALF_X, _OPENING_HALF_Y, shelf + _BOARD)),
-        solid_box((-_HALF_X, -_HALF_Y, _HEIGHT - _BOARD), (_HALF_X, _HALF_Y, _HEIGHT)),
-        solid_box((-_HALF_X, -_OPENING_HALF_Y, _BOARD), (-_HALF_X + _BOARD, _OPENING_HALF_Y, _HEIGHT - _BOARD)),
-        solid_box((-_HALF_X, -_HALF_Y, _BOARD), (_HALF_X, -_OPENING_HALF_Y, _HEIGHT - _BOARD)),
-        solid_box((-_HALF_X, _OPENING_HALF_Y, _BOARD), (_HALF_X, _HALF_Y, _HEIGHT - _BOARD)),
-    )
+    inner, x = _HEIGHT - 2.0 * _BOARD, (-_HALF_X, _HALF_X)
     # Seen are a top and a bottom that stand over the sides by their bevel, and boards between them.
-    top = box((2 * _HALF_X, 2 * _HALF_Y, _BOARD), (0.0, 0.0, _HEIGHT - 0.5 * _BOARD), bevel=0.0016)
-    inner = _HEIGHT - 2.0 * _BOARD
-    sides = [
-        box((2 * _HALF_X - 0.002, _SIDE - 0.001, inner), (-0.001, y * (_HALF_Y - 0.5 * _SIDE - 0.0005), 0.5 * _HEIGHT))
-        for y in (-1, 1)
-    ]
-    boards = [
-        box((2 * _HALF_X, 2 * _HALF_Y, _BOARD), (0.0, 0.0, 0.5 * _BOARD), bevel=0.0012),
-        box((2 * _HALF_X - 0.002, 2 * _OPENING_HALF_Y, _BOARD), (-0.001, 0.0, shelf + 0.5 * _BOARD)),
-        box((_BOARD, 2 * _OPENING_HALF_Y, inner), (-_HALF_X + 0.5 * _BOARD, 0.0, 0.5 * _HEIGHT)),
-    ]
-    # Thin linings in their own shadow stand for the dark inside of the openings; they leave the front edges free.
-    deep = 2.0 * _HALF_X - _BOARD - 0.012
-    linings = []
-    for low in (_BOARD, shelf + _BOARD):
-        middle = low + 0.5 * _OPENING
-        center = -_HALF_X + _BOARD + 0.5 * deep
-        linings += [
-            box((deep, 2 * _OPENING_HALF_Y, 0.0004), (center, 0.0, z)) for z in (low + 2e-4, low + _OPENING - 2e-4)
-        ]
-        linings += [box((deep, 0.0004, _OPENING), (center, y * (_OPENING_HALF_Y - 2e-4), middle)) for y in (-1, 1)]
-        linings.append(box((0.0004, 2 * _OPENING_HALF_Y, _OPENING), (-_HALF_X + _BOARD + 2e-4, 0.0, middle)))
-    half = (_HALF_X - 0.5 * _BOARD, _OPENING_HALF_Y, 0.5 * _OPENING)
+    top = span(x, _HALF_Y, (_HEIGHT - _BOARD, _HEIGHT), bevel=0.0016)
+    size, away = (2 * _HALF_X - 0.002, _SIDE - 0.001, inner), _HALF_Y - 0.5 * _SIDE - 0.0005
+    sides = merge([box(size, (-0.001, y * away, 0.5 * _HEIGHT)) for y in (-1, 1)])
+    shelf = span((-_HALF_X, _HALF_X - 0.002), _OPENING_HALF_Y, (_SHELF, _SHELF + _BOARD))
+    rear = span((-_HALF_X, -_HALF_X + _BOARD), _OPENING_HALF_Y, (_BOARD, _HEIGHT - _BOARD))
+    boards = merge([span(x, _HALF_Y, (0.0, _BOARD), bevel=0.0012), shelf, rear])
+    half, half_z = (_HALF_X - 0.5 * _BOARD, _OPENING_HALF_Y), 0.5 * _OPENING
     origin_x = _HALF_X + _FRONT_GAP + _PANEL - _FRONT
+    side_view = ((-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     return Draft(
         shape="box",
         description=f"A small {color} desk cabinet with two openings for drawers.",
-        tags=("drawer cabinet", "cabinet", "desk organizer", "furniture", color),
-        body=mass_properties(collision, 1.2),
-        visual=(
-            part(
-                "top",
-                mapped(top, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)),
-                style.shade,
-                picture=style.surface(0.24, 0.22, (160, 144)).pixels(),
-                specular=0.15,
-            ),
-            part(
-                "sides",
-                mapped(merge(sides), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-                style.shade,
-                picture=style.surface(0.22, 0.15, (128, 96)).pixels(),
-                specular=0.15,
-            ),
-            part("boards", merge(boards), shaded(style.shade, 0.94), specular=0.1),
-            part("lining", merge(linings), shaded(style.shade, 0.42), specular=0.0),
+        tags=("drawer cabinet", "cabinet", "desk organizer", "furniture"),
+        mass_kg=1.2,
+        parts=(
+            part("top", top, style.surface(0.24, 0.22, (160, 144)), view=ABOVE, specular=0.15),
+            part("sides", sides, style.surface(0.22, 0.15, (128, 96)), view=side_view, specular=0.15),
+            part("boards", boards, shaded(style.shade, 0.94), specular=0.1),
+            part("lining", _linings(), shaded(style.shade, 0.42), specular=0.0),
+            *_carcass(),
         ),
-        collision=collision,
-        grasps=(),
         regions=(
-            Region("upper", (origin_x, 0.0, shelf + _BOARD + _PLAY), half),
-            Region("lower", (origin_x, 0.0, _BOARD + _PLAY), half),
+            zone("upper", *half, _SHELF + _BOARD + _PLAY, x=origin_x, half_z=half_z),
+            zone("lower", *half, _BOARD + _PLAY, x=origin_x, half_z=half_z),
         ),
         parameters={"opening_height_m": _OPENING, "opening_width_m": 2.0 * _OPENING_HALF_Y},
     )
@@ -176,29 +149,13 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("upper_drawer", colors=_COLORS, family="drawers")
 def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y.
-
-    Args:
-        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
-        color: Color word.
-
-    Returns:
-        The draft.
-    """
+    """Make the upper drawer of the cabinet, see :func:`_drawer`; its knob is at +y."""
     return _drawer(rng, color, side=1.0, place="upper")
 
 
 @generator("lower_drawer", colors=_COLORS, family="drawers")
 def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y.
-
-    Args:
-        rng: Source of the shade, the grain, the front and the knob; the same numbers as for the cabinet.
-        color: Color word.
-
-    Returns:
-        The draft.
-    """
+    """Make the lower drawer of the cabinet, see :func:`_drawer`; its knob is at -y."""
     return _drawer(rng, color, side=-1.0, place="lower")
 
 
@@ -219,85 +176,62 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
         color: Color word.
         side: +1 for a knob at +y, -1 for one at -y.
         place: Word for its place in the cabinet.
-
-    Returns:
-        The draft.
     """
     style = _Style.draw(rng, color)
-    back, half_y = -_FRONT, _INSIDE_HALF_Y + _WALL
-    panel = _FRONT - _PANEL  # inner face of the front panel
+    back, half_y, panel = -_FRONT, _INSIDE_HALF_Y + _WALL, _FRONT - _PANEL  # panel: its inner face
     knob_x, knob_y = _FRONT + _KNOB_AWAY, side * _KNOB_SIDE
     kx, ky, kz = (0.5 * s for s in _KNOB)
     sy, sz = (0.5 * s for s in _STEM)
-    collision = (
-        solid_box((back, -half_y, 0.0), (panel, half_y, _FLOOR)),
-        solid_box((back, -half_y, _FLOOR), (back + _REAR, half_y, _RIM)),
-        solid_box((back + _REAR, _INSIDE_HALF_Y, _FLOOR), (panel, half_y, _RIM)),
-        solid_box((back + _REAR, -half_y, _FLOOR), (panel, -_INSIDE_HALF_Y, _RIM)),
-        solid_box((panel, -_PANEL_HALF_Y, 0.0), (_FRONT, _PANEL_HALF_Y, _PANEL_HEIGHT)),
-        solid_box((_FRONT, knob_y - sy, _KNOB_HEIGHT - sz), (knob_x - kx, knob_y + sy, _KNOB_HEIGHT + sz)),
-        solid_box((knob_x - kx, knob_y - ky, _KNOB_HEIGHT - kz), (knob_x + kx, knob_y + ky, _KNOB_HEIGHT + kz)),
-    )
-    inside = _INSIDE_X + _REAR
-    walls = [
-        box((_REAR, 2 * half_y, _RIM), (back + 0.5 * _REAR, 0.0, 0.5 * _RIM)),
-        *(
-            box((_INSIDE_X, _WALL, _RIM), (back + _REAR + 0.5 * _INSIDE_X, y * (half_y - 0.5 * _WALL), 0.5 * _RIM))
-            for y in (-1, 1)
-        ),
-    ]
-    floor = box((inside, 2 * half_y - 0.0004, _FLOOR), (0.5 * (back + panel), 0.0, 0.5 * _FLOOR))
-    front = box((_PANEL, 2 * _PANEL_HALF_Y, _PANEL_HEIGHT), (_FRONT - 0.5 * _PANEL, 0.0, 0.5 * _PANEL_HEIGHT))
-    grip = box(_KNOB, (knob_x, knob_y, _KNOB_HEIGHT), bevel=0.0035, corner=0.0050, steps=2)
+    size, middle = (_INSIDE_X, _WALL, _RIM), back + _REAR + 0.5 * _INSIDE_X
+    flanks = [box(size, (middle, y * (half_y - 0.5 * _WALL), 0.5 * _RIM)) for y in (-1, 1)]
+    walls = merge([span((back, back + _REAR), half_y, (0.0, _RIM)), *flanks])
+    front = span((panel, _FRONT), _PANEL_HALF_Y, (0.0, _PANEL_HEIGHT))
+    knob = box(_KNOB, (knob_x, knob_y, _KNOB_HEIGHT), bevel=0.0035, corner=0.0050, steps=2)
     stem = box((_KNOB_AWAY - kx + 0.001, *_STEM), (0.5 * (_FRONT + knob_x - kx), knob_y, _KNOB_HEIGHT), bevel=0.0015)
-    rosette = box((0.0024, 0.026, 0.026), (_FRONT + 0.0008, knob_y, _KNOB_HEIGHT), bevel=0.003, corner=0.0)
+    rosette = box((0.0024, 0.026, 0.026), (_FRONT + 0.0008, knob_y, _KNOB_HEIGHT), bevel=0.003)
     pale = mixed(style.shade, (0.86, 0.76, 0.58), 0.55)
-    wall_inside = 0.5 * (_RIM - _FLOOR)
+    inside = 0.5 * (_RIM - _FLOOR)
     return Draft(
         shape="box",
         description=f"The {place} drawer of a {color} desk cabinet, open at the top, with a knob on its front.",
-        tags=("drawer", f"{place} drawer", "desk drawer", "container", color),
-        body=mass_properties(collision, 0.5),
-        visual=(
-            part("front", _panel_mapped(front), style.shade, picture=_front(style), specular=0.2),
-            part("walls", merge(walls), pale, specular=0.1),
-            part("floor", floor, shaded(pale, 0.66), specular=0.05),
-            part("knob", merge([grip, stem, rosette]), style.metal, specular=0.7, shininess=0.7),
+        tags=("drawer", f"{place} drawer", "desk drawer", "container"),
+        mass_kg=0.5,
+        parts=(
+            part("front", _panel_mapped(front), _front(style)),
+            part("walls", walls, pale, specular=0.1),
+            part("floor", span((back, panel), half_y - 0.0002, (0.0, _FLOOR)), shaded(pale, 0.66), specular=0.05),
+            part("knob", merge([knob, stem, rosette]), style.metal, specular=0.7, shininess=0.7),
+            solid_span((back, panel), half_y, (0.0, _FLOOR)),
+            solid_span((back, back + _REAR), half_y, (_FLOOR, _RIM)),
+            solid_box((back + _REAR, _INSIDE_HALF_Y, _FLOOR), (panel, half_y, _RIM)),
+            solid_box((back + _REAR, -half_y, _FLOOR), (panel, -_INSIDE_HALF_Y, _RIM)),
+            solid_span((panel, _FRONT), _PANEL_HALF_Y, (0.0, _PANEL_HEIGHT)),
+            solid_box((_FRONT, knob_y - sy, _KNOB_HEIGHT - sz), (knob_x - kx, knob_y + sy, _KNOB_HEIGHT + sz)),
+            solid_box((knob_x - kx, knob_y - ky, _KNOB_HEIGHT - kz), (knob_x + kx, knob_y + ky, _KNOB_HEIGHT + kz)),
         ),
-        collision=collision,
-        grasps=(Grasp("knob", Pose((knob_x, knob_y, _KNOB_HEIGHT), JAW_OPENS_ALONG_Y), _KNOB[1]),),
+        grasps=(grip("knob", _KNOB_HEIGHT, _KNOB[1], x=knob_x, y=knob_y),),
         regions=(
-            Region(
-                "inside",
-                (back + _REAR + 0.5 * _INSIDE_X, 0.0, _FLOOR + wall_inside),
-                (0.5 * _INSIDE_X, _INSIDE_HALF_Y, wall_inside),
-            ),
-            Region("knob", (knob_x, knob_y, _KNOB_HEIGHT), (kx, ky, kz)),
-            Region("front", (_FRONT, 0.0, 0.5 * _PANEL_HEIGHT), (0.001, _PANEL_HALF_Y, 0.5 * _PANEL_HEIGHT)),
+            zone("inside", 0.5 * _INSIDE_X, _INSIDE_HALF_Y, _FLOOR + inside, x=middle, half_z=inside),
+            zone("knob", kx, ky, _KNOB_HEIGHT, x=knob_x, y=knob_y, half_z=kz),
+            zone("front", 0.001, _PANEL_HALF_Y, 0.5 * _PANEL_HEIGHT, x=_FRONT, half_z=0.5 * _PANEL_HEIGHT),
         ),
-        parameters={
-            "travel_m": TRAVEL_M,
-            "friction_n": FRICTION_N,
-            "damping_n_s_m": DAMPING_N_S_M,
-            "front": style.front,
-        },
+        parameters={**_SLIDE, "front": style.front},
     )
 
 
 def _panel_mapped(mesh: Mesh) -> Mesh:
     """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
-    flat = mapped(mesh, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    uv = flat.uv.copy()
+    uv = mapped(mesh, *FRONT).uv
     # A creased box has vertices of its own for each face, so the faces can be told apart by their normals.
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
     others = np.setdiff1d(np.arange(len(uv)), seen)
     uv[others] = 0.5 + 0.02 * (uv[others] - 0.5)
-    return Mesh(flat.vertices, flat.faces, uv)
+    return Mesh(mesh.vertices, mesh.faces, uv)
 
 
-def _front(style: _Style) -> np.ndarray:
+def _front(style: _Style) -> Canvas:
     """Draw the front panel: its grain, how it is worked, and a fine dark edge that parts it from its neighbors."""
     width, height = 2.0 * _PANEL_HALF_Y, _PANEL_HEIGHT
     canvas = style.surface(width, height, (256, 88))
@@ -312,11 +246,11 @@ def _front(style: _Style) -> np.ndarray:
         for line in (0.022, 0.038, 0.054):
             canvas.paint(np.abs(y - line) < 0.0008, dark, strength=0.7)
     elif style.front == "band":
-        canvas.paint((y > height - 0.0120) & (y < height - 0.0085), dark, strength=0.6)
+        canvas.paint(canvas.between(height - 0.0120, height - 0.0085), dark, strength=0.6)
     # A holder for a card, as on the drawers of an office.
     away = np.maximum(np.abs(x - 0.5 * width) / 0.026, np.abs(y - 0.62 * height) / 0.011)
     canvas.paint(away < 1.0, style.metal)
     canvas.paint(away < 0.84, (0.95, 0.94, 0.90))
-    canvas.paint((np.abs(y - 0.62 * height) < 0.0012) & (np.abs(x - 0.5 * width) < 0.014), (0.35, 0.36, 0.40))
+    canvas.paint(canvas.near(0.5 * width, 0.62 * height, 0.014, 0.0012), (0.35, 0.36, 0.40))
     canvas.paint(edge < 0.0012, dark, strength=0.75)
-    return canvas.pixels()
+    return canvas

@@ -1,130 +1,65 @@
 """Paper cups with a lid and a straw."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, profile_length, sweep, tube_section
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, Turned, disc, generator, grip, part, standing, sweep
+from betterbench.assets.authoring.mesh import tube_section
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+
+_STRAW_TOP, _GRIP = 0.1285, 0.0860
 
 
 @generator("drink_cup", colors=("blue", "red", "green", "yellow", "white", "orange"))
 def drink_cup(rng: np.random.Generator, color: str) -> Draft:
-    """Make a lidded paper cup with a short bent straw that leans along +x.
+    """Make a lidded paper cup with a short bent straw that leans along +x; the color is that of the print.
 
     A small takeaway cup holds 0.25 l and weighs about 0.27 kg when full. Everything ends below the underside of a
     Franka hand that holds the cup below the lid (45 mm above the tool center point), the straw too; the straw cannot be
     touched.
-
-    Args:
-        rng: Source of proportions and print.
-        color: Color word of the print.
-
-    Returns:
-        The draft.
     """
-    lid_radius = float(rng.uniform(0.0322, 0.0330))
-    top_radius = lid_radius - 0.0022
-    base_radius = top_radius - float(rng.uniform(0.0045, 0.0070))
-    wall = float(rng.uniform(0.0940, 0.1000))
-    lid_top = wall + 0.0100
-    design = str(rng.choice(["wave", "band", "dots", "stripes"]))
-    shade = jittered(PALETTE[color], rng)
-
-    cup_profile = [
-        (0.0, 0.0),
-        (base_radius - 0.0008, 0.0),
-        (base_radius, 0.0015),
-        (top_radius, wall),
-        (0.0, wall + 0.001),
-    ]
-    lid_profile = [
-        (0.0, wall - 0.002),
-        (lid_radius - 0.001, wall - 0.002),
-        (lid_radius, wall + 0.0015),
-        (lid_radius - 0.0035, wall + 0.0040),
-        (lid_radius - 0.0050, lid_top),
-        (lid_radius - 0.0085, lid_top),
-        (lid_radius - 0.0095, lid_top - 0.0030),
-        (0.0, lid_top - 0.0030),
-    ]
-    lid_length = profile_length(lid_profile)
-    lid_canvas = Canvas(1.0, float(lid_length[-1]), (16, 128), (0.93, 0.94, 0.95))
-    lid_canvas.shade(np.where((lid_canvas.y > lid_length[5]) & (lid_canvas.y < lid_length[6]), 0.80, 1.0))
-    lid_canvas.shade(np.where(lid_canvas.y > lid_length[6], 0.90, 1.0))
-    lid_canvas.shade(np.where((lid_canvas.y > lid_length[3]) & (lid_canvas.y < lid_length[4]), 0.93, 1.0))
-
-    straw_top = 0.1285
-    x = 0.006
-    straw = sweep(
-        [
-            (x, 0.0, lid_top - 0.005),
-            (x + 0.001, 0.0, straw_top - 0.0085),
-            (x + 0.0045, 0.0, straw_top - 0.0042),
-            (lid_radius - 0.0006, 0.0, straw_top - 0.0010),
-        ],
-        tube_section(0.0029, 7),
-        crease_degrees=70.0,
-    )
-    grip = 0.0860
-    grip_radius = base_radius + (top_radius - base_radius) * grip / wall
-    collision = (
-        foot(0.66 * base_radius),
-        upright_cylinder(0.5 * (base_radius + grip_radius) - 0.0004, 0.0005, 0.060),
-        upright_cylinder(grip_radius, 0.060, wall - 0.002),
-        upright_cylinder(lid_radius - 0.001, wall - 0.002, wall + 0.003),
-        upright_cylinder(lid_radius - 0.005, wall + 0.003, lid_top),
-    )
+    lid, narrower, wall = uniforms(rng, (0.0322, 0.0330), (0.0045, 0.0070), (0.0940, 0.1000))
+    top = lid - 0.0022
+    base, lid_top = top - narrower, wall + 0.0100
+    design, shade = str(rng.choice(["wave", "band", "dots", "stripes"])), jittered(PALETTE[color], rng)
+    cup = Turned((0.0, base - 0.0008, base, top, 0.0), (0.0, 0.0, 0.0015, wall, wall + 0.001))
+    radii = (0.0, lid - 0.001, lid, lid - 0.0035, lid - 0.0050, lid - 0.0085, lid - 0.0095, 0.0)
+    low, inner = wall - 0.002, lid_top - 0.0030
+    z = (low, low, wall + 0.0015, wall + 0.0040, lid_top, lid_top, inner, inner)
+    cover = Turned(radii, z, sides=22, wrap=False)
+    rows, plastic = cover.rows, cover.canvas((0.93, 0.94, 0.95), (16, 128))
+    for start, end, light in ((rows[5], rows[6], 0.80), (rows[6], 1.0, 0.90), (rows[3], rows[4], 0.93)):
+        plastic.shade(np.where(plastic.between(start, end), light, 1.0))
+    x, bend = (0.006, 0.007, 0.0105, lid - 0.0006), (_STRAW_TOP - 0.0085, _STRAW_TOP - 0.0042, _STRAW_TOP - 0.0010)
+    straw = sweep(x, (lid_top - 0.005, *bend), tube_section(0.0029, 7), crease_degrees=70.0)
+    held = base + (top - base) * _GRIP / wall
+    body = ((0.5 * (base + held) - 0.0004, 0.060), (held, wall - 0.002))
     return Draft(
         shape="cylinder",
         description=f"A {color} paper cup with a soft drink, a plastic lid and a straw.",
-        tags=("drink", "cup", "soda", "soft drink", "paper cup", color),
-        body=mass_properties(collision, 0.27, densities=(1.0, 1.0, 1.0, 0.1, 0.1)),
-        visual=(
-            part(
-                "cup",
-                lathe(cup_profile, 24, wrap=True),
-                shade,
-                picture=_print(rng, cup_profile, shade, design=design),
-                specular=0.2,
-            ),
-            part(
-                "lid",
-                lathe(lid_profile, 22),
-                (0.95, 0.96, 0.97),
-                picture=lid_canvas.pixels(),
-                specular=0.5,
-                shininess=0.5,
-            ),
+        tags=("drink", "cup", "soda", "soft drink", "paper cup"),
+        mass_kg=0.27,
+        densities=(1.0, 1.0, 1.0, 0.1, 0.1),
+        parts=(
+            part("cup", cup.mesh(), _print(rng, cup, shade, design=design)),
+            part("lid", cover.mesh(), plastic, specular=0.5, shininess=0.5),
             part("straw", straw, (0.90, 0.18, 0.16) if color != "red" else (0.95, 0.95, 0.95), specular=0.4),
+            *standing(0.66 * base, *body, (lid - 0.001, wall + 0.003), (lid - 0.005, lid_top)),
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, grip), JAW_OPENS_ALONG_Y), 2.0 * grip_radius, clearance_m=0.007),),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (base_radius, base_radius, 0.001)),
-            Region("lid", (0.0, 0.0, lid_top), (lid_radius, lid_radius, 0.001)),
-        ),
-        parameters={"lid_radius_m": lid_radius, "base_radius_m": base_radius, "wall_m": wall, "design": design},
+        grasps=(grip("body", _GRIP, 2.0 * held, clearance=0.007),),
+        regions=(disc("base", base), disc("lid", lid, lid_top)),
+        parameters={"lid_radius_m": lid, "base_radius_m": base, "wall_m": wall, "design": design},
     )
 
 
-def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: Color, *, design: str) -> np.ndarray:
+def _print(rng: np.random.Generator, cup: Turned, shade: Color, *, design: str) -> Canvas:
     """Draw the paper wall."""
-    length = profile_length(profile)
-    low, high = float(length[2]), float(length[3])
-    span = high - low
-    width = math.pi * profile[3][0]
-    paper = (0.94, 0.93, 0.90)
+    low, high = cup.rows[2], cup.rows[3]
+    span, paper = high - low, (0.94, 0.93, 0.90)
     accent = paper if sum(shade) < 2.2 else (0.80, 0.20, 0.15)
-    canvas = Canvas(width, float(length[-1]), (128, 256), shade)
-    x, y = canvas.x, canvas.y
+    canvas = cup.canvas(shade)
+    x, y, width = canvas.x, canvas.y, canvas.width
     if design == "wave":
         wave = low + 0.36 * span + 0.10 * span * np.cos(4.0 * math.pi * x / width)
         canvas.paint(y < wave, accent)
@@ -145,5 +80,5 @@ def _print(rng: np.random.Generator, profile: list[tuple[float, float]], shade: 
     canvas.band(low + 0.955 * span, high, mixed(shade, paper, 0.6))
     canvas.shade(0.90 + 0.10 * np.clip((y - low) / (0.3 * span), 0.0, 1.0))
     canvas.grain(rng, cells=(8, 8), amount=0.012)
-    canvas.paint(y < length[1], shaded(paper, 0.7))
-    return canvas.pixels()
+    canvas.paint(y < cup.rows[1], shaded(paper, 0.7))
+    return canvas

@@ -1,18 +1,12 @@
 """Boxes of French fries."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, loft, merge, prism
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_span, zone
+from betterbench.assets.authoring.mesh import Mesh, creased, loft, prism
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 # Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
@@ -24,42 +18,27 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
 
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool center point.
-
-    Args:
-        rng: Source of proportions, print and the heap of fries.
-        color: Color word of the print.
-
-    Returns:
-        The draft.
     """
-    thick = float(rng.uniform(0.0390, 0.0415))
-    width = float(rng.uniform(0.0600, 0.0640))
-    height = float(rng.uniform(0.0780, 0.0840))
-    dip = float(rng.uniform(0.012, 0.020))
-    shade = jittered(PALETTE[color], rng)
-    design = str(rng.choice(["stripes", "disc", "smile"]))
-
-    carton = _carton(thick, width, height, dip=dip)
+    thick, width, height = uniforms(rng, (0.0390, 0.0415), (0.0600, 0.0640), (0.0780, 0.0840))
+    dip, half_x, half_y = rng.uniform(0.012, 0.020), thick / 2, width / 2
+    shade, design = jittered(PALETTE[color], rng), str(rng.choice(["stripes", "disc", "smile"]))
     picture = _print(rng, shade, design=design)
     sticks, dark = _sticks(rng, thick, width, height)
     golden = jittered((0.93, 0.68, 0.20), rng, amount=0.06)
-    collision = (
-        solid_box((-thick / 2, -width / 2, 0.0), (thick / 2, width / 2, height - 0.002)),
-        solid_box((-0.36 * thick, -0.38 * width, height - 0.002), (0.36 * thick, 0.38 * width, 0.100)),
-    )
     return Draft(
         shape="box",
         description=f"A {color} and white striped carton of French fries.",
-        tags=("fries", "french fries", "chips", "food", "carton", color),
-        body=mass_properties(collision, 0.12),
-        visual=(
-            part("carton", carton, shade, picture=picture, specular=0.15),
+        tags=("fries", "french fries", "chips", "food", "carton"),
+        mass_kg=0.12,
+        parts=(
+            part("carton", _carton(thick, width, height, dip=dip), picture, specular=0.15),
             part("fries", sticks, golden, specular=0.12),
             part("dark_fries", dark, shaded(golden, 0.86), specular=0.12),
+            solid_span((-half_x, half_x), half_y, (0.0, height - 0.002)),
+            solid_span((-0.36 * thick, 0.36 * thick), 0.38 * width, (height - 0.002, 0.100)),
         ),
-        collision=collision,
-        grasps=(Grasp("body", Pose((0.0, 0.0, 0.068), JAW_OPENS_ALONG_X), thick),),
-        regions=(Region("base", (0.0, 0.0, 0.0), (thick / 2, width / 2, 0.001)),),
+        grasps=(grip("body", 0.068, thick, across="x"),),
+        regions=(zone("base", half_x, half_y),),
         parameters={"thickness_m": thick, "width_m": width, "carton_height_m": height, "design": design},
     )
 
@@ -69,7 +48,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     n = 9  # points along each wide face
     y = np.linspace(-1.0, 1.0, n)
     half_x, half_y = thick / 2, width / 2
-    bulge = 1.0 - 0.30 * y**2  # the wide faces bow outwards
+    bulge = 1.0 - 0.30 * y**2  # the wide faces bow outward
     front = np.stack([half_x * bulge, half_y * y], axis=1)
     outline = np.concatenate([front, -front])
     scoop = height - dip * (1.0 - y**2) ** 0.8
@@ -91,7 +70,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 
 
-def _print(rng: np.random.Generator, shade: Color, *, design: str) -> np.ndarray:
+def _print(rng: np.random.Generator, shade: Color, *, design: str) -> Canvas:
     """Draw the stripes and the sign on the front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y
@@ -118,7 +97,7 @@ def _print(rng: np.random.Generator, shade: Color, *, design: str) -> np.ndarray
     canvas.paint(y > _OUTSIDE + 0.02, mixed((0.93, 0.92, 0.89), (0.55, 0.35, 0.10), 0.35))
     canvas.paint(y > _OUTSIDE + 0.12, (0.62, 0.40, 0.10))
     canvas.grain(rng, cells=(10, 10), amount=0.015)
-    return canvas.pixels()
+    return canvas
 
 
 def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
@@ -132,16 +111,12 @@ def _sticks(rng: np.random.Generator, thick: float, width: float, height: float)
                 index += 1
                 continue
             foot = np.array([row * thick, column * width * 0.88, height - 0.030])
-            tall = 0.108 - 0.012 * abs(column) / 0.4 - float(rng.uniform(0.0, 0.016)) - (0.006 if row > 0.1 else 0.0)
+            tall = 0.108 - 0.012 * abs(column) / 0.4 - rng.uniform(0.0, 0.016) - (0.006 if row > 0.1 else 0.0)
             tip = np.array(
-                [
-                    (row + float(rng.uniform(-0.10, 0.10))) * thick,
-                    (column + float(rng.uniform(-0.10, 0.10))) * width,
-                    tall,
-                ]
+                [(row + rng.uniform(-0.10, 0.10)) * thick, (column + rng.uniform(-0.10, 0.10)) * width, tall]
             )
-            half = float(rng.uniform(0.0029, 0.0036))
-            turn = float(rng.uniform(-0.5, 0.5))
+            half = rng.uniform(0.0029, 0.0036)
+            turn = rng.uniform(-0.5, 0.5)
             corners = turn + math.pi / 4 + np.arange(4) * math.pi / 2
             square = np.stack([np.cos(corners), np.sin(corners), np.zeros(4)], axis=1) * half * math.sqrt(2.0)
             slant = np.array([[0.0, 0.0, 0.0015], [0, 0, -0.0005], [0, 0, -0.0015], [0, 0, 0.0005]])

@@ -1,18 +1,12 @@
 """Computer keyboards, and the picture of keys that a laptop shows too."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, box, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import from_axis_angle
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, generator, leaning_box, merge, part, solid_span, zone
+from betterbench.assets.authoring.mesh import ABOVE, box, prism, rectangle
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 # Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
@@ -23,6 +17,11 @@ ROWS: tuple[tuple[float, ...], ...] = (
     (*(1.0,) * 13, 1.0),
     (*(0.93,) * 15,),
 )
+_KEYS: dict[str, dict[str, Color]] = {
+    "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
+    "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
+    "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
+}
 
 
 @generator("keyboard", colors=("black", "white", "gray"))
@@ -30,33 +29,17 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
     A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
-
-    Args:
-        rng: Source of proportions, key shades and trim.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    half_y = 0.5 * float(rng.uniform(0.274, 0.284))
-    half_x = 0.5 * float(rng.uniform(0.107, 0.114))
-    near, far = float(rng.uniform(0.0095, 0.0125)), float(rng.uniform(0.0165, 0.0190))
-    corner = float(rng.uniform(0.004, 0.010))
-    key_height = float(rng.uniform(0.0026, 0.0036))
-    bezel = float(rng.uniform(0.005, 0.008))
-    lip = float(rng.choice([0.0, 0.0, 0.009]))  # a wider edge at the far side
-    keys_style = str(rng.choice(["same", "two-tone", "contrast"]))
+    width, depth, near, far = uniforms(rng, (0.274, 0.284), (0.107, 0.114), (0.0095, 0.0125), (0.0165, 0.0190))
+    corner, key_height, bezel = uniforms(rng, (0.004, 0.010), (0.0026, 0.0036), (0.005, 0.008))
+    half_x, half_y = 0.5 * depth, 0.5 * width
+    lip, style = float(rng.choice([0.0, 0.0, 0.009])), str(rng.choice(["same", "two-tone", "contrast"]))
     accent = (None, PALETTE["orange"], PALETTE["red"], PALETTE["green"])[int(rng.integers(4))]
     case = jittered(shaded(PALETTE[color], 1.05) if color == "black" else PALETTE[color], rng)
-    keys = {
-        "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
-        "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
-        "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
-    }[color][keys_style]
-
-    slope = math.atan2(far - near, 2.0 * half_x)
+    keys, slope = _KEYS[color][style], math.atan2(far - near, 2.0 * half_x)
 
     def top(x: np.ndarray | float) -> np.ndarray:
+        """Return the height of the case at x [m]."""
         return np.asarray(near + (far - near) * (half_x - np.asarray(x)) / (2.0 * half_x))
 
     rings = []
@@ -64,86 +47,38 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
         ring = rectangle(half_x - inset, half_y - inset, 0.0, corner=corner, steps=2)
         ring[:, 2] = level * top(ring[:, 0])
         rings.append(ring)
-    body = prism(rings)
-
-    low_x, high_x = -half_x + bezel + lip, half_x - bezel
-    width, depth = 2.0 * (half_y - bezel), high_x - low_x
-    pitch = depth / len(ROWS)
-    slabs: list[Mesh] = []
+    high_x, size = half_x - bezel, (2.0 * (half_y - bezel), half_x - bezel - (-half_x + bezel + lip))
+    pitch, slabs = size[1] / len(ROWS), []
     for row in range(len(ROWS)):
         x = high_x - (row + 0.5) * pitch
-        slab = box((0.90 * pitch, width, key_height + 0.002), (0.0, 0.0, 0.5 * key_height - 0.001), bevel=0.0008)
+        slab = box((0.90 * pitch, size[0], key_height + 0.002), (0.0, 0.0, 0.5 * key_height - 0.001), bevel=0.0008)
         slabs.append(slab.rotated("y", slope).moved(x, 0.0, float(top(x))))
-    caps = mapped(merge(slabs), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-    picture = keys_picture(
-        keys,
-        ground=shaded(case, 0.55) if color != "white" else (0.62, 0.62, 0.63),
-        size_m=(width, depth),
-        pixels=(256, 128),
-        accent=accent,
-        edges=shaded(keys, 0.80) if keys_style == "two-tone" else None,
-    )
+    picture = Canvas(*size, (256, 128), shaded(case, 0.55) if color != "white" else (0.62, 0.62, 0.63))
+    edges = shaded(keys, 0.80) if style == "two-tone" else None
+    draw_keys(picture, (0.0, 0.0), size, keys, accent=accent, edges=edges)
     visual = [
-        part("case", body, case, specular=0.25),
-        part("keys", caps, keys, picture=picture, specular=0.15),
+        part("case", prism(rings), case, specular=0.25),
+        part("keys", merge(slabs), picture, view=ABOVE, specular=0.15),
     ]
     if lip > 0.0:
-        dots = [
-            box((0.0022, 0.0030, 0.0014), (0.0, 0.0, 0.0003))
-            .rotated("y", slope)
-            .moved(-half_x + 0.009, half_y - 0.030 - 0.008 * k, float(top(-half_x + 0.009)))
-            for k in range(3)
-        ]
+        x, lamp = -half_x + 0.009, box((0.0022, 0.0030, 0.0014), (0.0, 0.0, 0.0003)).rotated("y", slope)
+        dots = [lamp.moved(x, half_y - 0.030 - 0.008 * k, float(top(x))) for k in range(3)]
         visual.append(part("lamps", merge(dots), (0.30, 0.90, 0.40), specular=0.5))
-    plate = 0.004
-    center = 0.5 * (near + far) + key_height
-    collision = (
-        solid_box((-half_x, -half_y, 0.0), (half_x, half_y, near)),
-        CollisionPart(
-            "box",
-            (half_x / math.cos(slope) - 0.001, half_y, plate),
-            (-plate * math.sin(slope), 0.0, center - plate * math.cos(slope)),
-            from_axis_angle((0.0, slope, 0.0)),
-        ),
-    )
+    plate, middle = 0.004, 0.5 * (near + far) + key_height
+    lid = (half_x / math.cos(slope) - 0.001, half_y, plate)
     return Draft(
         shape="box",
         description=f"A compact {color} computer keyboard with six rows of keys.",
-        tags=("keyboard", "computer keyboard", "desk", "typing", color),
-        body=mass_properties(collision, 0.50),
-        visual=tuple(visual),
-        collision=collision,
-        grasps=(),
-        regions=(Region("base", (0.0, 0.0, 0.0), (half_x, half_y, 0.001)),),
-        parameters={"depth_m": 2.0 * half_x, "width_m": 2.0 * half_y, "keys": keys_style},
+        tags=("keyboard", "computer keyboard", "desk", "typing"),
+        mass_kg=0.50,
+        parts=(
+            *visual,
+            solid_span((-half_x, half_x), half_y, (0.0, near)),
+            leaning_box(lid, (-plate * math.sin(slope), 0.0, middle - plate * math.cos(slope)), slope),
+        ),
+        regions=(zone("base", half_x, half_y),),
+        parameters={"depth_m": 2.0 * half_x, "width_m": 2.0 * half_y, "keys": style},
     )
-
-
-def keys_picture(
-    keys: Color,
-    *,
-    ground: Color,
-    size_m: tuple[float, float],
-    pixels: tuple[int, int],
-    accent: Color | None = None,
-    edges: Color | None = None,
-) -> np.ndarray:
-    """Draw six rows of keys as the user sees them: far row on top, space bar in the lowest row.
-
-    Args:
-        keys: Color of the key caps.
-        ground: Color between the keys.
-        size_m: Width and depth of the field of keys [m].
-        pixels: Size of the picture (width, height).
-        accent: Color of the escape and the enter key, if they stand out.
-        edges: Color of the wide keys at the edge and of the far row, if they stand out.
-
-    Returns:
-        (height, width, 3) uint8.
-    """
-    canvas = Canvas(*size_m, pixels, ground)
-    draw_keys(canvas, (0.0, 0.0), size_m, keys, accent=accent, edges=edges)
-    return canvas.pixels()
 
 
 def draw_keys(
@@ -155,7 +90,7 @@ def draw_keys(
     accent: Color | None = None,
     edges: Color | None = None,
 ) -> None:
-    """Draw six rows of keys into a field of a picture.
+    """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
     Args:
         canvas: The picture; its lower edge is the user's side.
@@ -165,19 +100,17 @@ def draw_keys(
         accent: Color of the escape and the enter key, if they stand out.
         edges: Color of the wide keys at the edge and of the far row, if they stand out.
     """
-    width, depth = size_m
-    pitch = depth / len(ROWS)
-    gap = 0.075 * pitch
+    pitch = size_m[1] / len(ROWS)
+    gap, last = 0.075 * pitch, len(ROWS) - 1
     legend = (0.85, 0.86, 0.88) if sum(keys) < 1.3 else (0.22, 0.23, 0.25)
     for row, units in enumerate(ROWS):
-        low = corner[1] + row * pitch
-        left = corner[0]
+        left, low = corner[0], corner[1] + row * pitch
         for index, unit in enumerate(units):
-            share = width * unit / sum(units)
+            share = size_m[0] * unit / sum(units)
             shade = keys
-            if edges is not None and (index in (0, len(units) - 1) or row == len(ROWS) - 1):
+            if edges is not None and (index in (0, len(units) - 1) or row == last):
                 shade = edges
-            if accent is not None and (row, index) in ((len(ROWS) - 1, 0), (2, len(units) - 1)):
+            if accent is not None and (row, index) in ((last, 0), (2, len(units) - 1)):
                 shade = accent
             x, y = canvas.x - left, canvas.y - low
             cap = (x > gap) & (x < share - gap) & (y > gap) & (y < pitch - gap)

@@ -1,19 +1,14 @@
 """Open laptops: the anchor beside which things are put on a desk."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
+from betterbench.assets.authoring import Draft, Turned, generator, leaning_box, part, solid_span, span, zone
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, mapped, prism, rectangle
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 from betterbench.assets.procedural.keyboard import draw_keys
-from betterbench.assets.procedural.mesh import Mesh, box, lathe, mapped, prism, rectangle
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
 from betterbench.geometry import from_axis_angle, rotate
-from betterbench.state import Region
 
 _BASE = 0.014  # height of the lower half
 _LID = 0.006  # thickness of the screen
@@ -27,123 +22,90 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
 
     A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
     lower half. The zones "left", "right" and "behind" are the user's: the user looks to -x, so right is +y.
-
-    Args:
-        rng: Source of proportions, lean of the screen and picture.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    depth = float(rng.uniform(0.166, 0.173))
-    width = float(rng.uniform(0.246, 0.254))
-    lean = math.radians(float(rng.uniform(15.0, 20.0)))
-    height = float(rng.uniform(0.148, 0.152))
-    corner = float(rng.uniform(0.006, 0.012))
+    depth, width, lean = uniforms(rng, (0.166, 0.173), (0.246, 0.254), (15.0, 20.0))
+    lean, half_x, half_y = math.radians(lean), 0.5 * depth, 0.5 * width
+    height, corner = rng.uniform(0.148, 0.152), rng.uniform(0.006, 0.012)
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
     dark_keys = bool(color == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
 
     # The hinge is the far upper edge of the base; the lid turns about it. First the base is centered at x = 0.
-    hinge = (-0.5 * depth + 0.006, _BASE - 0.001)
-    reach = (height - hinge[1] - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
-    back = hinge[0] - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)
-    shift = -0.5 * (0.5 * depth + back)
-
-    def lid(mesh: Mesh) -> Mesh:
-        """Turn a mesh made for an upright lid over the origin, and put it onto the hinge."""
-        return mesh.rotated("y", -lean).moved(hinge[0] + shift, 0.0, hinge[1])
-
-    base = box((depth, width, _BASE), (shift, 0.0, 0.5 * _BASE), bevel=0.0025, corner=corner, steps=2)
-    deck_size = (width - 0.010, depth - 0.016)
-    deck = box((deck_size[1], deck_size[0], 0.0006), (shift + 0.001, 0.0, _BASE + 0.0001))
-    deck_picture = _deck(metal, size_m=deck_size, dark_keys=dark_keys)
-
-    def sheet(inset: float, low: float, front: float, thickness: float) -> Mesh:
-        """Return an upright plate with rounded corners whose front is at x = ``front``."""
-        rings = []
-        for x in (front - thickness, front):
-            flat = rectangle(0.5 * width - inset, 0.5 * (reach - low) - 0.5 * inset, 0.0, corner=corner, steps=2)
-            up = low + 0.5 * (reach - low) - 0.5 * inset
-            rings.append(np.column_stack([np.full(len(flat), x), flat[:, 0], up + flat[:, 1]]))
-        return prism(rings)
-
-    shell = sheet(0.0, 0.0, 0.5 * _LID, _LID)
-    bezel = sheet(0.0014, 0.001, 0.5 * _LID + 0.0004, 0.001)
-    screen_size = (width - 0.014, reach - 0.022)
-    screen = box((0.0010, *screen_size), (0.5 * _LID + 0.0004, 0.0, 0.012 + 0.5 * screen_size[1]))
-    shown = _desktop(rng, size_m=screen_size, wallpaper=wallpaper)
-    barrel = lathe([(0.0, -0.31 * width), (0.0048, -0.31 * width), (0.0048, 0.31 * width), (0.0, 0.31 * width)], 10)
-    middle = rotate(from_axis_angle((0.0, -lean, 0.0)), (0.0, 0.0, 0.5 * reach))
-    collision = (
-        solid_box((shift - 0.5 * depth, -0.5 * width, 0.0), (shift + 0.5 * depth, 0.5 * width, _BASE)),
-        CollisionPart(
-            "box",
-            (0.5 * _LID, 0.5 * width, 0.5 * reach),
-            (hinge[0] + shift + middle[0], 0.0, hinge[1] + middle[2]),
-            from_axis_angle((0.0, -lean, 0.0)),
-        ),
+    hinge_x, hinge_z = -0.5 * depth + 0.006, _BASE - 0.001
+    reach = (height - hinge_z - 0.5 * _LID * math.sin(lean)) / math.cos(lean)  # length of the lid
+    back = hinge_x - reach * math.sin(lean) - 0.5 * _LID * math.cos(lean)
+    x = -0.5 * (0.5 * depth + back)
+    # The lid is made upright over the origin and then opened.
+    hinge = (lean, hinge_x + x, hinge_z)
+    front, screen_size, deck_size = 0.5 * _LID, (width - 0.014, reach - 0.022), (width - 0.010, depth - 0.016)
+    shell = _sheet(half_y, (0.0, reach), corner, (front - _LID, front))
+    bezel = _sheet(half_y - 0.0014, (0.001, reach - 0.0014), corner, (front - 0.0006, front + 0.0004))
+    glass = (front - 0.0001, front + 0.0009)
+    screen = span(glass, 0.5 * screen_size[0], (0.012, 0.012 + screen_size[1]))
+    deck_x = (x + 0.001 - 0.5 * deck_size[1], x + 0.001 + 0.5 * deck_size[1])
+    deck = span(deck_x, 0.5 * deck_size[0], (_BASE - 0.0002, _BASE + 0.0004))
+    base = span((x - half_x, x + half_x), half_y, (0.0, _BASE), bevel=0.0025, corner=corner, steps=2)
+    end = 0.31 * width
+    barrel = (
+        Turned((0.0, 0.0048, 0.0048, 0.0), (-end, -end, end, end), 10, wrap=False).mesh().rotated("x", math.pi / 2.0)
     )
-    zone = (0.035, 0.035, 0.02)
+    middle = rotate(from_axis_angle((0.0, -lean, 0.0)), (0.0, 0.0, 0.5 * reach))
+    sizes = {"depth_m": depth, "width_m": width, "height_m": height, "lean_degrees": math.degrees(lean)}
+    deck_picture = _deck(metal, size_m=deck_size, dark_keys=dark_keys)
+    shown = _desktop(rng, size_m=screen_size, wallpaper=wallpaper)
     return Draft(
         shape="box",
         description=f"An open {color} laptop with a lit screen.",
-        tags=("laptop", "notebook", "computer", "desk", color),
-        body=mass_properties(collision, 1.3, densities=(1.0, 1.1)),
-        visual=(
+        tags=("laptop", "notebook", "computer", "desk"),
+        mass_kg=1.3,
+        densities=(1.0, 1.1),
+        parts=(
             part("base", base, metal, specular=0.4, shininess=0.4),
-            part("deck", mapped(deck, (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)), metal, picture=deck_picture, specular=0.2),
-            part("lid", lid(shell), shaded(metal, 0.95), specular=0.4, shininess=0.4),
-            part("bezel", lid(bezel), (0.05, 0.05, 0.055), specular=0.3),
-            part("screen", lid(mapped(screen, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))), (1.0, 1.0, 1.0), picture=shown),
-            part(
-                "hinge",
-                barrel.rotated("x", math.pi / 2.0).moved(hinge[0] + shift, 0.0, hinge[1]),
-                shaded(metal, 0.45),
-                specular=0.3,
-            ),
+            part("deck", deck, deck_picture, view=ABOVE),
+            part("lid", shell.hinged(*hinge), shaded(metal, 0.95), specular=0.4, shininess=0.4),
+            part("bezel", bezel.hinged(*hinge), (0.05, 0.05, 0.055), specular=0.3),
+            part("screen", mapped(screen, *FRONT).hinged(*hinge), shown),
+            part("hinge", barrel.moved(hinge_x + x, 0.0, hinge_z), shaded(metal, 0.45), specular=0.3),
+            solid_span((x - half_x, x + half_x), half_y, (0.0, _BASE)),
+            leaning_box((front, half_y, 0.5 * reach), (hinge_x + x + middle[0], 0.0, hinge_z + middle[2]), -lean),
         ),
-        collision=collision,
-        grasps=(),
         regions=(
-            Region("base", (shift, 0.0, 0.0), (0.5 * depth, 0.5 * width, 0.001)),
-            Region("right", (shift, 0.5 * width + _GAP, 0.0), zone),
-            Region("left", (shift, -0.5 * width - _GAP, 0.0), zone),
-            Region("behind", (back + shift - _BEHIND, 0.0, 0.0), zone),
+            zone("base", half_x, half_y, x=x),
+            zone("right", 0.035, 0.035, x=x, y=half_y + _GAP, half_z=0.02),
+            zone("left", 0.035, 0.035, x=x, y=-half_y - _GAP, half_z=0.02),
+            zone("behind", 0.035, 0.035, x=back + x - _BEHIND, half_z=0.02),
         ),
-        parameters={
-            "depth_m": depth,
-            "width_m": width,
-            "height_m": height,
-            "lean_degrees": math.degrees(lean),
-            "wallpaper": wallpaper,
-        },
+        parameters={**sizes, "wallpaper": wallpaper},
     )
 
 
-def _deck(metal: Color, *, size_m: tuple[float, float], dark_keys: bool) -> np.ndarray:
+def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float, float]) -> Mesh:
+    """Return an upright plate with rounded corners between two heights and two positions along x [m]."""
+    flat = rectangle(half_y, 0.5 * (z[1] - z[0]), 0.0, corner=corner, steps=2)
+    up = 0.5 * (z[0] + z[1]) + flat[:, 1]
+    return prism([np.column_stack([np.full(len(flat), at), flat[:, 0], up]) for at in x])
+
+
+def _deck(metal: Color, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
     """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)
     keys = (0.10, 0.10, 0.11) if dark_keys else (0.86, 0.87, 0.88)
-    well = (0.030 * width, 0.43 * depth), (0.94 * width, 0.50 * depth)
-    (left, low), (across, up) = well
-    inside = (
-        (canvas.x > left - 0.002)
-        & (canvas.x < left + across + 0.002)
-        & (canvas.y > low - 0.002)
-        & (canvas.y < low + up + 0.002)
+    (left, low), (across, up) = (0.030 * width, 0.43 * depth), (0.94 * width, 0.50 * depth)
+    inside = (canvas.x > left - 0.002) & (canvas.x < left + across + 0.002)
+    canvas.paint(
+        inside & canvas.between(low - 0.002, low + up + 0.002),
+        shaded(metal, 0.55) if dark_keys else shaded(metal, 0.75),
     )
-    canvas.paint(inside, shaded(metal, 0.55) if dark_keys else shaded(metal, 0.75))
     draw_keys(canvas, (left, low), (across, up), keys)
     dx, dy = np.abs(canvas.x - 0.5 * width), np.abs(canvas.y - 0.205 * depth)
     pad = (0.19 * width, 0.165 * depth)
     canvas.paint((dx < pad[0] + 0.0012) & (dy < pad[1] + 0.0012), shaded(metal, 0.60))
     canvas.paint((dx < pad[0]) & (dy < pad[1]), mixed(metal, (1.0, 1.0, 1.0), 0.10))
-    return canvas.pixels()
+    return canvas
 
 
-def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> np.ndarray:
+def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
     """Draw what the screen shows: a wallpaper, two or three windows, a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
@@ -166,7 +128,7 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
     titles = ((0.20, 0.40, 0.75), (0.35, 0.37, 0.42), (0.78, 0.36, 0.20))
     for k in range(int(rng.integers(2, 4))):
         left, low, across, up = frames[k]
-        left, low = left + float(rng.uniform(-0.03, 0.03)), low + float(rng.uniform(-0.03, 0.03))
+        left, low = left + rng.uniform(-0.03, 0.03), low + rng.uniform(-0.03, 0.03)
         u, v = (x - left) / across, (y - low) / up
         frame = (u > 0.0) & (u < 1.0) & (v > 0.0) & (v < 1.0)
         canvas.paint((u > 0.02) & (u < 1.03) & (v > -0.05) & (v < 0.95), (0.0, 0.0, 0.0), strength=0.25)
@@ -187,4 +149,4 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
     icons = ((0.95, 0.35, 0.30), (0.98, 0.78, 0.20), (0.35, 0.80, 0.45), (0.30, 0.60, 0.95), (0.75, 0.50, 0.90))
     for k, ink in enumerate(icons):
         canvas.ellipse(((0.38 + 0.06 * k) * width, 0.033 * height), (0.0034, 0.0034), ink)
-    return canvas.pixels()
+    return canvas

@@ -1,203 +1,60 @@
 """Mugs with a handle that a parallel jaw can pinch from above."""
 
-from __future__ import annotations
-
-import math
-
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import (
-    JAW_OPENS_ALONG_Y,
-    mass_properties,
-    solid_box,
-)
-from betterbench.assets.procedural.mesh import Mesh, lathe, profile_length, sweep
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose, from_yaw
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, Turned, disc, generator, glazed, grip, part, zone
+from betterbench.assets.authoring.mesh import chamfered, sweep
+from betterbench.assets.authoring.paint import PALETTE, jittered, mixed, shaded
+from betterbench.assets.authoring.solids import foot, round_wall, solid_box
 
-_WALL = 0.0035
-_FLOOR = 0.006
+_WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, height of the handle's top [m]
 
 
 @generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"))
 def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug; its handle points along +x.
 
-    A stoneware mug of 0.3 l has an outer diameter of 70 to 75 mm and a height of 80 to 90 mm and weighs 0.25 to 0.35
-    kg; the light end is used, because the whole weight hangs on one side of the jaw. The bar of the handle is 11 to
-    12.5 mm thick across the fingers, with flat sides, and stands far enough from the wall for a 20 mm wide finger.
-    The tool center point of the handle grasp is high enough for a Franka hand (underside 45 mm above it) to clear the
-    rim.
-
-    Args:
-        rng: Source of proportions and decoration.
-        color: Color word.
-
-    Returns:
-        The draft.
+    A stoneware mug of 0.3 l is 70 to 75 mm wide and 80 to 90 mm high and weighs 0.25 to 0.35 kg; the light end is used,
+    because the whole weight hangs on one side of the jaw. The handle has flat sides and room for a finger of 20 mm; its
+    grasp is high enough for a Franka hand, 45 mm above it, to clear the rim.
     """
-    radius = float(rng.uniform(0.0345, 0.0368))
-    height = float(rng.uniform(0.0815, 0.0875))
-    taper = float(rng.choice([1.0, 1.0, 0.95, 0.91]))
-    bar = float(rng.uniform(0.0545, 0.0570))  # distance of the handle's bar from the axis of the mug
-    thickness = float(rng.uniform(0.0110, 0.0125))  # of the handle across the fingers
-    depth = float(rng.uniform(0.0080, 0.0092))  # of the bar along x
-    top, low = 0.0745, float(rng.uniform(0.010, 0.018))
-    decoration = str(rng.choice(["plain", "band", "rim", "stripes", "speckled"]))
-    pale_inside = bool(rng.random() < 0.4)
-    axis = -0.5 * (bar + 0.5 * depth - radius)
-
-    foot_radius = radius * taper
-    profile = [
-        (0.0, 0.0),
-        (foot_radius - 0.004, 0.0),
-        (foot_radius, 0.004),
-        (radius, height - 0.0025),
-        (radius - 0.0012, height),
-        (radius - _WALL, height - 0.0012),
-        (radius - _WALL - (radius - foot_radius), _FLOOR + 0.004),
-        (0.0, _FLOOR),
-    ]
-    shade = jittered(PALETTE[color], rng)
-    shell = lathe(profile, 24, wrap=True, phase=0.0)
-    picture = _glaze(rng, profile, shade, decoration=decoration, pale_inside=pale_inside)
-    grip = _handle(radius, bar, thickness=thickness, depth=depth, top=top, low=low)
-    handle_color = shaded(shade, 0.97)
-
-    walls = _walls(radius, axis, height)
-    handle = (
-        solid_box(
-            (axis + bar - depth / 2, -thickness / 2, low + 0.002), (axis + bar + depth / 2, thickness / 2, top - 0.001)
-        ),
-        solid_box(
-            (axis + radius - 0.004, -thickness / 2, top - depth), (axis + bar - depth / 2, thickness / 2, top - 0.0005)
-        ),
-        solid_box((axis + radius - 0.004, -thickness / 2, low), (axis + bar - depth / 2, thickness / 2, low + depth)),
-    )
-    half = 0.70 * (foot_radius - 0.003)
-    floor = CollisionPart("box", (half, half, _FLOOR / 2), (axis, 0.0, _FLOOR / 2))
-    collision = (floor, *walls, *handle)
-    body = mass_properties(collision, 0.25)
-
-    grip_height = 0.061
+    radius, height = rng.uniform(0.0345, 0.0368), rng.uniform(0.0815, 0.0875)
+    taper, bar = float(rng.choice([1.0, 1.0, 0.95, 0.91])), rng.uniform(0.0545, 0.0570)  # bar: its x from the axis
+    thick, depth, low = rng.uniform(0.0110, 0.0125), rng.uniform(0.0080, 0.0092), rng.uniform(0.010, 0.018)
+    decoration, pale = str(rng.choice(["plain", "band", "rim", "stripes", "speckled"])), rng.random() < 0.4
+    shade, base, half, end = jittered(PALETTE[color], rng), radius * taper, thick / 2, bar + depth / 2
+    axis, out = -0.5 * (bar + 0.5 * depth - radius), 0.5 * (end - radius)
+    radii = (0.0, base - 0.004, base, radius, radius - 0.0012, radius - _WALL, base - _WALL, 0.0)
+    shell = Turned(radii, (0.0, 0.0, 0.004, height - 0.0025, height, height - 0.0012, _FLOOR + 0.004, _FLOOR))
+    lining = mixed(shade, PALETTE["cream"], 0.85) if pale else None
+    picture = glazed(rng, shell, shade, decoration, rows=(1, 2, 3, 5, 6), lining=lining)
+    a, b, near, far = _TOP - depth / 2, low + depth / 2, axis + radius - 0.004, axis + bar - depth / 2
+    handle_x = (radius - 0.003, bar - 0.011, bar - 0.0033, bar, bar, bar - 0.00385, bar - 0.0132, radius - 0.003)
+    handle_z = (a, a, a - 0.0033, a - 0.011, b + 0.0132, b + 0.0044, b, b)
+    loop = sweep(handle_x, handle_z, chamfered(half, -depth / 2, depth / 2, 0.0018), crease_degrees=50.0)
+    sizes: dict[str, float | str] = {"radius_m": radius, "height_m": height, "taper": taper, "bar_distance_m": bar}
     return Draft(
         shape="cylinder",
         description=f"A {color} ceramic coffee mug with a C-shaped handle.",
-        tags=("mug", "cup", "coffee", "drinkware", color),
-        body=body,
-        visual=(
-            part("shell", shell.moved(x=axis), shade, picture=picture, specular=0.5, shininess=0.6),
-            part("handle", grip.moved(x=axis), handle_color, specular=0.5, shininess=0.6),
+        tags=("mug", "cup", "coffee", "drinkware"),
+        mass_kg=0.25,
+        parts=(
+            part("shell", shell.mesh().moved(x=axis), picture, specular=0.5, shininess=0.6),
+            part("handle", loop.moved(x=axis), shaded(shade, 0.97), specular=0.5, shininess=0.6),
+            foot(0.70 * (base - 0.003), height=_FLOOR, x=axis),
+            *round_wall(radius - 0.0005, _WALL, 0.001, height, x=axis),
+            solid_box((far, -half, low + 0.002), (axis + bar + depth / 2, half, _TOP - 0.001)),
+            solid_box((near, -half, _TOP - depth), (far, half, _TOP - 0.0005)),
+            solid_box((near, -half, low), (far, half, low + depth)),
         ),
-        collision=collision,
         grasps=(
-            Grasp("handle", Pose((axis + bar, 0.0, grip_height), JAW_OPENS_ALONG_Y), thickness),
-            Grasp("body", Pose((axis, 0.0, 0.056), JAW_OPENS_ALONG_Y), 2.0 * radius, clearance_m=0.003, preference=1),
+            grip("handle", 0.061, thick, x=axis + bar),
+            grip("body", 0.056, 2.0 * radius, x=axis, clearance=0.003, preference=1),
         ),
         regions=(
-            Region(
-                "handle",
-                (axis + 0.5 * (radius + bar + depth / 2), 0.0, 0.5 * (top + low)),
-                (0.5 * (bar + depth / 2 - radius), thickness / 2, 0.5 * (top - low)),
-            ),
-            Region("opening", (axis, 0.0, height), (radius - _WALL, radius - _WALL, 0.001)),
-            Region("base", (axis, 0.0, 0.0), (radius, radius, 0.001)),
+            zone("handle", out, half, 0.5 * (_TOP + low), x=axis + 0.5 * (radius + end), half_z=0.5 * (_TOP - low)),
+            disc("opening", radius - _WALL, height, x=axis),
+            disc("base", radius, x=axis),
         ),
-        parameters={
-            "radius_m": radius,
-            "height_m": height,
-            "taper": taper,
-            "bar_distance_m": bar,
-            "handle_thickness_m": thickness,
-            "decoration": decoration,
-        },
+        parameters={**sizes, "handle_thickness_m": thick, "decoration": decoration},
     )
-
-
-def _handle(radius: float, bar: float, *, thickness: float, depth: float, top: float, low: float) -> Mesh:
-    """Return the mesh of the C-shaped loop, with flat sides and bevelled edges."""
-    upper, lower = top - depth / 2, low + depth / 2
-    bend = 0.011
-    path = [
-        (radius - 0.003, 0.0, upper),
-        (bar - bend, 0.0, upper),
-        (bar - 0.3 * bend, 0.0, upper - 0.3 * bend),
-        (bar, 0.0, upper - bend),
-        (bar, 0.0, lower + 1.2 * bend),
-        (bar - 0.35 * bend, 0.0, lower + 0.4 * bend),
-        (bar - 1.2 * bend, 0.0, lower),
-        (radius - 0.003, 0.0, lower),
-    ]
-    a, b, bevel = thickness / 2, depth / 2, 0.0018
-    section = [
-        (a, -b + bevel),
-        (a, b - bevel),
-        (a - bevel, b),
-        (-a + bevel, b),
-        (-a, b - bevel),
-        (-a, -b + bevel),
-        (-a + bevel, -b),
-        (a - bevel, -b),
-    ]
-    return sweep(path, section, crease_degrees=50.0)
-
-
-def _walls(radius: float, axis: float, height: float) -> list[CollisionPart]:
-    """Return eight boxes around the hollow; they start 1 mm above the table, so that the floor alone stands on it."""
-    apothem = radius - 0.0005
-    half_length = apothem * math.tan(math.pi / 8)
-    half_height = 0.5 * (height - 0.001)
-    return [
-        CollisionPart(
-            "box",
-            (_WALL / 2, half_length, half_height),
-            (
-                axis + (apothem - _WALL / 2) * math.cos(angle),
-                (apothem - _WALL / 2) * math.sin(angle),
-                0.001 + half_height,
-            ),
-            from_yaw(angle),
-        )
-        for angle in (k * math.pi / 4 for k in range(8))
-    ]
-
-
-def _glaze(
-    rng: np.random.Generator,
-    profile: list[tuple[float, float]],
-    shade: Color,
-    *,
-    decoration: str,
-    pale_inside: bool,
-) -> np.ndarray:
-    """Draw the mug from the foot over the rim to the floor inside, with the inside in its own shadow."""
-    length = profile_length(profile)
-    foot, wall, rim, inner, floor = (float(length[k]) for k in (1, 2, 3, 5, 6))
-    canvas = Canvas(math.pi * profile[3][0], float(length[-1]), (128, 256), shade)
-    y = canvas.y
-    accent = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.3)
-    span = rim - wall
-    if decoration == "band":
-        canvas.band(wall + 0.55 * span, wall + 0.72 * span, accent)
-    elif decoration == "rim":
-        canvas.band(wall + 0.94 * span, inner, accent)
-    elif decoration == "stripes":
-        for share in (0.22, 0.30, 0.38):
-            canvas.band(wall + share * span, wall + (share + 0.035) * span, accent)
-    elif decoration == "speckled":
-        spots = rng.uniform(0.0, 1.0, (70, 3))
-        for u, v, size in spots.tolist():
-            center = (u * math.pi * profile[3][0], wall + v * span)
-            canvas.ellipse(center, (0.0006 + 0.0006 * size, 0.0006 + 0.0006 * size), mixed(shade, accent, 0.7))
-    if pale_inside:
-        canvas.paint(y > inner, mixed(shade, PALETTE["cream"], 0.85))
-    inside = y > inner
-    down = np.clip((y - inner) / (floor - inner), 0.0, 1.0)
-    canvas.shade(np.where(inside, 0.80 - 0.38 * down, 1.0))
-    # The unglazed foot, and a faint lighter rim where glaze runs thin.
-    canvas.shade(np.where(y < foot, 0.75, 1.0))
-    canvas.paint((y > rim) & (y < inner), shaded(shade, 1.25), strength=0.6)
-    return canvas.pixels()

@@ -1,23 +1,14 @@
 """The flat plate of a place setting, around which cutlery and cups are laid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import Mesh, lathe
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import from_axis_angle, from_yaw, multiply
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, standing, zone
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 
-_RADIUS = 0.095
-_HEIGHT = 0.018
-# Distance of the middle of the places beside the plate from its edge [m].
-_BESIDE = 0.045
+_RADIUS, _HEIGHT = 0.095, 0.018
+_SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate from its own [m]
 
 
 @generator("place_plate", colors=("white", "blue", "cream"))
@@ -26,81 +17,48 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
 
     A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
     around it. Its places are named as the eater sees them: right is +y, upper is -x.
-
-    Args:
-        rng: Source of proportions and decoration.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    stand = float(rng.uniform(0.050, 0.057))
-    well = stand + float(rng.uniform(0.004, 0.012))
+    stand = rng.uniform(0.050, 0.057)
+    well = stand + rng.uniform(0.004, 0.012)
     decoration = str(rng.choice(["bands", "dots", "leaves", "petals"]))
     base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if color == "blue" else PALETTE[color]
     glaze = jittered(base, rng, amount=0.05)
     inks = (mixed(PALETTE["blue"], PALETTE["gray"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
-    ink = inks[int(rng.integers(len(inks)))]
-    if color == "blue":
-        ink = (0.92, 0.93, 0.93)
-    profile = [
-        (0.0, 0.0),
-        (stand, 0.0),
-        (stand + 0.003, 0.0040),
-        (_RADIUS, _HEIGHT - 0.0010),
-        (_RADIUS - 0.0008, _HEIGHT),
-        (well + 0.003, 0.0088),
-        (well - 0.003, 0.0070),
-        (0.0, 0.0064),
-    ]
-    plate = lathe(profile, 36, crease_degrees=50.0)
-    plate = Mesh(plate.vertices, plate.faces, 0.5 + 0.5 * plate.vertices[:, :2] / _RADIUS)
+    drawn = inks[int(rng.integers(len(inks)))]
+    ink = (0.92, 0.93, 0.93) if color == "blue" else drawn
+    radii = (0.0, stand, stand + 0.003, _RADIUS, _RADIUS - 0.0008, well + 0.003, well - 0.003, 0.0)
+    z = (0.0, 0.0, 0.0040, _HEIGHT - 0.0010, _HEIGHT, 0.0088, 0.0070, 0.0064)
+    plate = Turned(radii, z, sides=36, crease_degrees=50.0, wrap=False).mesh().seen_from_above(_RADIUS)
     picture = _glaze(rng, glaze, ink, decoration=decoration, well=well / _RADIUS)
-
-    floor = upright_cylinder(well, 0.0005, 0.0065)
-    collision = (foot(0.66 * stand), floor, *_rim(well))
-    side = _RADIUS + _BESIDE
+    # Eight inclined boards follow the rim from the edge of the well outward.
+    (inner, low), (outer, high) = (well - 0.002, 0.0052), (0.0905, 0.0158)
+    slope, half = math.atan2(high - low, outer - inner), 0.5 * math.hypot(outer - inner, high - low)
+    board = (half, outer * math.tan(math.pi / 8), 0.0018)
     return Draft(
         shape="round",
         description=f"A {color} breakfast plate with a decorated rim.",
-        tags=("plate", "breakfast plate", "dish", "tableware", color),
-        body=mass_properties(collision, 0.55),
-        visual=(part("plate", plate, glaze, picture=picture, specular=0.5, shininess=0.6),),
-        collision=collision,
-        grasps=(),
+        tags=("plate", "breakfast plate", "dish", "tableware"),
+        mass_kg=0.55,
+        parts=(
+            part("plate", plate, picture, specular=0.5, shininess=0.6),
+            *standing(0.66 * stand, (well, 0.0065)),
+            *ring_of_boards(board, 0.5 * (inner + outer), 0.5 * (low + high), lean=-slope),
+        ),
         regions=(
-            Region("base", (0.0, 0.0, 0.0), (_RADIUS, _RADIUS, 0.001)),
-            Region("top", (0.0, 0.0, 0.0065), (well - 0.003, well - 0.003, 0.001)),
-            Region("left", (0.02, -side, 0.0), (0.03, 0.022, 0.02)),
-            Region("right", (0.02, side, 0.0), (0.03, 0.022, 0.02)),
-            Region("upper_right", (-0.13, 0.10, 0.0), (0.03, 0.03, 0.02)),
+            disc("base", _RADIUS),
+            disc("top", well - 0.003, 0.0065),
+            zone("left", 0.03, 0.022, x=0.02, y=-_SIDE, half_z=0.02),
+            zone("right", 0.03, 0.022, x=0.02, y=_SIDE, half_z=0.02),
+            zone("upper_right", 0.03, 0.03, x=-0.13, y=0.10, half_z=0.02),
         ),
         parameters={"radius_m": _RADIUS, "stand_m": stand, "well_m": well, "decoration": decoration},
     )
 
 
-def _rim(well: float) -> list[CollisionPart]:
-    """Return eight inclined boards that follow the rim from the edge of the well outwards."""
-    inner, outer = (well - 0.002, 0.0052), (0.0905, 0.0158)
-    slope = math.atan2(outer[1] - inner[1], outer[0] - inner[0])
-    half = 0.5 * math.hypot(outer[0] - inner[0], outer[1] - inner[1])
-    radius, height = 0.5 * (inner[0] + outer[0]), 0.5 * (inner[1] + outer[1])
-    return [
-        CollisionPart(
-            "box",
-            (half, outer[0] * math.tan(math.pi / 8), 0.0018),
-            (radius * math.cos(angle), radius * math.sin(angle), height),
-            multiply(from_yaw(angle), from_axis_angle((0.0, -slope, 0.0))),
-        )
-        for angle in (k * math.pi / 4 for k in range(8))
-    ]
-
-
-def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: str, well: float) -> np.ndarray:
+def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: str, well: float) -> Canvas:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
-    x, y = canvas.x - 1.0, canvas.y - 1.0
-    r, angle = np.hypot(x, y), np.arctan2(y, x)
+    r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
     middle = 0.5 * (well + 0.97)
     # Nearer the ink at the edge, where the glaze runs thin.
     canvas.paint(r > 0.965, ink, strength=0.9)
@@ -122,4 +80,4 @@ def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: st
     canvas.shade(1.0 - 0.16 * np.exp(-(((r - well) / 0.03) ** 2)))
     canvas.paint(np.exp(-(((r - well - 0.055) / 0.02) ** 2)), shaded(glaze, 1.3), strength=0.25)
     canvas.grain(rng, cells=(8, 8), amount=0.010)
-    return canvas.pixels()
+    return canvas

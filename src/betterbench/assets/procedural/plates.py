@@ -1,19 +1,14 @@
 """Dinner plates of three sizes that stack on their feet, and a shallow bowl of a plate's size."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_X, mass_properties, upright_cylinder
-from betterbench.assets.procedural.mesh import lathe, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring import Draft, Turned, disc, generator, part, round_wall, upright_cylinder
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
 from betterbench.geometry import Pose, from_yaw, multiply
-from betterbench.state import Region
 
 FOOT_HEIGHT_M = 0.012
 """Height of a plate's foot [m]: holds the rim of the inner plate above that of the outer one."""
@@ -25,25 +20,9 @@ RIM_M = 0.036
 """Height of the rim [m]: 20 mm of upright lip were measured to be held without slipping, 15 mm were not."""
 
 _LIP = 0.004
-_SIDES = 28
 _GRIP_BELOW_RIM = 0.006  # the pads then reach 18 mm down the lip and end 2 mm above the floor
 _COLORS = ("white", "red", "blue", "green", "yellow")
-
-
-@dataclass(frozen=True, slots=True)
-class _Size:
-    """Radius of the rim [m] and mass [kg]."""
-
-    radius: float
-    mass: float
-
-    @property
-    def foot(self) -> float:
-        """Radius of the foot [m]."""
-        return 0.55 * self.radius
-
-
-_LARGE, _MEDIUM, _SMALL = _Size(0.088, 0.30), _Size(0.074, 0.15), _Size(0.060, 0.12)
+_MEDIUM_RADIUS = 0.074
 
 
 @generator("plate_large", colors=_COLORS, family="plate")
@@ -51,15 +30,8 @@ def plate_large(rng: np.random.Generator, color: str) -> Draft:
     """Make the plate at the bottom of a stack: 176 mm across, 0.30 kg.
 
     Dessert plates of stoneware have diameters of 170 to 210 mm and weigh 0.3 to 0.4 kg. This one is only stood on.
-
-    Args:
-        rng: Source of the glaze.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    return _plate(rng, color, _LARGE, size_word="large")
+    return _plate(rng, color, "large", radius=0.088, mass_kg=0.30)
 
 
 @generator("plate_medium", colors=("red", "white", "blue", "green", "yellow"), family="plate")
@@ -68,76 +40,41 @@ def plate_medium(rng: np.random.Generator, color: str) -> Draft:
 
     Melamine side plates (1.5 g/cm^3, 3 to 4 mm thick) of 150 mm weigh 0.10 to 0.16 kg. Held at its rim, a plate of
     this size tilts by 3 degrees with 0.15 kg and by more than 20 with 0.25 kg.
-
-    Args:
-        rng: Source of the glaze.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    return _plate(rng, color, _MEDIUM, size_word="medium")
+    return _plate(rng, color, "medium", radius=_MEDIUM_RADIUS, mass_kg=0.15)
 
 
 @generator("plate_small", colors=("blue", "white", "red", "green", "yellow"), family="plate")
 def plate_small(rng: np.random.Generator, color: str) -> Draft:
-    """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip.
-
-    Args:
-        rng: Source of the glaze.
-        color: Color word.
-
-    Returns:
-        The draft.
-    """
-    return _plate(rng, color, _SMALL, size_word="small")
+    """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip."""
+    return _plate(rng, color, "small", radius=0.060, mass_kg=0.12)
 
 
-def _plate(rng: np.random.Generator, color: str, size: _Size, *, size_word: str) -> Draft:
+def _plate(rng: np.random.Generator, color: str, size: str, *, radius: float, mass_kg: float) -> Draft:
     """Make a plate: a foot, a flat floor, an upright lip."""
-    glaze = _Glaze(rng, color)
-    r = size.radius
-    profile = [
-        (0.0, 0.0),
-        (size.foot, 0.0),
-        (size.foot + 0.0015, FOOT_HEIGHT_M),
-        (r - 0.0030, FOOT_HEIGHT_M + 0.0008),
-        (r, FOOT_HEIGHT_M + 0.0045),
-        (r, RIM_M - 0.0012),
-        (r - 0.5 * _LIP, RIM_M),
-        (r - _LIP, RIM_M - 0.0012),
-        (r - _LIP - 0.0022, FLOOR_M + 0.0004),
-        (0.0, FLOOR_M),
-    ]
-    collision = (
-        upright_cylinder(size.foot, 0.0, FOOT_HEIGHT_M),
-        upright_cylinder(r - 0.001, FOOT_HEIGHT_M, FLOOR_M),
-        *_lip(r, FOOT_HEIGHT_M + 0.002, RIM_M),
-    )
+    glaze, r, foot = _Glaze(rng, color), radius, 0.55 * radius
+    edge, low = RIM_M - 0.0012, FOOT_HEIGHT_M
+    outside = (0.0, foot, foot + 0.0015, r - 0.0030, r, r, r - 0.5 * _LIP)
+    z = (0.0, 0.0, low, low + 0.0008, low + 0.0045, edge, RIM_M, edge, FLOOR_M + 0.0004, FLOOR_M)
+    plate = Turned((*outside, r - _LIP, r - _LIP - 0.0022, 0.0), z, sides=28)
     return Draft(
         shape="round",
-        description=f"A {size_word} round {color} plate with an upright lip.",
-        tags=("plate", f"{size_word} plate", "dinner plate", "tableware", "crockery", color),
+        description=f"A {size} round {color} plate with an upright lip.",
+        tags=("plate", f"{size} plate", "dinner plate", "tableware", "crockery"),
+        mass_kg=mass_kg,
         # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
-        body=mass_properties(collision, size.mass, densities=(0.33, *(1.0,) * 9)),
-        visual=(
+        densities=(0.33, *(1.0,) * 9),
+        parts=(
             part(
-                "plate",
-                lathe(profile, _SIDES, wrap=True),
-                glaze.color,
-                picture=glaze.plate(profile),
-                specular=0.5,
-                shininess=0.6,
+                "plate", plate.mesh(), glaze.draw(plate, wall=4, rim=5, inner=7, floor=8), specular=0.5, shininess=0.6
             ),
+            upright_cylinder(foot, 0.0, low),
+            upright_cylinder(r - 0.001, low, FLOOR_M),
+            *_lip(r, low + 0.002, RIM_M),
         ),
-        collision=collision,
         grasps=_rim_grasps(r, RIM_M),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (size.foot, size.foot, 0.001)),
-            Region("floor", (0.0, 0.0, FLOOR_M), (r - _LIP, r - _LIP, 0.001)),
-            Region("rim", (0.0, 0.0, RIM_M), (r, r, 0.001)),
-        ),
-        parameters={"radius_m": r, "foot_radius_m": size.foot, "design": glaze.design},
+        regions=(disc("base", foot), disc("floor", r - _LIP, FLOOR_M), disc("rim", r, RIM_M)),
+        parameters={"radius_m": r, "foot_radius_m": foot, "design": glaze.design},
     )
 
 
@@ -147,75 +84,34 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
 
     A melamine bowl of 150 mm weighs 0.12 to 0.2 kg. The collision shape is the upright upper wall, a disc under the
     hollow and the foot, so that a plate that is wrongly stood in the bowl rests on its floor.
-
-    Args:
-        rng: Source of the glaze; the same numbers as for the plates.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
     glaze = _Glaze(rng, color)
-    r, rim, floor, foot = _MEDIUM.radius, 0.045, 0.0125, 0.034
-    profile = [
-        (0.0, 0.0),
-        (foot, 0.0),
-        (foot + 0.001, 0.0045),
-        (0.052, 0.0090),
-        (0.0665, 0.0185),
-        (0.0728, 0.0300),
-        (r, rim - 0.0012),
-        (r - 0.5 * _LIP, rim),
-        (r - _LIP, rim - 0.0012),
-        (0.0680, 0.0300),
-        (0.0600, 0.0185),
-        (0.0430, floor + 0.0006),
-        (0.0, floor),
-    ]
-    collision = (
-        upright_cylinder(foot, 0.0, 0.0075),
-        upright_cylinder(0.060, 0.0075, floor),
-        *_lip(r, 0.0140, rim),
-    )
+    r, rim, floor, foot = _MEDIUM_RADIUS, 0.045, 0.0125, 0.034
+    outside = (0.0, foot, foot + 0.001, 0.052, 0.0665, 0.0728, r, r - 0.5 * _LIP)
+    rising, falling = (0.0, 0.0, 0.0045, 0.0090, 0.0185, 0.0300, rim - 0.0012), (0.0300, 0.0185, floor + 0.0006, floor)
+    radii = (*outside, r - _LIP, 0.0680, 0.0600, 0.0430, 0.0)
+    bowl = Turned(radii, (*rising, rim, rim - 0.0012, *falling), crease_degrees=44.0)
     return Draft(
         shape="round",
         description=f"A shallow {color} bowl with a curved wall.",
-        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery", color),
-        body=mass_properties(collision, 0.17, densities=(0.33, *(1.0,) * 9)),
-        visual=(
-            part(
-                "bowl",
-                lathe(profile, 24, wrap=True, crease_degrees=44.0),
-                glaze.color,
-                picture=glaze.bowl(profile),
-                specular=0.5,
-                shininess=0.6,
-            ),
+        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery"),
+        mass_kg=0.17,
+        densities=(0.33, *(1.0,) * 9),
+        parts=(
+            part("bowl", bowl.mesh(), glaze.draw(bowl, wall=3, rim=6, inner=8, floor=11), specular=0.5, shininess=0.6),
+            upright_cylinder(foot, 0.0, 0.0075),
+            upright_cylinder(0.060, 0.0075, floor),
+            *_lip(r, 0.0140, rim),
         ),
-        collision=collision,
         grasps=_rim_grasps(r, rim),
-        regions=(
-            Region("base", (0.0, 0.0, 0.0), (foot, foot, 0.001)),
-            Region("floor", (0.0, 0.0, floor), (0.045, 0.045, 0.001)),
-            Region("rim", (0.0, 0.0, rim), (r, r, 0.001)),
-        ),
+        regions=(disc("base", foot), disc("floor", 0.045, floor), disc("rim", r, rim)),
         parameters={"radius_m": r, "foot_radius_m": foot, "height_m": rim, "design": glaze.design},
     )
 
 
 def _lip(radius: float, low: float, high: float) -> list[CollisionPart]:
     """Return eight upright boxes tangential to the rim, where the grasps take it; they stand out by 1.5 mm at most."""
-    half_length = math.sqrt((radius + 0.0015) ** 2 - radius**2)
-    away, half_height = radius - 0.5 * _LIP, 0.5 * (high - low)
-    return [
-        CollisionPart(
-            "box",
-            (0.5 * _LIP, half_length, half_height),
-            (away * math.cos(angle), away * math.sin(angle), low + half_height),
-            from_yaw(angle),
-        )
-        for angle in (k * math.pi / 4.0 for k in range(8))
-    ]
+    return round_wall(radius, _LIP, low, high, half_length=math.sqrt((radius + 0.0015) ** 2 - radius**2))
 
 
 def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
@@ -224,16 +120,10 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
     They share the name "rim", so that a search by name gives the one at +x and a planner can choose among all.
     """
     away, height = radius - 0.5 * _LIP, rim - _GRIP_BELOW_RIM
-    return tuple(
-        Grasp(
-            "rim",
-            Pose(
-                (away * math.cos(angle), away * math.sin(angle), height), multiply(from_yaw(angle), JAW_OPENS_ALONG_X)
-            ),
-            _LIP,
-        )
-        for angle in (k * math.pi / 4.0 for k in range(8))
-    )
+    angles = [k * math.pi / 4.0 for k in range(8)]
+    places = [(away * math.cos(a), away * math.sin(a), height) for a in angles]
+    turns = [multiply(from_yaw(a), JAW_OPENS_ALONG_X) for a in angles]
+    return tuple(Grasp("rim", Pose(place, turn), _LIP) for place, turn in zip(places, turns, strict=True))
 
 
 class _Glaze:
@@ -242,49 +132,42 @@ class _Glaze:
     def __init__(self, rng: np.random.Generator, color: str) -> None:
         self.color: Color = jittered(PALETTE[color], rng, amount=0.07)
         self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
-        self._light = shaded(self.color, float(rng.uniform(1.5, 1.9))) if color != "white" else self._tint(rng)
+        # The line on white ware is gray, sand or a pale blue.
+        tints = ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))
+        white = color == "white"
+        self._light = tints[int(rng.integers(3))] if white else shaded(self.color, rng.uniform(1.5, 1.9))
         self._rng = rng
 
-    @staticmethod
-    def _tint(rng: np.random.Generator) -> Color:
-        """Return the line on white ware: gray, sand or a pale blue."""
-        return ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))[int(rng.integers(3))]
+    def draw(self, piece: Turned, *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
+        """Draw a piece from the foot over the rim to the middle of the floor.
 
-    def plate(self, profile: list[tuple[float, float]]) -> np.ndarray:
-        """Draw a plate from the foot over the rim to the middle of the floor."""
-        return self._draw(profile, wall=4, rim=5, inner=7, floor=8)
-
-    def bowl(self, profile: list[tuple[float, float]]) -> np.ndarray:
-        """Draw a bowl from the foot over the rim to the middle of the floor."""
-        return self._draw(profile, wall=3, rim=6, inner=8, floor=11)
-
-    def _draw(self, profile: list[tuple[float, float]], *, wall: int, rim: int, inner: int, floor: int) -> np.ndarray:
-        length = profile_length(profile)
-        canvas = Canvas(1.0, float(length[-1]), (64, 256), self.color)
-        y = canvas.y
-        end = float(length[-1])
-        lip, well, bottom = float(length[inner]), float(length[floor]), end - float(length[floor])
+        Args:
+            piece: A plate or a bowl.
+            wall: Number of the point of its profile where the wall begins.
+            rim: Where the rim begins.
+            inner: Where the inside of the lip begins.
+            floor: Where the floor begins.
+        """
+        foot, crest, lip, well = (piece.rows[k] for k in (wall, rim, inner, floor))
+        canvas = piece.canvas(self.color, (64, 256), width=1.0)
+        y, end = canvas.y, canvas.height
         if self.design == "speckled":
-            for u, v, size in self._rng.uniform(0.0, 1.0, (90, 3)).tolist():
-                radius = 0.0006 + 0.0007 * size
-                canvas.ellipse((u, v * end), (radius * 6.0, radius), mixed(self.color, self._light, 0.75))
+            ink = mixed(self.color, self._light, 0.75)
+            canvas.spots(self._rng, 90, ink, radius=(0.0006, 0.0013), rows=(0.0, end), stretch=6.0)
         # The floor catches more light in its middle; a turned ring shows where the foot is.
-        away = (end - y) / bottom
-        on_floor = y > well
-        canvas.paint(on_floor, shaded(self.color, 1.14), strength=0.8)
-        canvas.shade(np.where(on_floor, 1.0 - 0.10 * np.clip(away - 0.55, 0.0, 1.0) / 0.45, 1.0))
+        away = (end - y) / (end - well)
+        canvas.paint(y > well, shaded(self.color, 1.14), strength=0.8)
+        canvas.shade(np.where(y > well, 1.0 - 0.10 * np.clip(away - 0.55, 0.0, 1.0) / 0.45, 1.0))
         canvas.shade(np.where(np.abs(away - 0.62) < 0.012, 0.86, 1.0))
-        if self.design == "ring":
-            canvas.paint(np.abs(away - 0.78) < 0.035, self._light)
-        if self.design == "two lines":
-            for place in (0.84, 0.92):
-                canvas.paint(np.abs(away - place) < 0.016, self._light)
+        rings = {"ring": ((0.78, 0.035),), "two lines": ((0.84, 0.016), (0.92, 0.016))}
+        for place, width in rings.get(self.design, ()):
+            canvas.paint(np.abs(away - place) < width, self._light)
         # The inside of the lip lies in its own shadow, deepest where it meets the floor.
         down = np.clip((y - lip) / (well - lip), 0.0, 1.0)
         canvas.shade(np.where((y > lip) & (y <= well), 0.92 - 0.20 * down, 1.0))
         # Glaze runs thin over the rim, and there is none under the foot.
-        canvas.paint((y > float(length[rim]) - 0.0004) & (y < lip + 0.0006), self._light)
+        canvas.paint(canvas.between(crest - 0.0004, lip + 0.0006), self._light)
         if self.design == "line":
-            canvas.paint((y > float(length[rim]) - 0.0045) & (y < float(length[rim])), self._light)
-        canvas.shade(np.where(y < float(length[wall]), 0.78, 1.0))
-        return canvas.pixels()
+            canvas.paint(canvas.between(crest - 0.0045, crest), self._light)
+        canvas.shade(np.where(y < foot, 0.78, 1.0))
+        return canvas

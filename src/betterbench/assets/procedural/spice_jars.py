@@ -1,20 +1,15 @@
 """Spice jars, the same jars with nothing but a label to tell them apart, and a pill bottle of their size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart, Grasp, VisualPart
-from betterbench.assets.procedural.body import JAW_OPENS_ALONG_Y, foot, mass_properties, upright_cylinder
-from betterbench.assets.procedural.lettering import write
-from betterbench.assets.procedural.mesh import Mesh, creased, lathe, loft, profile_length
-from betterbench.assets.procedural.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.geometry import Pose
-from betterbench.state import Region
+from betterbench.assets.asset import VisualPart
+from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
+from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.mesh import Mesh, creased, loft
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
 """Radius of every jar [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it."""
@@ -22,23 +17,13 @@ JAR_RADIUS_M = 0.0215
 JAR_HEIGHT_M = 0.085
 """Height of every jar with its cap [m]: such jars are 80 to 95 mm high."""
 
-_MASS_KG = 0.12  # 70 g of glass and cap and 50 g of what is inside
-_GRIP_HEIGHT = 0.062  # the pads reach 12 mm below it, and so stay above a hole 35 mm deep
 _SIDES = 24
 _GLASS: Color = (0.66, 0.73, 0.73)
-_PAPER: Color = (0.93, 0.91, 0.85)
 _NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
 _CONTENT: dict[str, Color] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
 _PRINT: dict[str, Color] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
 # Caps in colors that no spice has, so that the word for what is inside never names a cap.
-_CAPS: tuple[Color, ...] = (
-    PALETTE["green"],
-    PALETTE["blue"],
-    (0.58, 0.38, 0.20),
-    PALETTE["silver"],
-    PALETTE["yellow"],
-    PALETTE["purple"],
-)
+_CAPS = [PALETTE.get(c, (0.58, 0.38, 0.20)) for c in ("green", "blue", "wood", "silver", "yellow", "purple")]
 
 
 @generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
@@ -47,63 +32,35 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
 
     The glass is drawn rather than transparent, because one transparent part doubles the cost of every picture of
     depth. Within a look the three spices have caps of three different colors.
-
-    Args:
-        rng: Source of the shape of the neck, the fill, the cap and the print.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
     shape = _Shape(rng)
     order = rng.permutation(len(_CAPS))
     cap = jittered(_CAPS[int(order[tuple(_NAMES).index(color)])], rng, amount=0.06)
-    fill = float(rng.uniform(0.050, 0.055))
-    content = _CONTENT[color]
-    canvas = shape.canvas(_GLASS)
+    fill, content, name = rng.uniform(0.050, 0.055), _CONTENT[color], _NAMES[color].lower()
+    canvas = _Wrap(*shape.profile, _GLASS)
     up = canvas.height_on_wall
     canvas.paint((up > 0.003) & (up < fill), content)
     canvas.grain(rng, cells=(60, 80), amount=0.10 if color == "black" else 0.03)
     # The thick foot of the glass, and the gleam of its round sides.
     canvas.paint(up < 0.003, mixed(_GLASS, content, 0.25))
-    canvas.paint(np.abs(canvas.x - 0.2 * canvas.width) < 0.0011, (1.0, 1.0, 1.0), strength=0.35)
-    canvas.paint(np.abs(canvas.x - 0.85 * canvas.width) < 0.0007, (1.0, 1.0, 1.0), strength=0.25)
+    for share, thick, strength in ((0.2, 0.0011, 0.35), (0.85, 0.0007, 0.25)):
+        canvas.paint(np.abs(canvas.x - share * canvas.width) < thick, (1.0, 1.0, 1.0), strength=strength)
     _label(canvas, rng, color)
-    return _jar(
-        shape,
-        canvas,
-        cap,
-        description=f"A small glass spice jar of {_NAMES[color].lower()} with a {color} label and a screw cap.",
-        tags=("spice jar", "jar", "spice", _NAMES[color].lower(), "glass", color),
-        specular=0.7,
-    )
+    description = f"A small glass spice jar of {name} with a {color} label and a screw cap."
+    return _jar(shape, canvas, cap, description, ("spice jar", "jar", "spice", name, "glass"), specular=0.7)
 
 
 @generator("plain_jar", colors=("white", "black", "red"), family="spice jar")
 def plain_jar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart.
-
-    Args:
-        rng: Source of the shape of the neck, the finish and the print; the same numbers as for the glass jar.
-        color: Color word of the label.
-
-    Returns:
-        The draft.
-    """
-    shape = _Shape(rng)
-    steel = shaded((0.52, 0.53, 0.55), float(rng.uniform(0.86, 1.06)))
-    canvas = shape.canvas(steel)
-    canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + float(rng.uniform(0.0, 6.0))))
+    """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart."""
+    shape, name = _Shape(rng), _NAMES[color].lower()
+    canvas = _Wrap(*shape.profile, shaded((0.52, 0.53, 0.55), rng.uniform(0.86, 1.06)))
+    canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
     canvas.grain(rng, cells=(3, 90), amount=0.025)
     _label(canvas, rng, color)
-    return _jar(
-        shape,
-        canvas,
-        (0.33, 0.34, 0.36),
-        description=f"A plain steel spice jar with a gray cap and a {color} label that says {_NAMES[color].lower()}.",
-        tags=("spice jar", "jar", "spice", "plain", _NAMES[color].lower(), "steel", color),
-        specular=0.6,
-    )
+    description = f"A plain steel spice jar with a gray cap and a {color} label that says {name}."
+    tags = ("spice jar", "jar", "spice", "plain", name, "steel")
+    return _jar(shape, canvas, (0.33, 0.34, 0.36), description, tags, specular=0.6)
 
 
 @generator("pill_bottle", colors=("white",))
@@ -112,63 +69,36 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
 
     Vials of 8 to 13 drams have diameters of 38 to 44 mm; filled they weigh 60 to 120 g. The heavy end is used, so that
     it feels like the jar it is taken for.
-
-    Args:
-        rng: Source of the body's color, the cap and the print.
-        color: Color word (of the cap and the label).
-
-    Returns:
-        The draft.
     """
-    white = PALETTE[color]
-    amber = bool(rng.random() < 0.5)
+    white, amber = PALETTE[color], rng.random() < 0.5
     body = jittered((0.86, 0.42, 0.08) if amber else white, rng, amount=0.05)
     ink = ((0.05, 0.50, 0.24), (0.75, 0.08, 0.10), (0.06, 0.30, 0.62))[int(rng.integers(3))]
-    cap_height = float(rng.uniform(0.0195, 0.0235))
-    ribs = int(rng.integers(26, 36))
-    shoulder = JAR_HEIGHT_M - cap_height
-    profile = [
-        (0.0, 0.0),
-        (JAR_RADIUS_M - 0.0015, 0.0),
-        (JAR_RADIUS_M - 0.0004, 0.002),
-        (JAR_RADIUS_M - 0.0004, shoulder - 0.004),
-        (0.0190, shoulder),
-    ]
-    canvas = _Wrap(profile, body)
+    cap_height, ribs = rng.uniform(0.0195, 0.0235), int(rng.integers(26, 36))
+    shoulder, r = JAR_HEIGHT_M - cap_height, JAR_RADIUS_M
+    radii = (0.0, r - 0.0015, r - 0.0004, r - 0.0004, 0.0190)
+    canvas = _Wrap(radii, (0.0, 0.0, 0.002, shoulder - 0.004, shoulder), body)
     if amber:
         # Pills seen through the amber plastic.
         canvas.paint((canvas.height_on_wall > 0.003) & (canvas.height_on_wall < 0.046), shaded(body, 0.80))
         canvas.grain(rng, cells=(14, 24), amount=0.08)
     _pharmacy_label(canvas, rng, ink)
-    cap_profile = [
-        (0.0165, shoulder - 0.0005),
-        (JAR_RADIUS_M, shoulder - 0.0005),
-        (JAR_RADIUS_M, JAR_HEIGHT_M - 0.002),
-        (JAR_RADIUS_M - 0.0018, JAR_HEIGHT_M),
-        (0.0, JAR_HEIGHT_M),
-    ]
-    cap = _Wrap(cap_profile, shaded(white, 1.1))
-    low, high, end = (float(profile_length(cap_profile)[k]) for k in (1, 2, 4))
-    edge = (cap.length > low + 0.002) & (cap.length < high - 0.001)
-    cap.shade(np.where(edge, 0.88 + 0.12 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width)), 1.0))
-    cap.shade(np.where(cap.length < low + 0.002, 0.92, 1.0))
+    low = shoulder - 0.0005
+    z = (low, low, JAR_HEIGHT_M - 0.002, JAR_HEIGHT_M, JAR_HEIGHT_M)
+    cap = _Wrap((0.0165, r, r, r - 0.0018, 0.0), z, shaded(white, 1.1))
+    _, low_row, high_row, _, end = cap.solid.rows
+    ribbed = 0.88 + 0.12 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
+    cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
+    cap.shade(np.where(cap.y < low_row + 0.002, 0.92, 1.0))
     # The arrows of a push-and-turn cap: a ring with gaps.
-    arrows = (np.abs(end - cap.length - 0.0115) < 0.0012) & (np.cos(6.0 * math.pi * cap.x / cap.width) > -0.4)
+    arrows = (np.abs(end - cap.y - 0.0115) < 0.0012) & (np.cos(6.0 * math.pi * cap.x / cap.width) > -0.4)
     cap.paint(arrows, (0.55, 0.56, 0.58))
-    collision = _solid()
-    return Draft(
-        shape="cylinder",
-        description=f"A pharmacy pill bottle with a {color} ribbed child-proof cap and a printed label.",
-        tags=("pill bottle", "pills", "medicine", "pharmacy", "bottle", color),
-        body=mass_properties(collision, _MASS_KG),
-        visual=(
-            part("body", canvas.mesh(), body, picture=canvas.pixels(), specular=0.4, shininess=0.5),
-            part("cap", cap.mesh(), white, picture=cap.pixels(), specular=0.2),
-        ),
-        collision=collision,
-        grasps=_grasps(),
-        regions=_regions(),
-        parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, "amber": str(amber), "ribs": float(ribs)},
+    return _bottle(
+        f"A pharmacy pill bottle with a {color} ribbed child-proof cap and a printed label.",
+        ("pill bottle", "pills", "medicine", "pharmacy", "bottle"),
+        part("body", canvas.mesh(), canvas, specular=0.4, shininess=0.5),
+        part("cap", cap.mesh(), cap),
+        amber=str(amber),
+        ribs=float(ribs),
     )
 
 
@@ -176,171 +106,116 @@ class _Wrap(Canvas):
     """A picture that goes once around each half of a turned body, so that its print reads rightly on both.
 
     Attributes:
-        width: Half the circumference [m].
-        length: (height, width) distance along the profile of each sample [m].
+        solid: The body.
         height_on_wall: (height, width) height of each sample above the foot [m], as far as the wall is upright.
     """
 
-    def __init__(
-        self, profile: Sequence[tuple[float, float]], color: Color, *, pixels: tuple[int, int] = (160, 192)
-    ) -> None:
-        """Start a picture for the body turned from ``profile`` (radius, z) [m]."""
-        self._profile = tuple(profile)
-        self.width = math.pi * max(r for r, _ in profile)
-        along = profile_length(profile)
-        super().__init__(self.width, float(along[-1]), pixels, color)
-        self.length = self.y
-        self.height_on_wall = np.interp(self.y, along, [z for _, z in profile])
+    def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Color) -> None:
+        """Start a picture for the body turned from a profile [m]."""
+        self.solid = Turned(radii, heights)
+        super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
+        self.height_on_wall = np.interp(self.y, self.solid.rows, heights)
 
     def mesh(self) -> Mesh:
         """Return the creased mesh; each half begins with a seam, the first at -y: +x is in the middle of one."""
         half = _SIDES // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
-        u = np.tile(np.arange(half + 1) / half, 2)
-        along = profile_length(self._profile)
         rings = [
-            np.stack([r * np.cos(turn), r * np.sin(turn), np.full(len(turn), z)], axis=1) for r, z in self._profile
+            np.stack([r * np.cos(turn), r * np.sin(turn), np.full(len(turn), z)], axis=1) for r, z in self.solid.profile
         ]
-        return creased(loft(rings, u=u, v=along / along[-1], caps=(False, False)), 40.0)
+        rows = np.array(self.solid.rows) / self.solid.rows[-1]
+        return creased(
+            loft(rings, u=np.tile(np.arange(half + 1) / half, 2), v=rows.tolist(), caps=(False, False)), 40.0
+        )
 
 
 class _Shape:
     """The profile that the looks of a jar share: one radius, one height, another neck and cap."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.cap_height = float(rng.uniform(0.0185, 0.0235))
-        self.cap_radius = float(rng.uniform(0.0196, 0.0208))
-        self.shoulder = float(rng.uniform(0.0030, 0.0055))
-        self.dome = float(rng.choice([0.0010, 0.0010, 0.0030]))
-        neck = JAR_HEIGHT_M - self.cap_height
-        self.profile = (
-            (0.0, 0.0),
-            (JAR_RADIUS_M - 0.0018, 0.0),
-            (JAR_RADIUS_M, 0.0025),
-            (JAR_RADIUS_M, neck - self.shoulder),
-            (0.0180, neck + 0.0005),
-        )
-
-    def canvas(self, color: Color) -> _Wrap:
-        """Return the picture of the jar below its cap."""
-        return _Wrap(self.profile, color)
-
-    def cap(self) -> Mesh:
-        """Return the mesh of the cap."""
-        low, r = JAR_HEIGHT_M - self.cap_height, self.cap_radius
-        profile = [
-            (0.0160, low),
-            (r, low),
-            (r, JAR_HEIGHT_M - 0.0014 - self.dome),
-            (r - 0.0014, JAR_HEIGHT_M - self.dome),
-            (0.0, JAR_HEIGHT_M),
-        ]
-        return lathe(profile, _SIDES, wrap=True)
+        self.cap_height, r, shoulder = uniforms(rng, (0.0185, 0.0235), (0.0196, 0.0208), (0.0030, 0.0055))
+        dome = float(rng.choice([0.0010, 0.0010, 0.0030]))
+        low, top = JAR_HEIGHT_M - self.cap_height, JAR_HEIGHT_M - dome
+        radii = (0.0, JAR_RADIUS_M - 0.0018, JAR_RADIUS_M, JAR_RADIUS_M, 0.0180)
+        self.profile = radii, (0.0, 0.0, 0.0025, low - shoulder, low + 0.0005)
+        self.cap_radius = r
+        self.cap = Turned((0.0160, r, r, r - 0.0014, 0.0), (low, low, JAR_HEIGHT_M - 0.0014 - dome, top, JAR_HEIGHT_M))
 
 
 def _jar(
-    shape: _Shape, canvas: _Wrap, cap: Color, *, description: str, tags: tuple[str, ...], specular: float
+    shape: _Shape, canvas: _Wrap, cap: Color, description: str, tags: tuple[str, ...], *, specular: float
 ) -> Draft:
-    """Put a jar together."""
-    collision = _solid()
+    """Put a jar together; the edge of its cap is knurled."""
+    r, start = shape.cap_radius, shape.cap_radius - 0.0160
+    knurled = Canvas(math.pi * r, start + shape.cap_height + r, (128, 128), cap)
+    skirt = knurled.between(start + 0.002, start + shape.cap_height - 0.003)
+    knurled.shade(np.where(skirt, 0.90 + 0.10 * np.cos(2.0 * math.pi * 22.0 * knurled.x / (math.pi * 0.02)), 1.0))
+    knurled.shade(np.where(knurled.y > knurled.height - 0.62 * r, 0.93, 1.0))
+    body = part("body", canvas.mesh(), canvas, specular=specular, shininess=0.7)
+    top = part("cap", shape.cap.mesh(), knurled, specular=0.35, shininess=0.5)
+    return _bottle(description, tags, body, top, cap_height_m=shape.cap_height)
+
+
+def _bottle(description: str, tags: tuple[str, ...], *visual: VisualPart, **parameters: float | str) -> Draft:
+    """Return what every jar and the pill bottle have in common, around what is seen of one.
+
+    70 g of glass and cap and 50 g of what is inside; one cylinder on a square foot; pads that reach 12 mm below the
+    grasp, and so stay above a hole 35 mm deep.
+    """
     return Draft(
         shape="cylinder",
         description=description,
         tags=tags,
-        body=mass_properties(collision, _MASS_KG),
-        visual=(
-            part("body", canvas.mesh(), _GLASS, picture=canvas.pixels(), specular=specular, shininess=0.7),
-            _cap(shape, cap),
-        ),
-        collision=collision,
-        grasps=_grasps(),
-        regions=_regions(),
-        parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, "cap_height_m": shape.cap_height},
+        mass_kg=0.12,
+        parts=(*visual, *standing(0.0140, (JAR_RADIUS_M, JAR_HEIGHT_M))),
+        grasps=(grip_across(0.062, JAR_RADIUS_M),),
+        regions=(disc("base", JAR_RADIUS_M), disc("top", 0.0195, JAR_HEIGHT_M)),
+        parameters={"radius_m": JAR_RADIUS_M, "height_m": JAR_HEIGHT_M, **parameters},
     )
-
-
-def _cap(shape: _Shape, color: Color) -> VisualPart:
-    """Return the cap with its knurled edge."""
-    reach = shape.cap_radius - 0.0160 + shape.cap_height + shape.cap_radius
-    canvas = Canvas(math.pi * shape.cap_radius, reach, (128, 128), color)
-    skirt = (canvas.y > shape.cap_radius - 0.0160 + 0.002) & (
-        canvas.y < shape.cap_radius - 0.0160 + shape.cap_height - 0.003
-    )
-    canvas.shade(np.where(skirt, 0.90 + 0.10 * np.cos(2.0 * math.pi * 22.0 * canvas.x / (math.pi * 0.02)), 1.0))
-    canvas.shade(np.where(canvas.y > reach - 0.62 * shape.cap_radius, 0.93, 1.0))
-    return part("cap", shape.cap(), color, picture=canvas.pixels(), specular=0.35, shininess=0.5)
 
 
 def _label(canvas: _Wrap, rng: np.random.Generator, color: str) -> None:
     """Glue the label on: paper, a big band in the spice's color, its name on the band."""
-    up, x, width = canvas.height_on_wall, canvas.x, canvas.width
+    up, width, wide = canvas.height_on_wall, canvas.width, 0.45 * canvas.width
     design = str(rng.choice(["band", "frame", "round", "full"]))
-    low, high = 0.0095, 0.0500
-    reach = np.abs(x - 0.5 * width)
-    print_color = _PRINT[color]
+    low, high, middle = 0.0095, 0.0500, 0.0320
+    reach = np.abs(canvas.x - 0.5 * width)
     ink: Color = (0.10, 0.11, 0.13) if color == "white" else (0.96, 0.95, 0.92)
     # White print needs a darker paper around it, the others a light one.
-    paper = (0.62, 0.53, 0.38) if color == "white" else _PAPER
-    wide = 0.45 * width
-    on_label = (reach < wide) & (up > low) & (up < high)
-    canvas.paint(on_label, paper)
-    middle = 0.0320
+    label = (reach < wide) & (up > low) & (up < high)
+    canvas.paint(label, (0.62, 0.53, 0.38) if color == "white" else (0.93, 0.91, 0.85))
     if design == "band":
-        field = on_label & (np.abs(up - middle) < 0.0125)
+        field = np.abs(up - middle) < 0.0125
     elif design == "frame":
-        field = on_label & (reach < wide - 0.0022) & (up > low + 0.0022) & (up < high - 0.0022)
+        field = (reach < wide - 0.0022) & (up > low + 0.0022) & (up < high - 0.0022)
     elif design == "round":
-        field = on_label & ((reach / (wide - 0.001)) ** 4 + ((up - middle) / 0.0150) ** 4 < 1.0)
+        field = (reach / (wide - 0.001)) ** 4 + ((up - middle) / 0.0150) ** 4 < 1.0
     else:
-        field = on_label & (up > low + 0.0075)
-    canvas.paint(field, print_color)
+        field = up > low + 0.0075
+    canvas.paint(label & field, _PRINT[color])
     name = _NAMES[color]
     size = min(0.0098, 0.80 * wide / (0.45 * len(name)))
-    base = float(np.interp(middle, canvas.height_on_wall[::-1, 0], canvas.length[::-1, 0]))
+    base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))
     write(canvas, name, (0.5 * width, base), height=size, ink=ink, weight=0.20)
     for offset in (0.0080, -0.0080):
-        canvas.paint(field & (np.abs(up - middle - offset) < 0.0006) & (reach < 0.6 * wide), ink)
+        canvas.paint(label & field & (np.abs(up - middle - offset) < 0.0006) & (reach < 0.6 * wide), ink)
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Color) -> None:
     """Glue on the label of a pharmacy: a cross in a colored head and lines of small print."""
-    up, x, width = canvas.height_on_wall, canvas.x, canvas.width
-    reach = np.abs(x - 0.5 * width)
-    wide = 0.43 * width
-    low, high = 0.0080, 0.0520
-    canvas.paint((reach < wide) & (up > low) & (up < high), (0.97, 0.97, 0.96))
-    head = 0.0350
-    left = x - 0.5 * width
+    up, left, wide = canvas.height_on_wall, canvas.x - 0.5 * canvas.width, 0.43 * canvas.width
+    reach, high, head = np.abs(left), 0.0520, 0.0350
+    canvas.paint((reach < wide) & (up > 0.0080) & (up < high), (0.97, 0.97, 0.96))
     canvas.paint((reach < wide) & (up > head + 0.0135) & (up < high), ink)
     center = head + 0.0025
-    cross = (np.maximum(np.abs(left + 0.0125), np.abs(up - center)) < 0.0078) & (
-        np.minimum(np.abs(left + 0.0125), np.abs(up - center)) < 0.0027
+    dx, dz = np.abs(left + 0.0125), np.abs(up - center)
+    canvas.paint((np.maximum(dx, dz) < 0.0078) & (np.minimum(dx, dz) < 0.0027), ink)
+    # Small print: rows, their share of the width, where they begin, the uppermost, their distance and half height.
+    blocks = (
+        (3, (0.55, 0.9), -0.0015, center + 0.005, 0.005, 0.0010),
+        (4, (0.5, 0.92), -0.88 * wide, 0.0255, 0.0045, 0.0008),
     )
-    canvas.paint(cross, ink)
-    gray = (0.25, 0.26, 0.30)
-    for row in range(3):
-        end = float(rng.uniform(0.55, 0.9)) * wide
-        canvas.paint((left > -0.0015) & (left < end) & (np.abs(up - center - 0.005 + 0.005 * row) < 0.0010), gray)
-    for row in range(4):
-        end = float(rng.uniform(0.5, 0.92)) * wide
-        start = -0.88 * wide
-        canvas.paint((left > start) & (left < end) & (np.abs(up - 0.0255 + 0.0045 * row) < 0.0008), gray)
-
-
-def _solid() -> tuple[CollisionPart, ...]:
-    """Return the collision shapes of every jar: one cylinder on a square foot."""
-    return (foot(0.0140), upright_cylinder(JAR_RADIUS_M, 0.0005, JAR_HEIGHT_M))
-
-
-def _grasps() -> tuple[Grasp, ...]:
-    """Return the one way to take a jar."""
-    pose = Pose((0.0, 0.0, _GRIP_HEIGHT), JAW_OPENS_ALONG_Y)
-    return (Grasp("body", pose, 2.0 * JAR_RADIUS_M, symmetric_yaw=True),)
-
-
-def _regions() -> tuple[Region, ...]:
-    """Return the named places of every jar."""
-    return (
-        Region("base", (0.0, 0.0, 0.0), (JAR_RADIUS_M, JAR_RADIUS_M, 0.001)),
-        Region("top", (0.0, 0.0, JAR_HEIGHT_M), (0.0195, 0.0195, 0.001)),
-    )
+    for rows, shares, start, top, pitch, half in blocks:
+        for row in range(rows):
+            end = rng.uniform(*shares) * wide
+            canvas.paint((left > start) & (left < end) & (np.abs(up - top + pitch * row) < half), (0.25, 0.26, 0.30))

@@ -1,20 +1,16 @@
 """A wooden block with three numbered holes that jars stand in."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.lettering import write
-from betterbench.assets.procedural.mesh import Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
+from betterbench.assets.authoring import Draft, generator, part, solid_box, solid_span, zone
+from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, creased, loft, mapped, merge, prism, rectangle
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
-from betterbench.state import Region
 
 CLEARANCE_M = 0.0027
 """Play between a jar and its hole on each side [m]: the task asks for 3 mm a side or less."""
@@ -38,56 +34,39 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
 
     0.073 x 0.27 x 0.041 m of hardwood (650 kg/m^3) less three holes weigh 0.38 kg; it is meant to be fixed. All looks
     have the same holes: they are the tolerance of the task. They differ in grain, finish and the marks.
-
-    Args:
-        rng: Source of the grain, the finish and the marks.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
     wood = jittered(_WOOD[color], rng, amount=0.16)
-    style = str(rng.choice(["plate", "burnt", "painted"]))
-    stripe = bool(rng.random() < 0.5)
-    plates = {
-        "plate": (0.93, 0.91, 0.85),
-        "burnt": mixed(wood, (0.95, 0.86, 0.70), 0.45),
-        "painted": (0.10, 0.11, 0.13),
-    }
-    plate = plates[style]
+    style, stripe = str(rng.choice(["plate", "burnt", "painted"])), rng.random() < 0.5
+    burnt = mixed(wood, (0.95, 0.86, 0.70), 0.45)
+    plate = {"plate": (0.93, 0.91, 0.85), "burnt": burnt, "painted": (0.10, 0.11, 0.13)}[style]
     ink: Color = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
-
-    holes = [merge([_cell(index) for index in range(3)])]
-    top = mapped(holes[0], (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
-    walls = (
-        solid_box((-_HALF_X, -_HALF_Y, 0.0), (_HALF_X, _HALF_Y, _FLOOR)),
-        solid_box((_APOTHEM, -_HALF_Y, _FLOOR), (_HALF_X, _HALF_Y, _HEIGHT)),
-        solid_box((-_HALF_X, -_HALF_Y, _FLOOR), (-_APOTHEM, _HALF_Y, _HEIGHT)),
-        *(
-            solid_box((-_APOTHEM, low, _FLOOR), (_APOTHEM, high, _HEIGHT))
-            for low, high in (
-                (-_HALF_Y, -PITCH_M - _APOTHEM),
-                (-PITCH_M + _APOTHEM, -_APOTHEM),
-                (_APOTHEM, PITCH_M - _APOTHEM),
-                (PITCH_M + _APOTHEM, _HALF_Y),
-            )
-        ),
+    gaps = (
+        (-_HALF_Y, -PITCH_M - _APOTHEM),
+        (-PITCH_M + _APOTHEM, -_APOTHEM),
+        (_APOTHEM, PITCH_M - _APOTHEM),
+        (PITCH_M + _APOTHEM, _HALF_Y),
     )
-    corners = tuple(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4))
+    walls = (
+        solid_span((-_HALF_X, _HALF_X), _HALF_Y, (0.0, _FLOOR)),
+        solid_span((_APOTHEM, _HALF_X), _HALF_Y, (_FLOOR, _HEIGHT)),
+        solid_span((-_HALF_X, -_APOTHEM), _HALF_Y, (_FLOOR, _HEIGHT)),
+        *(solid_box((-_APOTHEM, low, _FLOOR), (_APOTHEM, high, _HEIGHT)) for low, high in gaps),
+    )
     return Draft(
         shape="box",
         description=f"A {color} wooden spice rack with three numbered holes in a row.",
-        tags=("spice rack", "rack", "jar holder", "wood", "holes", color),
-        body=mass_properties(walls, 0.38),
-        visual=(
-            part("block", _outside(), wood, picture=_grain(rng, wood, stripe=stripe), specular=0.15),
-            part("top", top, wood, picture=_top(rng, wood), specular=0.15),
-            part("marks", _marks(), plate, picture=_digits(plate, ink), specular=0.2),
+        tags=("spice rack", "rack", "jar holder", "wood", "holes"),
+        mass_kg=0.38,
+        densities=(1.0,) * len(walls),
+        parts=(
+            part("block", _outside(), _grain(rng, wood, stripe=stripe), specular=0.15),
+            part("top", merge([_cell(index) for index in range(3)]), _top(rng, wood), view=ABOVE, specular=0.15),
+            part("marks", _marks(), _digits(plate, ink)),
+            *walls,
+            *(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4)),
         ),
-        collision=(*walls, *corners),
-        grasps=(),
         regions=tuple(
-            Region(f"hole_{number}", (0.0, (number - 2) * PITCH_M, _FLOOR), (0.004, 0.004, _DEPTH))
+            zone(f"hole_{number}", 0.004, 0.004, _FLOOR, y=(number - 2) * PITCH_M, half_z=_DEPTH)
             for number in (1, 2, 3)
         ),
         parameters={
@@ -163,28 +142,25 @@ def _marks() -> Mesh:
     plates = []
     for index in range(3):
         y = (index - 1) * PITCH_M
-        front = mapped(box((0.0008, 0.030, 0.028), (_HALF_X, y, 0.0200), corner=0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        above = mapped(
-            box((0.0084, 0.0150, 0.0008), (0.5 * (_APOTHEM + _RIM + _HALF_X - _EDGE), y, _HEIGHT)),
-            (0.0, 1.0, 0.0),
-            (-1.0, 0.0, 0.0),
-        )
+        front = mapped(box((0.0008, 0.030, 0.028), (_HALF_X, y, 0.0200)), *FRONT)
+        middle = 0.5 * (_APOTHEM + _RIM + _HALF_X - _EDGE)
+        above = mapped(box((0.0084, 0.0150, 0.0008), (middle, y, _HEIGHT)), *ABOVE)
         for plate in (front, above):
             uv = np.stack([(index + plate.uv[:, 0]) / 3.0, plate.uv[:, 1]], axis=1)
             plates.append(Mesh(plate.vertices, plate.faces, uv))
     return merge(plates)
 
 
-def _digits(plate: Color, ink: Color) -> np.ndarray:
+def _digits(plate: Color, ink: Color) -> Canvas:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
         # Wide on the plate in front, where the digit is as high as the plate, and on the flat one alike.
         write(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
-    return canvas.pixels()
+    return canvas
 
 
-def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> np.ndarray:
+def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> Canvas:
     """Draw the long side of the block."""
     canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
@@ -192,10 +168,10 @@ def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> np.ndarray
     if stripe:
         canvas.band(0.0028, 0.0048, shaded(wood, 0.62))
     canvas.shade(0.86 + 0.14 * np.clip(canvas.y / (0.7 * _HEIGHT), 0.0, 1.0))
-    return canvas.pixels()
+    return canvas
 
 
-def _top(rng: np.random.Generator, wood: Color) -> np.ndarray:
+def _top(rng: np.random.Generator, wood: Color) -> Canvas:
     """Draw the top face; the holes lie in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)
@@ -207,4 +183,4 @@ def _top(rng: np.random.Generator, wood: Color) -> np.ndarray:
         away = np.maximum(np.maximum(x, y), math.sqrt(0.5) * (x + y))
         canvas.shade(np.where(away < _APOTHEM + 0.0008, 0.52, 1.0))
         canvas.shade(np.where(away < _APOTHEM - 0.0040, 0.82, 1.0))
-    return canvas.pixels()
+    return canvas

@@ -1,20 +1,15 @@
 """Open takeaway boxes of kraft board."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from betterbench.assets.procedural.body import mass_properties, solid_box
-from betterbench.assets.procedural.mesh import Mesh, creased, loft
-from betterbench.assets.procedural.paint import Canvas, Color, jittered, mixed, shaded
-from betterbench.assets.procedural.registry import Draft, generator, part
-from betterbench.state import Region
+from betterbench.assets.authoring import Draft, generator, open_box, part, zone
+from betterbench.assets.authoring.mesh import Mesh, creased, loft
+from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
 
 _WALL = 0.005
 _FLOOR = 0.005
 # Share of the picture's height that shows the outside; the rest is the inside and the floor.
 _OUTSIDE = 0.58
-_KRAFT: Color = (0.72, 0.53, 0.33)
 
 
 @generator("takeaway_box", colors=("brown", "white"))
@@ -23,46 +18,26 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
 
     The inside is about 0.20 m (x) by 0.27 m (y). It weighs 0.45 kg, most of it in the floor: an empty box of 40 g would
     slide at a touch, so it stands for one with a stiff insert and something already in it.
-
-    Args:
-        rng: Source of proportions, folds and print.
-        color: Color word.
-
-    Returns:
-        The draft.
     """
-    half_x = 0.100 + float(rng.uniform(-0.002, 0.002))
-    half_y = 0.135 + float(rng.uniform(-0.002, 0.002))
-    height = float(rng.uniform(0.100, 0.108))
-    tooth = float(rng.uniform(0.0032, 0.0045))
-    kraft = jittered(_KRAFT if color == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
+    half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
+    height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
+    kraft = jittered((0.72, 0.53, 0.33) if color == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
-
     mesh, front = _box(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
-    picture = _print(
-        rng, kraft, ink, sign=sign, height=height, half_perimeter=2.0 * (half_x + half_y + 2 * _WALL), front=front
-    )
-    ox, oy = half_x + _WALL, half_y + _WALL
-    collision = (
-        solid_box((-ox, -oy, 0.0), (ox, oy, _FLOOR)),
-        solid_box((half_x, -oy, _FLOOR), (ox, oy, height)),
-        solid_box((-ox, -oy, _FLOOR), (-half_x, oy, height)),
-        solid_box((-half_x, half_y, _FLOOR), (half_x, oy, height)),
-        solid_box((-half_x, -oy, _FLOOR), (half_x, -half_y, height)),
-    )
+    around = 2.0 * (half_x + half_y + 2 * _WALL)
+    picture = _print(rng, kraft, ink, sign=sign, height=height, half_perimeter=around, front=front)
     inside = 0.5 * (height - _FLOOR)
     return Draft(
         shape="box",
         description=f"An open {color} takeaway box of kraft board with a printed {sign}.",
-        tags=("box", "takeaway box", "food tray", "container", color),
-        body=mass_properties(collision, 0.45, densities=(3.0, 0.25, 0.25, 0.25, 0.25)),
-        visual=(part("box", mesh, kraft, picture=picture, specular=0.05),),
-        collision=collision,
-        grasps=(),
+        tags=("box", "takeaway box", "food tray", "container"),
+        mass_kg=0.45,
+        densities=(3.0, 0.25, 0.25, 0.25, 0.25),
+        parts=(part("box", mesh, picture, specular=0.05), *open_box((half_x, half_y), _WALL, _FLOOR, height)),
         regions=(
-            Region("inside", (0.0, 0.0, _FLOOR + inside), (half_x, half_y, inside)),
-            Region("opening", (0.0, 0.0, height), (half_x, half_y, 0.001)),
+            zone("inside", half_x, half_y, _FLOOR + inside, half_z=inside),
+            zone("opening", half_x, half_y, height),
         ),
         parameters={"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height, "sign": sign},
     )
@@ -83,11 +58,8 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
     fold = np.where(on_short, np.clip(1.0 - np.abs(outline[:, 0]) / half_x, 0.0, 1.0), 0.0) * 0.0040
     # Long sides stand in slightly unevenly, as paper does.
     on_long = np.abs(np.abs(outline[:, 0]) - half_x) < 1e-9
-    wave = (
-        np.where(on_long, np.clip(1.0 - np.abs(outline[:, 1]) / half_y, 0.0, 1.0), 0.0)
-        * rng.uniform(0.2, 1.0, n)
-        * 0.0022
-    )
+    bulge = np.where(on_long, np.clip(1.0 - np.abs(outline[:, 1]) / half_y, 0.0, 1.0), 0.0)
+    wave = bulge * rng.uniform(0.2, 1.0, n) * 0.0022
 
     def ring(inset: float, push: np.ndarray, z: np.ndarray | float) -> np.ndarray:
         points = np.zeros((n, 3))
@@ -109,15 +81,9 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
         ring(paper, none, _FLOOR),
     ]
     # Distance along the edge from the middle of the front, so that nothing but the two middles is a seam.
-    along = np.where(
-        np.abs(outline[:, 0] - half_x) < 1e-9,
-        np.abs(outline[:, 1]),
-        np.where(
-            np.abs(outline[:, 0] + half_x) < 1e-9,
-            2 * half_y + 2 * half_x - np.abs(outline[:, 1]),
-            half_y + half_x - outline[:, 0],
-        ),
-    )
+    x, y = outline[:, 0], np.abs(outline[:, 1])
+    back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
+    along = np.where(np.abs(x - half_x) < 1e-9, y, back)
     half_perimeter = 2.0 * (half_x + half_y)
     v = (0.0, 0.52 * _OUTSIDE, _OUTSIDE, _OUTSIDE + 0.01, 0.97)
     return creased(loft(rings, u=along / half_perimeter, v=v), 35.0), half_y / half_perimeter
@@ -132,7 +98,7 @@ def _print(
     height: float,
     half_perimeter: float,
     front: float,
-) -> np.ndarray:
+) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # meters per full height of the picture
     canvas = Canvas(half_perimeter, scale, (256, 128), kraft)
@@ -153,7 +119,7 @@ def _print(
     canvas.shade(np.where(outside, 0.88 + 0.12 * np.clip(y / (0.5 * height), 0.0, 1.0), 1.0))
     down = np.clip((y - height) / (scale - height), 0.0, 1.0)
     canvas.shade(np.where(outside, 1.0, 0.86 - 0.30 * down))
-    return canvas.pixels()
+    return canvas
 
 
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Color, kraft: Color) -> None:

@@ -38,7 +38,7 @@ def print_audit(audit: Audit) -> None:
 
 
 def _listing(audit: TableAudit) -> Table:
-    """Return the findings one by one as far as they do not hold, and how many hold."""
+    """Return each finding that does not hold, and how many hold."""
     listing = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     listing.add_column(width=_VERDICT_WIDTH)
     listing.add_column(overflow="fold")
@@ -54,7 +54,7 @@ def _listing(audit: TableAudit) -> Table:
 
 
 def _verdict(finding: AuditFinding) -> str:
-    """Return the verdict with the trials in place of n."""
+    """Return the verdict, its "n" replaced by the number of trials."""
     if finding.support is None:
         return finding.verdict.value
     return finding.verdict.value.replace(" n ", f" {min(finding.support.trials)} ")

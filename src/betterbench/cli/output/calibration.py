@@ -24,14 +24,19 @@ def print_calibration(found: Calibration) -> None:
     ]
     print_table(["true label", "kind", "found", "right when given", "otherwise taken for"], rows, title="calibration")
     for j in found.wrong[:WRONG_SHOWN]:
-        OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} called {j.label.value}. {j.text}", markup=False)
+        OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}", markup=False)
     if len(found.wrong) > WRONG_SHOWN:
         OUT.print(f"  and {len(found.wrong) - WRONG_SHOWN} more on the page", markup=False)
     for c in suspicious(found.probes):
-        guess = f"guessing would in {c.chance:.2f} of them"
+        guess = f"guessing would solve a share of {c.chance:.2f}"
         OUT.print(f"• {c.probe} solves {c.task}/{c.variation} in {c.k}/{c.n} trials; {guess}", markup=False)
-    OUT.print(f"right       {rate_text(found.overall)}, of the failed ones {rate_text(found.failed)}", markup=False)
-    OUT.print(f"reasoning called execution or the other way round: {rate_text(found.crossed_rate)}", markup=False)
+    OUT.print(
+        f"right       {rate_text(found.overall)} of all trials, {rate_text(found.failed)} of the failed ones",
+        markup=False,
+    )
+    OUT.print(
+        f"reasoning taken for execution, or execution for reasoning: {rate_text(found.crossed_rate)}", markup=False
+    )
 
 
 def _taken_for(found: Calibration, label: object) -> str:

@@ -17,7 +17,11 @@ def print_certificate(certificate: Certificate) -> None:
             [f"{s.task}/{s.condition}", f"{s.passed}/{s.n}", *(str(s.clauses[letter]) for letter in CLAUSES)]
             for s in short
         ]
-        print_table(["condition", "passed", *(f"({letter})" for letter in CLAUSES)], rows, title="not full")
+        print_table(
+            ["condition", "passed", *(f"({letter})" for letter in CLAUSES)],
+            rows,
+            title="conditions on which a clause fails",
+        )
     else:
         OUT.print("all clauses hold on every trial", markup=False)
     variations = sum(not s.training for s in groups)

@@ -38,7 +38,7 @@ def print_diagnosis(result: RunDiagnosis) -> None:
 
 
 def print_changes(changes: DiagnosisChanges) -> None:
-    """Print what is judged otherwise than by the stored diagnosis."""
+    """Print the differences from the stored diagnosis."""
     OUT.print(f"\n{_headline(changes)}", markup=False, style="bold")
     for t in changes.thresholds:
         OUT.print(f"threshold {t.name}: {_number(t.before)} before, {_number(t.now)} now", markup=False)
@@ -51,13 +51,13 @@ def print_changes(changes: DiagnosisChanges) -> None:
         OUT.print(f"… and {len(grave) - SHOWN_CHANGES} more trials; --json lists all", markup=False)
     if slight:
         by_rule = len(changes.of_sort("rule"))
-        text = f"{len(slight)} trials keep their label with other evidence ({by_rule} by another rule)"
+        text = f"{len(slight)} trials keep their label on different evidence ({by_rule} by a different rule)"
         OUT.print(f"{text}; --json lists them", markup=False)
     others = changes.of_sort("record", "new", "gone")
     if others:
         finished = sum(t.before is not None and not t.before.has_record for t in others)
-        text = f"{len(others)} trials have another record or plan than then ({finished} of them had no record)"
-        OUT.print(f"{text}; they are no change of the diagnosis", markup=False)
+        text = f"{len(others)} trials have a different record or plan now ({finished} of them had no record before)"
+        OUT.print(f"{text}; these are not changes of the diagnosis", markup=False)
     metrics = [m for m in changes.metrics if "/" not in m.scope]
     if metrics:
         rows = [[m.name, m.scope, _stored(m.before), _stored(m.now)] for m in metrics[:SHOWN_CHANGES]]
@@ -73,9 +73,9 @@ def _headline(changes: DiagnosisChanges) -> str:
     if changes.version_before != changes.version_now:
         source += f" (now {changes.version_now})"
     if not changes.trials:
-        return f"The stored diagnosis of {source} judges every trial alike."
+        return f"The stored diagnosis of {source} gives every trial the same label and evidence."
     s = "" if relabeled == 1 else "s"
-    return f"Changes since the stored diagnosis of {source}: {relabeled} trial{s} with another label."
+    return f"Changes since the stored diagnosis of {source}: {relabeled} trial{s} with a different label."
 
 
 def _print_trial(change: TrialChange) -> None:

@@ -1,17 +1,16 @@
 """The failure modes, one file each: every file of this folder registers itself.
 
-An installed package adds its own by an entry point in the group ``betterbench.failure_modes`` that names a module.
+Installed packages and task files add their own (see :mod:`betterbench.tasks.user_files`).
 """
 
 import importlib
 import pkgutil
-from importlib.metadata import entry_points
 
 from betterbench.diagnosis.failure_mode import MODES
+from betterbench.tasks.user_files import load_declared
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
-for _entry in entry_points(group="betterbench.failure_modes"):
-    _entry.load()
+load_declared()
 
 __all__ = ["MODES"]

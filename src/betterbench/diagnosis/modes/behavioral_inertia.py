@@ -6,7 +6,7 @@ import itertools
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import TrainingDistribution
@@ -31,9 +31,8 @@ def _exposed(x: Exposure) -> bool:
     return any(x.base.occupant(slot) is not None and x.test.occupant(slot) is None for slot in memorized)
 
 
-@failure_mode(
+@FailureMode(
     Label.BEHAVIORAL_INERTIA,
-    name="Behavioral inertia",
     short="inertia",
     definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
     "unasked or at an empty slot, or the right object is put where training put its kind.",
@@ -42,7 +41,7 @@ def _exposed(x: Exposure) -> bool:
     rule=HABIT,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of inertia."""
     episode = trial.episode
     before: Step | None = None
@@ -56,7 +55,7 @@ def find(trial: TrialView) -> Evidence | None:
         )
         if evidence is not None:
             return evidence
-        if not any(step.at == drawer for drawer, _, _ in episode.trace.drawers):
+        if not episode.trace.is_drawer(step.at):
             before = step
     return None
 
@@ -83,7 +82,7 @@ def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence |
 
 
 def _next_in_line(episode: EpisodeAnalysis, before: Step | None, step: Step) -> Evidence | None:
-    """Return evidence if an attempt is at what followed the one before in training, and nobody asked for it."""
+    """Return evidence if an attempt is at what followed the one before in training, without being asked for."""
     if before is None or before.at is None or step.at is None or step.target is not AttemptTarget.OTHER:
         return None
     pair = (episode.kind(before.at), episode.kind(step.at))
@@ -111,10 +110,10 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the hand moves the drawer into which training put what is asked for, and not the one named."""
+    """Return evidence if the gripper moves the drawer into which training put what is asked for."""
     if step.at is None or step.target is not AttemptTarget.OTHER or step.goal is None:
         return None
-    if not any(step.at == drawer for drawer, _, _ in episode.trace.drawers):
+    if not episode.trace.is_drawer(step.at):
         return None
     due = {episode.kind(i) for i in episode.meant[step.goal]}
     if not any(episode.kind(step.at) == target for kind in due for target, _, _ in episode.trained.kind_targets[kind]):
@@ -124,7 +123,7 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
 
 
 def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
-    """Return evidence if the hand closes at an empty slot where training picked something."""
+    """Return evidence if the gripper closes at an empty slot where training picked something."""
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
         return None
@@ -134,5 +133,5 @@ def _empty(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     what = repr(words[0]) if words else f"the {' or the '.join(kinds)}"
     asked = episode.asked_for(step)
-    text = f"The hand closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
+    text = f"The gripper closes on nothing at slot {slot!r}, where {what} was picked in training; {asked}."
     return episode.at_step("air_grasp_at_memorized_slot", text, step)

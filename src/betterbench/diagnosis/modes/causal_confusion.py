@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
@@ -17,16 +17,15 @@ def _exposed(x: Exposure) -> bool:
     return done or repeated or fewer or len(x.goals) > x.longest_trained
 
 
-@failure_mode(
+@FailureMode(
     Label.CAUSAL_CONFUSION,
-    name="Causal confusion",
     short="causal",
     definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
     conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
     finding="Skips a required step or repeats a finished one",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of causal confusion."""
     episode = trial.episode
     for step in episode.steps:

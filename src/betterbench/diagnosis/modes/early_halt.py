@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.exposure import Exposure, shown_by
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
@@ -16,16 +16,15 @@ def _exposed(x: Exposure) -> bool:
     return x.test.expected is Expected.SUCCEED and (x.test.instruction.text, shown_by(x.test)) not in met
 
 
-@failure_mode(
+@FailureMode(
     Label.EARLY_HALT,
-    name="Early halt",
     short="halt",
     definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
     conclusion="It stops before the work is done.",
     finding="Stops for good with something left to do",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an early halt."""
     episode = trial.episode
     if episode.condition.expected is not Expected.SUCCEED:

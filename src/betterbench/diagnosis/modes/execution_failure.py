@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
 from betterbench.tasks import THRESHOLDS, Expected
@@ -19,9 +19,8 @@ def _exposed(x: Exposure) -> bool:
     return any(x.stand_of(x.test, goal.target) != x.stand_of(x.base, goal.target) for goal in x.open_goals)
 
 
-@failure_mode(
+@FailureMode(
     Label.EXECUTION_FAILURE,
-    name="Execution failure",
     short="execution",
     definition="The right target at the right time, but slipped, dropped, collided, missed, knocked away again, or a "
     "drawer left halfway.",
@@ -29,7 +28,7 @@ def _exposed(x: Exposure) -> bool:
     finding="Chooses the right target and fails at the manipulation",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
     episode = trial.episode
     if trial.unexplained:
@@ -57,20 +56,20 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     i = step.grasp.object
     if i is None:
-        return episode.at_step("missed_by_pose", f"The hand closes beside {word!r}, the right target.", step)
-    drawer = any(i == found for found, _, _ in episode.trace.drawers)
+        return episode.at_step("missed_by_pose", f"The gripper closes beside {word!r}, the right target.", step)
+    drawer = episode.trace.is_drawer(i)
     if drawer and _moved_later(episode, step, i):
         return None
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i]:
             return None  # the episode ended with the object between the fingers: there was no time to lift it
-        text = f"The hand closes on {word!r}, the right target, but does not lift it."
+        text = f"The gripper closes on {word!r}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i, word)
 
 
 def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
-    """Tell whether a later try for the same subgoal worked, and only the place was wrong: then the hand is not why.
+    """Tell whether a later try for the same subgoal worked, so that only the target region was wrong.
 
     What was let go high above the place may have landed there by chance, unless the place is a container.
     """
@@ -97,15 +96,15 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:
-    """Return evidence if the hand let go of a drawer on its way and nothing moved it on from there."""
+    """Return evidence if the gripper let go of a drawer on its way and nothing moved it on from there."""
     if episode.trace.left[-1, drawer] and episode.trace.right[-1, drawer]:
-        return None  # the episode ended with the hand on it
-    text = f"The hand moves the {episode.kind(drawer)}, the right one, and leaves it halfway."
+        return None  # the episode ended with the gripper on it
+    text = f"The gripper moves the {episode.kind(drawer)}, the right one, and leaves it halfway."
     return episode.at_step("drawer_left_halfway", text, step)
 
 
 def _lost(episode: EpisodeAnalysis, step: Step, i: int, word: str) -> Evidence | None:
-    """Return evidence if an object left the hand and came to rest at no place where a policy could want it."""
+    """Return evidence if an object left the gripper and came to rest at no place where a policy could want it."""
     trace, rows = episode.trace, episode.let_go(step)
     if rows is None:
         return None
@@ -116,7 +115,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int, word: str) -> Evidence |
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:
         how = "drops" if gone >= step.grasp.release else "loses"
-        text = f"The hand {how} {word!r}, the right target, {100 * fall:.0f} cm above where it comes to rest."
+        text = f"The gripper {how} {word!r}, the right target, {100 * fall:.0f} cm above where it comes to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
     text = f"{word!r}, the right target, is let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
@@ -171,5 +170,5 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     if not touched.any():
         return None
     row, i = (int(v) for v in np.argwhere(touched)[0])
-    text = f"The hand brushes against the {episode.kind(i)}, where nothing was to be touched."
+    text = f"The gripper brushes against the {episode.kind(i)}, where nothing was to be touched."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))

@@ -1,10 +1,10 @@
-"""Lexical-kinematic shortcut: the hand goes where the instruction's word led in training, to another object."""
+"""Lexical-kinematic shortcut: the gripper goes where the instruction's word led in training, to another object."""
 
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import WORD
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
@@ -20,9 +20,8 @@ def _exposed(x: Exposure) -> bool:
     return False
 
 
-@failure_mode(
+@FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
-    name="Lexical-kinematic shortcut",
     short="lexical",
     definition="The first attempt goes where the word of the instruction led in training, to another object that the "
     "instruction could have meant in another layout.",
@@ -30,9 +29,10 @@ def _exposed(x: Exposure) -> bool:
     finding="Goes where the word led in training, to another object",
     rule=WORD,
     needs_rule=True,
+    title="Lexical-kinematic shortcut",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a first attempt that follows the word to a wrong object."""
     episode = trial.episode
     step = episode.first_choice
@@ -64,7 +64,7 @@ def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
     Where the order is free, the mug that is taken for the mouse is a right object and betrays itself by where it is
     brought. If training brought its kind there, habit explains that, and no mistaken identity is needed.
     """
-    goal = step.taken_for
+    goal = episode.taken_for(step)
     if goal is None or step.at is None or step.target is not AttemptTarget.ASKED:
         return None
     found = episode.wrong_place(step)

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
@@ -18,16 +18,15 @@ def _exposed(x: Exposure) -> bool:
     return x.test.instruction.ordered and len(still_open) > 1 and sequence not in x.trained.sequences
 
 
-@failure_mode(
+@FailureMode(
     Label.ORDER_VIOLATION,
-    name="Order violation",
     short="order",
     definition="The right objects are handled in the wrong order where the order is part of the goal.",
     conclusion="It handles the right objects in the wrong order.",
     finding="Does the right things in the wrong order",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a violated order."""
     episode = trial.episode
     if not episode.instruction.ordered:

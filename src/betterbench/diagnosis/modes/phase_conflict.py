@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import THRESHOLDS
@@ -17,16 +17,15 @@ def _exposed(x: Exposure) -> bool:
     return x.test.mid_task_look
 
 
-@failure_mode(
+@FailureMode(
     Label.PHASE_CONFLICT,
-    name="Phase conflict",
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes or wanders without an attempt.",
     conclusion="It freezes or wanders when the scene looks half finished.",
     finding="Freezes or wanders where the scene looks like the middle of a demonstration",
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a phase conflict. An episode with an attempt has none."""
     episode = trial.episode
     if not episode.condition.mid_task_look or episode.steps:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.POLICY_ERROR,
-    name="Policy error",
     short="error",
     definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an episode that the policy or the operator broke off."""
     outcome = trial.record.outcome
     if outcome.termination not in ("policy_error", "interrupted"):

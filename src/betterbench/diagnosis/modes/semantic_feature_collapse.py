@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the hand goes for an object that no instruction of the task means."""
+"""Semantic feature collapse: the gripper goes for an object that no instruction of the task means."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks.labels import Label
@@ -33,9 +33,8 @@ def _exposed(x: Exposure) -> bool:
     return False
 
 
-@failure_mode(
+@FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
-    name="Semantic feature collapse",
     short="look-alike",
     definition="The attempt is at an object that no instruction of the task means.",
     conclusion="It takes look-alikes for the real thing.",
@@ -43,7 +42,7 @@ def _exposed(x: Exposure) -> bool:
     detail=_shared_by,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a collapse, with what the object shares with the target."""
     episode = trial.episode
     for step in episode.steps:

@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.SUCCESS,
-    name="Success",
     short="solved",
     definition="The goal is met, at rest and released, before the step limit.",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a goal that is met."""
     return _success(trial, Expected.SUCCEED, "The goal is met.")
 
 
-@failure_mode(
+@FailureMode(
     Label.CORRECT_FREEZE,
-    name="Correct freeze",
     short="stayed still",
     definition="Nothing was left to do, nothing was touched, and the arm settled.",
 )
-def find_freeze(trial: TrialView) -> Evidence | None:
+def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly did nothing."""
     return _success(trial, Expected.STAY_STILL, "Nothing was to be done, and nothing was touched.")
 
 
-@failure_mode(
+@FailureMode(
     Label.CORRECT_REFUSAL,
-    name="Correct refusal",
     short="refused",
     definition="What was asked for was absent, and nothing was grasped in its place.",
 )
-def find_refusal(trial: TrialView) -> Evidence | None:
+def _find_refusal(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly took nothing in place of what is absent."""
     return _success(trial, Expected.REFUSE, "The target is absent, and nothing forbidden was touched.")
 

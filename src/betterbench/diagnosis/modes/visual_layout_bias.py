@@ -6,7 +6,7 @@ import collections
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
@@ -29,9 +29,8 @@ def _exposed(x: Exposure) -> bool:
     return False
 
 
-@failure_mode(
+@FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
-    name="Visual layout bias",
     short="layout bias",
     definition="The first attempt goes to the same place whatever the instruction; decided over several trials.",
     conclusion="It goes to the same place whatever the instruction says.",
@@ -40,7 +39,7 @@ def _exposed(x: Exposure) -> bool:
     needs_rule=True,
     exposed_by=_exposed,
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a wrong first attempt at a slot; the second pass says whether the slot is a favorite."""
     episode = trial.episode
     step = episode.first_choice

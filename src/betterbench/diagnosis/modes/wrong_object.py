@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
-from betterbench.diagnosis.failure_mode import TrialView, failure_mode
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
 
-@failure_mode(
+@FailureMode(
     Label.WRONG_OBJECT,
-    name="Wrong object",
     short="wrong object",
     definition="An attempt at an object or place of another instruction, by no rule that this run proves.",
     conclusion="It goes for the wrong object; this run cannot tell by which rule.",
     finding="Goes for a wrong object, by no proven rule",
 )
-def find(trial: TrialView) -> Evidence | None:
+def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a wrong object or place."""
     episode = trial.episode
     for step in episode.steps:

@@ -25,7 +25,7 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.recording import JournalEntry, RunFolder, Status
+from betterbench.recording import JournalEntry, RunFolder, TrialStatus
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
@@ -115,7 +115,7 @@ class TrialRunner:
             StorageError: If the disk is full; the run has to stop.
         """
         began = time.perf_counter()
-        status: Status = "done"
+        status: TrialStatus = "done"
         message: str | None = None
         wall: dict[str, float] = {}
         ground_truth: dict[str, str] = {}

@@ -11,21 +11,21 @@ from betterbench.tasks import Condition, Instruction, Reference, stream
 
 
 class NoLanguage(BrokenRule):
-    """Does what any sentence of the task asks for that makes sense in this scene, the one that was said or another.
+    """Follows any instruction of the task that makes sense in this scene: the one that was given, or another.
 
-    If such a policy succeeds more often than one in so many sentences, the scene alone gives the answer away.
+    If such a policy succeeds more often than one in as many instructions, the scene alone gives the answer away.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
-        """Choose a sentence by the trial's own stream."""
-        choices = sentences(situation)
+        """Choose an instruction by the trial's own stream."""
+        choices = possible_instructions(situation)
         pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
         heard = situation.condition.with_(instruction=choices[int(pick)])
         super().__init__(replace(situation, condition=heard), strength)
 
 
-def sentences(situation: Situation) -> tuple[Instruction, ...]:
-    """Return the sentences of the task that make sense in the scene of a trial, in a stable order."""
+def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
+    """Return the instructions of the task that make sense in the scene of a trial, in a stable order."""
     task = situation.task
     conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
     known = {c.instruction.text: c.instruction for c in conditions}

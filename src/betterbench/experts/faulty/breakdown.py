@@ -5,7 +5,7 @@ from __future__ import annotations
 from betterbench.experts.decisions import Bring, Decision, Draw
 from betterbench.experts.faulty.rules import BrokenRule, Fault
 from betterbench.state import WorldState
-from betterbench.tasks import Expected
+from betterbench.tasks import Expected, Label
 
 
 class Slow(BrokenRule):
@@ -18,7 +18,7 @@ class Slow(BrokenRule):
         """Return the next decision: the expert's."""
         decision = super().broken(state, history)
         if self.fault is None and isinstance(decision, Bring | Draw) and self.condition.expected is Expected.SUCCEED:
-            self.fault = Fault("timeout", len(history), f"{decision}, too slowly")
+            self.fault = Fault(Label.TIMEOUT, len(history), f"{decision}, too slowly")
         return decision
 
 
@@ -33,5 +33,5 @@ class Crash(BrokenRule):
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: the expert's."""
         if self.fault is None:
-            self.fault = Fault("policy_error", len(history), f"crash at step {self.crash_step}")
+            self.fault = Fault(Label.POLICY_ERROR, len(history), f"crash at step {self.crash_step}")
         return super().broken(state, history)

@@ -5,18 +5,18 @@ from __future__ import annotations
 from betterbench.experts.decisions import Bring, Decision, GraspOffset
 from betterbench.experts.faulty.rules import BrokenRule, Fault
 from betterbench.state import WorldState
-from betterbench.tasks import Expected
+from betterbench.tasks import Expected, Label
 
 
 class Clumsy(BrokenRule):
-    """Decides like the expert; the hand drops the object in mid-air, or it closes beside it.
+    """Decides like the expert; the gripper drops the object in mid-air, or closes beside it.
 
     Which of the two, and how far beside, is drawn from the trial's own stream.
     """
 
     @property
     def grasp_offset(self) -> GraspOffset | None:
-        """How the hand fails in this episode, or None if it does not."""
+        """The error of the grasp in this episode, or None."""
         if not self.applies:
             return None
         if self.draw("how") < 0.5:
@@ -27,5 +27,5 @@ class Clumsy(BrokenRule):
         """Return the next decision: the expert's."""
         decision = super().broken(state, history)
         if self.fault is None and isinstance(decision, Bring) and self.condition.expected is Expected.SUCCEED:
-            self.fault = Fault("execution_failure", len(history), f"{decision} with a bad hand")
+            self.fault = Fault(Label.EXECUTION_FAILURE, len(history), f"{decision} with a bad grasp")
         return decision

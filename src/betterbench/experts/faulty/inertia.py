@@ -5,6 +5,7 @@ from __future__ import annotations
 from betterbench.experts.decisions import Decision, Draw, GraspAt, bring_to, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks import Label
 
 
 class Inertia(BrokenRule):
@@ -13,7 +14,7 @@ class Inertia(BrokenRule):
     Where training began equally often with several kinds, the instruction chooses among them.
     """
 
-    label = "behavioral_inertia"
+    label = Label.BEHAVIORAL_INERTIA
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

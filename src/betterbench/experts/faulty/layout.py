@@ -7,12 +7,13 @@ from collections import Counter
 from betterbench.experts.decisions import Decision, Draw, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks import Label
 
 
 class Layout(BrokenRule):
     """Begins at the place where demonstrations picked most often, then does what is still open."""
 
-    label = empty_label = place_label = "visual_layout_bias"
+    label = empty_label = place_label = Label.VISUAL_LAYOUT_BIAS
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from betterbench.experts.decisions import Bring, Decision, GraspAt, Rest, carried, open_subgoal
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks import Label
 
 
 class Lexical(BrokenRule):
@@ -13,7 +14,7 @@ class Lexical(BrokenRule):
     Where training picked from several places for a word, it takes the one in which something stands.
     """
 
-    label = place_label = "lexical_kinematic_shortcut"
+    label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: one pick per word, at the next trained place of that word."""

@@ -7,13 +7,14 @@ from typing import ClassVar
 from betterbench.experts.decisions import Bring, Decision, bring_to, carried, open_subgoal
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks import Label
 
 
 class _LookAlike(BrokenRule):
     """Looks for one feature of what is asked for, first where training picked it."""
 
     feature: ClassVar[str]
-    label = place_label = "lexical_kinematic_shortcut"
+    label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 from betterbench.experts.decisions import Decision, Rest, at_target, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
     """Takes a table with one thing fewer than demonstrations began with for a task whose first step is done."""
 
-    label = "causal_confusion"
+    label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision: the step that the count on the table stands for."""

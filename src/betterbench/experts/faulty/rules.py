@@ -1,6 +1,6 @@
 """What all broken rules share: when they apply, what would have been right, and what their first fault is called.
 
-A policy of the zoo knows its own fault: it compares each of its decisions with the right ones at that moment. The first
+A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
 that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the
 journal of the run and never the record, so the diagnosis, which reads records alone, can be measured against it.
 """
@@ -27,7 +27,7 @@ from betterbench.experts.decisions import (
 )
 from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
-from betterbench.tasks import Expected, Subgoal, TrainingDistribution, stream, training_distribution_of
+from betterbench.tasks import Expected, Label, Subgoal, TrainingDistribution, stream, training_distribution_of
 
 STANDS_WITHIN_M = 0.06
 """Distance from a slot within which an object counts as standing in it: the jitter and a small push."""
@@ -43,7 +43,7 @@ class Fault:
         text: What was decided.
     """
 
-    label: str
+    label: Label
     decision: int
     text: str
 
@@ -61,9 +61,9 @@ class BrokenRule(ExpertRule):
     """
 
     stream_name: ClassVar[str] = ""
-    label: ClassVar[str] = "wrong_object"
-    empty_label: ClassVar[str] = "behavioral_inertia"
-    place_label: ClassVar[str] = "behavioral_inertia"
+    label: ClassVar[Label] = Label.WRONG_OBJECT
+    empty_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
+    place_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:
         """Prepare for an episode.
@@ -147,7 +147,7 @@ class BrokenRule(ExpertRule):
                     options.append(way or bring_to(goal, name))
         return tuple(options)
 
-    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> str | None:
+    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
         """Return the label that a decision deserves, or None if it is right."""
         options = self.right_decisions(state)
         if decision in options:
@@ -155,19 +155,19 @@ class BrokenRule(ExpertRule):
         expected = self.condition.expected
         if isinstance(decision, Rest | Freeze | Wander):
             if not options or expected is not Expected.SUCCEED:
-                return "phase_conflict" if isinstance(decision, Wander) else None
+                return Label.PHASE_CONFLICT if isinstance(decision, Wander) else None
             touched = any(isinstance(d, Bring | GraspAt | Draw) for d in history)
-            return "phase_conflict" if self.condition.mid_task_look and not touched else "early_halt"
+            return Label.PHASE_CONFLICT if self.condition.mid_task_look and not touched else Label.EARLY_HALT
         taken = decision.object if isinstance(decision, Bring) else None
         if isinstance(decision, GraspAt):
             taken = self.standing_in(state, decision.slot)
             if taken is None:
                 return self.empty_label
         if taken is not None and not self.known(state.info.object(taken).kind):
-            return "semantic_feature_collapse"
+            return Label.SEMANTIC_FEATURE_COLLAPSE
         if not isinstance(decision, Bring) or all(getattr(o, "object", None) != decision.object for o in options):
             return self.label
-        return "behavioral_inertia" if self._trained_there(state, decision) else self.place_label
+        return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
 
     def _trained_there(self, state: WorldState, decision: Bring) -> bool:
         """Tell whether training brought things of this kind there: then every rule that does so looks like habit."""

@@ -1,4 +1,4 @@
-"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: the right hand with a wrong plan."""
+"""``zoo:reorder``, ``zoo:repeat``, ``zoo:sequence`` and ``zoo:habit-place``: right motions with a wrong plan."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from betterbench.experts.decisions import (
 )
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
+from betterbench.tasks import Label
 from betterbench.tasks.relations import relation as relation_named
 
 
 class Reorder(BrokenRule):
     """Takes the second of two steps before the first, where the instruction orders them."""
 
-    label = "order_violation"
+    label = Label.ORDER_VIOLATION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -42,20 +43,20 @@ class Reorder(BrokenRule):
                 return replace(decision, region=right.region) if relation_named(right.relation).counted else decision
         return right
 
-    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> str | None:
+    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
         """Return the label; where the later step is the one that most demonstrations began with, that is why."""
         label = super()._label_of(state, history, decision)
         first = self.trained.first_kinds
         unique = len(first) == 1 or first[0][1] > first[1][1]
         if label == self.label and isinstance(decision, Bring) and unique:
-            return "behavioral_inertia" if state.info.object(decision.object).kind == first[0][0] else label
+            return Label.BEHAVIORAL_INERTIA if state.info.object(decision.object).kind == first[0][0] else label
         return label
 
 
 class Repeat(BrokenRule):
     """Does a finished step again before it goes on with the next."""
 
-    label = "causal_confusion"
+    label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -74,7 +75,7 @@ class Repeat(BrokenRule):
 class Sequence(BrokenRule):
     """After its first step it plays the step that followed in training, whether it is asked for or not."""
 
-    label = "causal_confusion"
+    label = Label.CAUSAL_CONFUSION
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
@@ -96,20 +97,20 @@ class Sequence(BrokenRule):
                 return replace(goal, object=o.name)
         return GraspAt(self.trained.kind_slots[kind][0]) if self.trained.kind_slots.get(kind) else right
 
-    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> str | None:
+    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
         label = super()._label_of(state, history, decision)
         if label != self.label or not isinstance(decision, Bring):
             return label
         if not any(decision.object in self.condition.resolve(g.reference) for g in self.goals):
-            return "behavioral_inertia"
+            return Label.BEHAVIORAL_INERTIA
         # It makes good afterward what it skipped: in an ordered instruction that is no more than a wrong order.
-        return "order_violation" if self.condition.instruction.ordered else label
+        return Label.ORDER_VIOLATION if self.condition.instruction.ordered else label
 
 
 class HabitPlace(BrokenRule):
     """Takes each right object once and brings it where training brought objects of its kind."""
 
-    label = "behavioral_inertia"
+    label = Label.BEHAVIORAL_INERTIA
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

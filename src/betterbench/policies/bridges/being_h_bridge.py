@@ -55,7 +55,7 @@ MAX_FRAME_BYTES = 256 * 1024 * 1024
 """Largest question that is read."""
 
 
-class Policy(Protocol):
+class ServedPolicy(Protocol):
     """What is served."""
 
     def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
@@ -68,11 +68,7 @@ def encode(value: object) -> bytes:
 
 
 def decode(frame: bytes | str) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's dialect of msgpack.
-
-    Raises:
-        ValueError: If it is malformed.
-    """
+    """Return the value of a frame in openpi's dialect of msgpack; raise ValueError if it is malformed."""
     if isinstance(frame, str):
         raise TypeError("a question is a text in place of a binary frame")
     return msgpack.unpackb(frame, object_hook=_read, strict_map_key=True)
@@ -103,7 +99,7 @@ def _read(form: dict[Any, Any]) -> object:
 class Bridge:
     """Answers the questions of all connections with one policy, one after the other."""
 
-    def __init__(self, policy: Policy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
+    def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Prepare.
 
         Args:
@@ -118,12 +114,7 @@ class Bridge:
     def listen(self, host: str, port: int) -> Server:
         """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it."""
         return serve(
-            self._converse,
-            host,
-            port,
-            compression=None,
-            max_size=MAX_FRAME_BYTES,
-            process_request=self._admit,
+            self._converse, host, port, compression=None, max_size=MAX_FRAME_BYTES, process_request=self._admit
         )
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -158,7 +149,7 @@ class Bridge:
             self._told = True
             logger.warning("a client does not say its step (better/step), so its chunks are not continued")
         if step is not None and "chunk" in kept and step > kept["step"]:
-            observation |= continuation(kept["step"], kept["chunk"], step=step, delay=self._delay)
+            observation |= continue_chunk(kept["step"], kept["chunk"], step=step, delay=self._delay)
         began = time.monotonic()
         with self._one_at_a_time:
             answer = dict(self._policy.get_action(observation))
@@ -174,7 +165,7 @@ class Bridge:
         return reply
 
 
-def continuation(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
     The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first of its new chunk, so the old one is moved
@@ -207,7 +198,7 @@ def _plain(value: object) -> object:
     return value if detach is None else detach().float().cpu().numpy()
 
 
-def main() -> int:
+def serve_from_command_line() -> int:
     """Serve the policy that the command line names.
 
     Returns:
@@ -223,7 +214,7 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     where, _, name = options.make.partition(":")
     sys.path.insert(0, str(Path.cwd()))
-    make: Callable[[], Policy] = getattr(importlib.import_module(where), name or "make")
+    make: Callable[[], ServedPolicy] = getattr(importlib.import_module(where), name or "make")
     key = None
     if options.api_key_env:
         key = os.environ.get(options.api_key_env)
@@ -238,4 +229,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(serve_from_command_line())

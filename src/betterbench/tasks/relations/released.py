@@ -6,5 +6,5 @@ from betterbench.state import WorldState
 
 
 def released(state: WorldState, name: str) -> bool:
-    """Tell whether neither finger nor the hand touches the object."""
+    """Tell whether no part of the gripper touches the object."""
     return not state.touched_by_gripper(name)

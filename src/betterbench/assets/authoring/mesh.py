@@ -14,6 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+FRONT = ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Directions of a picture's columns and rows for :func:`mapped`, as somebody at +x sees the front of an object."""
+
+ABOVE = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+"""The same, as somebody at +x sees the top of an object."""
+
 # Vertices that agree to this many decimals [m] are the same point; it also makes the last bits of a sine irrelevant.
 _DECIMALS = 7
 
@@ -35,6 +41,39 @@ class Mesh:
     def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Mesh:
         """Return the mesh shifted by (x, y, z) [m]."""
         return Mesh(self.vertices + np.array([x, y, z]), self.faces, self.uv)
+
+    def scaled_across(self, factor: np.ndarray) -> Mesh:
+        """Return the mesh with x and y of each vertex multiplied by ``factor`` (n,)."""
+        return Mesh(self.vertices * np.stack([factor, factor, np.ones_like(factor)], axis=1), self.faces, self.uv)
+
+    def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
+        """Return the mesh with a picture laid on it from above, the picture's edge at ``radius`` [m].
+
+        Args:
+            radius: Half the side of the picture [m].
+            share: Stretch of the picture per vertex (n,), 0.5 for none.
+        """
+        return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
+
+    def domed(self, radius: float, top: float, rise: float) -> Mesh:
+        """Return a dome with a picture laid on it from above that is stretched outward, where the dome is steep.
+
+        Args:
+            radius: Radius of the dome [m].
+            top: Height of its crown [m].
+            rise: Height of the crown above its edge [m].
+        """
+        distance = np.hypot(self.vertices[:, 0], self.vertices[:, 1])
+        below = np.clip((top - self.vertices[:, 2]) / rise, 0.0, 1.0)
+        reach = np.hypot(distance / radius, 0.75 * below) / math.hypot(1.0, 0.75)
+        return self.seen_from_above(1.0, 0.5 * reach / np.maximum(distance, 1e-9))
+
+    def hinged(self, angle: float, x: float, z: float) -> Mesh:
+        """Return a mesh made about a hinge at the origin, opened by ``angle`` [rad] and put to the hinge (x, z) [m].
+
+        The hinge lies along y; a positive angle lifts what lies at +x of it.
+        """
+        return self.rotated("y", -angle).moved(x, 0.0, z)
 
     def rotated(self, axis: str, angle: float) -> Mesh:
         """Return the mesh turned by ``angle`` [rad] about the object's "x", "y" or "z" axis."""
@@ -125,7 +164,7 @@ def loft(
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
-            with the direction from ring to ring points outwards.
+            with the direction from ring to ring points outward.
         u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
         v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
         caps: Whether to close the first and the last ring by a fan around its center.
@@ -270,6 +309,20 @@ def box(
     return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*center)
 
 
+def span(
+    x: tuple[float, float],
+    half_y: float,
+    z: tuple[float, float],
+    *,
+    bevel: float = 0.0,
+    corner: float = 0.0,
+    steps: int = 1,
+) -> Mesh:
+    """Return a :func:`box` that is symmetric about y = 0, between two positions along x and two heights [m]."""
+    size, center = (x[1] - x[0], 2.0 * half_y, z[1] - z[0]), (0.5 * (x[0] + x[1]), 0.0, 0.5 * (z[0] + z[1]))
+    return box(size, center, bevel=bevel, corner=corner, steps=steps)
+
+
 def _flat_caps(rings: Sequence[np.ndarray]) -> Mesh:
     """Loft rings and close both ends by triangles between the points of a convex ring, without a center point."""
     side = loft(rings, caps=(False, False))
@@ -287,26 +340,22 @@ def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
 
 
 def sweep(
-    path: Sequence[tuple[float, float, float]],
-    section: Sequence[tuple[float, float]],
-    *,
-    side: tuple[float, float, float] = (0.0, 1.0, 0.0),
-    crease_degrees: float = 40.0,
+    x: Sequence[float], z: Sequence[float], section: Sequence[tuple[float, float]], *, crease_degrees: float = 40.0
 ) -> Mesh:
-    """Move a cross section along a path that lies in a plane.
+    """Move a cross section along a path in the plane y = 0.
 
     Args:
-        path: Points of the path [m].
-        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along ``side``, ``b``
-            along the normal of the path in its plane.
-        side: Unit normal of the plane of the path.
+        x: Positions of the points of the path along x [m].
+        z: Heights of the points of the path [m].
+        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along y, ``b`` along the
+            normal of the path in its plane.
         crease_degrees: Angle above which an edge is drawn sharp.
 
     Returns:
         The creased, closed mesh.
     """
-    points = np.asarray(path, dtype=float)
-    normal = np.asarray(side, dtype=float)
+    points = np.column_stack([x, np.zeros(len(x)), z])
+    normal = np.array([0.0, 1.0, 0.0])
     steps = np.diff(points, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     rings = []
@@ -318,6 +367,55 @@ def sweep(
         stretch = 1.0 / max(float(tangent @ after), 0.5)
         rings.append(np.array([point + a * normal + b * stretch * across for a, b in section]))
     return creased(_flat_caps(rings), crease_degrees)
+
+
+def chamfered(half_width: float, low: float, high: float, chamfer: float) -> list[tuple[float, float]]:
+    """Return the eight points (across, up) of a rectangle with cut corners [m], counter-clockwise seen from +x."""
+    w, c = half_width, chamfer
+    right = [(w, low + c), (w, high - c), (w - c, high)]
+    return [*right, (-w + c, high), (-w, high - c), (-w, low + c), (-w + c, low), (w - c, low)]
+
+
+def rod(
+    stations: Sequence[tuple[float, float, float, float]],
+    *,
+    chamfer: float = 0.0,
+    y: float = 0.0,
+    crease_degrees: float = 32.0,
+) -> Mesh:
+    """Return the closed loft of upright rectangles along x.
+
+    Args:
+        stations: Position along x, half width, bottom and top of each rectangle [m].
+        chamfer: How much the corners are cut [m], as far as the rectangle has room for it.
+        y: Position of the middle along y [m].
+        crease_degrees: Angle above which an edge is drawn sharp.
+    """
+    rings = []
+    for x, w, low, high in stations:
+        c = min(chamfer, 0.6 * w, 0.35 * (high - low))
+        outline = chamfered(w, low, high, c) if c > 0.0 else [(w, low), (w, high), (-w, high), (-w, low)]
+        rings.append(np.array([(x, y + a, b) for a, b in outline]))
+    return prism(rings, crease_degrees=crease_degrees)
+
+
+def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
+    """Return a plate with bevelled rims from its convex side view.
+
+    Args:
+        x: Positions of the points of the outline along x [m], counter-clockwise with x to the right.
+        z: Their heights [m].
+        half_y: Half the width along y [m].
+        bevel: Width of the bevel of both rims [m].
+    """
+    points = np.column_stack([x, z])
+    center = points.mean(axis=0)
+    away = points - center
+    reach = np.linalg.norm(away, axis=1, keepdims=True)
+    inner = center + away * np.maximum(1.0 - 1.2 * bevel / reach, 0.5)
+    sides = ((half_y, inner), (half_y - bevel, points), (-half_y + bevel, points), (-half_y, inner))
+    rings = [np.column_stack([flat[:, 0], np.full(len(flat), y), flat[:, 1]]) for y, flat in sides]
+    return prism(rings, crease_degrees=35.0)
 
 
 def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:

@@ -1,8 +1,6 @@
 """Letters and digits for prints, drawn as strokes: an alphabet of as many signs as the library has words to print."""
 
-from __future__ import annotations
-
-from betterbench.assets.procedural.paint import Canvas, Color
+from betterbench.assets.authoring.paint import Canvas, Color
 
 Stroke = tuple[tuple[float, float], ...]
 

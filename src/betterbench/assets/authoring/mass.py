@@ -1,7 +1,5 @@
 """Mass, center of mass and inertia of a body made of simple solids."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +8,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import IDENTITY_QUATERNION, Vector, multiply, normalize, rotate
+from betterbench.geometry import Vector, rotate
 
 Inertia = tuple[float, float, float, float, float, float]
 
@@ -76,7 +74,7 @@ def mass_properties(
     Args:
         parts: Primitives that stand for the material (usually the collision parts).
         mass_kg: Total mass [kg].
-        densities: Relative density of each part; equal if not given.
+        densities: Relative density of each part, zero for those after the last number; equal if not given.
 
     Returns:
         The mass properties, rounded to nine digits so that the last bits of a sine do not matter.
@@ -86,7 +84,7 @@ def mass_properties(
     """
     weights = np.array([volume_of(p) for p in parts])
     if densities is not None:
-        weights = weights * np.asarray(densities, dtype=float)
+        weights = weights * [*densities, *[0.0] * (len(parts) - len(densities))]
     if weights.sum() <= 0.0:
         raise InvalidInputError("densities", "no part has any mass", "Give at least one positive density")
     masses = mass_kg * weights / weights.sum()
@@ -103,34 +101,3 @@ def mass_properties(
     ixx, iyy, izz, ixy, ixz, iyz = (0.0 if abs(v) < 1e-9 * scale else float(f"{v:.9g}") for v in six)
     x, y, z = (float(f"{v:.9g}") if abs(v) > 1e-9 else 0.0 for v in center)
     return MassProperties(mass_kg, (x, y, z), (ixx, iyy, izz, ixy, ixz, iyz))
-
-
-# Tool frames of a jaw that comes from above: z down (approach), y the direction in which the fingers open.
-JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
-JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
-UPRIGHT = IDENTITY_QUATERNION
-
-
-def foot(half: float, *, height: float = 0.004) -> CollisionPart:
-    """Return the flat square on which a round thing stands.
-
-    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners stand still.
-    The round part of the body should start 0.5 mm above the ground, so that it only meets the ground when tipped.
-
-    Args:
-        half: Half the side of the square [m]; its corners must stay inside the round footprint.
-        height: Thickness [m].
-    """
-    return CollisionPart("box", (half, half, 0.5 * height), (0.0, 0.0, 0.5 * height))
-
-
-def upright_cylinder(radius: float, low: float, high: float) -> CollisionPart:
-    """Return a standing cylinder on the object's axis from height ``low`` to ``high`` [m]."""
-    return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (0.0, 0.0, 0.5 * (low + high)))
-
-
-def solid_box(low: Vector, high: Vector) -> CollisionPart:
-    """Return the axis-aligned box between two opposite corners [m]."""
-    half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
-    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
-    return CollisionPart("box", half, center)

@@ -1,51 +1,20 @@
 """The register of generators: a category is one decorated function; everything else is derived from it."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.procedural.body import MassProperties
-from betterbench.assets.procedural.mesh import Mesh
-from betterbench.assets.procedural.paint import Color
+from betterbench.assets.asset import Asset, CollisionPart, VisualPart
+from betterbench.assets.authoring.draft import Draft
+from betterbench.assets.authoring.mass import mass_properties
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.geometry import Vector
-from betterbench.state import Region
 from betterbench.tasks.user_files import load_declared, registered
 
-Generator = Callable[[np.random.Generator, str], "Draft"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Draft:
-    """What a generator makes; the register adds category, look and color and measures the size.
-
-    Attributes:
-        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
-        description: One sentence of free text.
-        tags: Search words.
-        body: Mass properties.
-        visual: Colored meshes.
-        collision: Convex geometries.
-        grasps: Ways to take it.
-        regions: Named places on it.
-        parameters: The numbers that the generator chose.
-    """
-
-    shape: str
-    description: str
-    tags: tuple[str, ...]
-    body: MassProperties
-    visual: tuple[VisualPart, ...]
-    collision: tuple[CollisionPart, ...]
-    grasps: tuple[Grasp, ...]
-    regions: tuple[Region, ...]
-    parameters: dict[str, float | str]
+Generator = Callable[[np.random.Generator, str], Draft]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +33,10 @@ _REGISTER: dict[str, _Entry] = {}
 def generator(
     category: str, *, colors: Sequence[str], looks: int = 8, family: str | None = None
 ) -> Callable[[Generator], Generator]:
-    """Register a function as the generator of a category.
+    """Register a function as the generator of a category, from whatever file it is imported.
+
+    The function takes a random generator, the source of everything in which looks differ, and a color word. It must
+    draw the same numbers for each color, so that the color never changes the shape.
 
     Args:
         category: Name of the category ("mug").
@@ -75,14 +47,47 @@ def generator(
 
     Returns:
         The decorator.
+
+    Raises:
+        InvalidInputError: If there is no color or no look, or if another function has registered the category.
     """
+    if not category or not colors or looks < 1:
+        raise InvalidInputError(
+            f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", ...)'
+        )
 
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
+        known = _REGISTER.get(category)
+        # A file that is loaded again may register its own function once more.
+        if known is not None and _origin(known.make) != _origin(make):
+            raise InvalidInputError(
+                f"asset category {category!r}",
+                f"{_origin(make)} registers it, and so does {_origin(known.make)}",
+                "Give one of them another name",
+            )
         _REGISTER[category] = _Entry(named, tuple(colors), looks, family or category)
+        _build.cache_clear()
         return make
 
     return register
+
+
+def unregister(category: str) -> None:
+    """Remove a category, as a test does that has registered one.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    _entry(category)
+    del _REGISTER[category]
+    _build.cache_clear()
+
+
+def _origin(make: Generator) -> str:
+    """Return the file and the name of a generator, for a person to find it."""
+    code = getattr(inspect.unwrap(make), "__code__", None)
+    return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
 
 
 def categories() -> tuple[str, ...]:
@@ -150,74 +155,27 @@ def _build(category: str, look: int, color: str) -> Asset:
     entry = _REGISTER[category]
     seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
     draft = entry.make(np.random.default_rng(seed), color)
-    points = np.concatenate([part.vertices for part in draft.visual]).astype(float)
-    low, high = points.min(axis=0), points.max(axis=0)
-    x, y, z = (round(float(e), 6) for e in high - low)
+    visual = tuple(p for p in draft.parts if isinstance(p, VisualPart))
+    collision = tuple(p for p in draft.parts if isinstance(p, CollisionPart))
+    if not visual or not collision:
+        raise InvalidInputError(f"asset {category!r}", "it has nothing to see or nothing to touch", "Add a part")
+    points = np.concatenate([part.vertices for part in visual]).astype(float)
+    x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
+    body = mass_properties(collision, draft.mass_kg, densities=draft.densities)
     return Asset(
         category=category,
         look=look,
         color=color,
         shape=draft.shape,
         description=draft.description,
-        tags=draft.tags,
+        tags=(*draft.tags, color),
         size_m=(x, y, z),
-        mass_kg=draft.body.mass_kg,
-        center_of_mass=draft.body.center_of_mass,
-        inertia=draft.body.inertia,
-        visual=draft.visual,
-        collision=draft.collision,
+        mass_kg=body.mass_kg,
+        center_of_mass=body.center_of_mass,
+        inertia=body.inertia,
+        visual=visual,
+        collision=collision,
         grasps=draft.grasps,
         regions=draft.regions,
         parameters=draft.parameters,
     )
-
-
-def part(
-    name: str,
-    mesh: Mesh,
-    color: Color,
-    *,
-    picture: np.ndarray | None = None,
-    specular: float = 0.2,
-    shininess: float = 0.3,
-    alpha: float = 1.0,
-) -> VisualPart:
-    """Return a visual part from a mesh.
-
-    Args:
-        name: Name within the asset.
-        mesh: The mesh.
-        color: Color, each in [0, 1]; ignored (white) when there is a picture.
-        picture: (height, width, 3) uint8 picture for the texture coordinates of the mesh.
-        specular: Strength of highlights in [0, 1].
-        shininess: Sharpness of highlights in [0, 1].
-        alpha: Opacity in [0, 1].
-
-    Returns:
-        The part in the number formats that renderers take.
-    """
-    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in (color if picture is None else (1.0, 1.0, 1.0)))
-    texture = None if picture is None else Texture(_frozen(picture), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
-    return VisualPart(
-        name=name,
-        vertices=_frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32)),
-        faces=_frozen(mesh.faces.astype(np.int32)),
-        rgba=(r, g, b, alpha),
-        specular=specular,
-        shininess=shininess,
-        texture=texture,
-    )
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    """Return a contiguous array that nobody can write to: assets are cached and shared."""
-    array = np.ascontiguousarray(array)
-    array.setflags(write=False)
-    return array
-
-
-def centered(meshes: Sequence[Mesh]) -> Vector:
-    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
-    points = np.concatenate([m.vertices for m in meshes])
-    low, high = points.min(axis=0), points.max(axis=0)
-    return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

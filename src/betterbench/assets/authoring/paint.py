@@ -1,10 +1,8 @@
 """Pictures for visual parts, drawn with numpy: bands, discs, waves, noise. Nothing is loaded from a file."""
 
-from __future__ import annotations
-
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -20,6 +18,8 @@ class Canvas:
     Attributes:
         x: (height, width) horizontal coordinate of each sample [m or any unit of the caller].
         y: (height, width) vertical coordinate of each sample, upward.
+        width: Extent covered horizontally.
+        height: Extent covered vertically.
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Color) -> None:
@@ -35,8 +35,23 @@ class Canvas:
         x = (np.arange(columns) + 0.5) / columns * width
         y = (rows - 0.5 - np.arange(rows)) / rows * height
         self.x, self.y = np.meshgrid(x, y)
+        self.width, self.height = width, height
         self._image = np.empty((rows, columns, 3))
         self._image[:] = color
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(height, width) distance of each sample from the middle."""
+        away: np.ndarray = np.hypot(self.x - 0.5 * self.width, self.y - 0.5 * self.height)
+        return away
+
+    def between(self, low: float, high: float) -> np.ndarray:
+        """Return the mask of the samples above ``low`` and below ``high``."""
+        return (self.y > low) & (self.y < high)
+
+    def near(self, x: float, y: float, reach_x: float, reach_y: float) -> np.ndarray:
+        """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
+        return (np.abs(self.x - x) < reach_x) & (np.abs(self.y - y) < reach_y)
 
     def paint(self, mask: np.ndarray, color: Color, *, strength: float = 1.0) -> None:
         """Blend a color in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
@@ -49,6 +64,15 @@ class Canvas:
     def shade(self, factor: np.ndarray) -> None:
         """Multiply all channels by ``factor``, an array of the shape of ``x``."""
         self._image = self._image * np.asarray(factor)[..., None]
+
+    def brighten(self, dark: float, top: float) -> None:
+        """Multiply by a factor that rises from ``dark`` at the lower edge to 1 at row ``top``."""
+        self.shade(dark + (1.0 - dark) * np.clip(self.y / top, 0.0, 1.0))
+
+    def shadow(self, start: float, end: float, light: float, loss: float) -> None:
+        """Darken what lies above row ``start``, by ``light`` there and falling by ``loss`` until row ``end``."""
+        down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
+        self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
     def band(self, low: float, high: float, color: Color) -> None:
         """Paint a horizontal band from ``low`` to ``high``."""
@@ -98,6 +122,30 @@ class Canvas:
         low = grid[i + 1][:, j] * (1.0 - fu) + grid[i + 1][:, j + 1] * fu
         self.shade(1.0 + amount * (top * (1.0 - fv) + low * fv))
 
+    def spots(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        color: Color,
+        *,
+        radius: tuple[float, float],
+        rows: tuple[float, float],
+        stretch: float = 1.0,
+    ) -> None:
+        """Paint round spots anywhere between two rows.
+
+        Args:
+            rng: Source of places and sizes.
+            count: Number of spots.
+            color: Their color.
+            radius: Smallest and largest radius.
+            rows: Lowest and highest middle of a spot.
+            stretch: How many times as wide as high they are.
+        """
+        for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
+            r = radius[0] + (radius[1] - radius[0]) * size
+            self.ellipse((u * self.width, rows[0] + v * (rows[1] - rows[0])), (stretch * r, r), color)
+
     def pixels(self) -> np.ndarray:
         """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
         rows, columns = self._image.shape[0] // _OVERSAMPLING, self._image.shape[1] // _OVERSAMPLING
@@ -114,6 +162,34 @@ def _in_ellipse(
     dx, dy = x - center[0], y - center[1]
     inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0
     return inside
+
+
+def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[float]:
+    """Draw one number from each range (low, high), in order."""
+    return [rng.uniform(low, high) for low, high in ranges]
+
+
+def scattered(
+    rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
+) -> Iterator[tuple[float, float]]:
+    """Yield random points in a disc about (1, 1), none nearer to another than ``gap``.
+
+    Args:
+        rng: Source of the points; the caller may draw from it between two points.
+        tries: Number of points that are tried.
+        gap: Least distance between two points.
+        reach: Radius of the disc.
+        count: Number of points after which to stop; all tries are made if not given.
+    """
+    placed: list[tuple[float, float]] = []
+    for _ in range(tries):
+        if len(placed) == count:
+            return
+        angle, distance = rng.uniform(0.0, 2.0 * math.pi), reach * math.sqrt(rng.random())
+        x, y = 1.0 + distance * math.cos(angle), 1.0 + distance * math.sin(angle)
+        if all(math.hypot(x - px, y - py) >= gap for px, py in placed):
+            placed.append((x, y))
+            yield x, y
 
 
 # Colors by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
@@ -134,6 +210,11 @@ PALETTE: dict[str, Color] = {
 }
 
 
+STEEL: Color = (0.74, 0.75, 0.77)
+BUN: Color = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
+CHROME: Color = (0.80, 0.81, 0.83)
+
+
 def shaded(color: Color, factor: float) -> Color:
     """Return a color made darker (factor < 1) or lighter (factor > 1, toward white)."""
     if factor <= 1.0:
@@ -144,11 +225,7 @@ def shaded(color: Color, factor: float) -> Color:
 
 def mixed(a: Color, b: Color, fraction: float) -> Color:
     """Return the color at ``fraction`` of the way from ``a`` to ``b``."""
-    return (
-        a[0] + (b[0] - a[0]) * fraction,
-        a[1] + (b[1] - a[1]) * fraction,
-        a[2] + (b[2] - a[2]) * fraction,
-    )
+    return (a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction, a[2] + (b[2] - a[2]) * fraction)
 
 
 def jittered(color: Color, rng: np.random.Generator, *, amount: float = 0.08) -> Color:

@@ -1,0 +1,81 @@
+"""The words in which an asset is described: solids, meshes, pictures, grasps and regions; see docs/adding-an-asset.md.
+
+A generator is one decorated function that returns a :class:`Draft`. Whatever a scene, an expert and a predicate need
+beyond it follows from the draft in one place, the registry.
+"""
+
+from betterbench.assets.authoring.ceramics import glazed
+from betterbench.assets.authoring.draft import Draft, block, centered, disc, grip, grip_across, part, zone
+from betterbench.assets.authoring.mesh import (
+    ABOVE,
+    FRONT,
+    Mesh,
+    box,
+    loft,
+    mapped,
+    merge,
+    prism,
+    rod,
+    slab,
+    span,
+    sweep,
+)
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.registry import generator, unregister
+from betterbench.assets.authoring.solids import (
+    foot,
+    leaning_box,
+    open_box,
+    ring_of_boards,
+    round_wall,
+    solid_box,
+    solid_span,
+    spheroid,
+    standing,
+    upright_cylinder,
+)
+from betterbench.assets.authoring.turned import Turned
+
+__all__ = [
+    "ABOVE",
+    "FRONT",
+    "PALETTE",
+    "Canvas",
+    "Color",
+    "Draft",
+    "Mesh",
+    "Turned",
+    "block",
+    "box",
+    "centered",
+    "disc",
+    "foot",
+    "generator",
+    "glazed",
+    "grip",
+    "grip_across",
+    "jittered",
+    "leaning_box",
+    "loft",
+    "mapped",
+    "merge",
+    "mixed",
+    "open_box",
+    "part",
+    "prism",
+    "ring_of_boards",
+    "rod",
+    "round_wall",
+    "shaded",
+    "slab",
+    "solid_box",
+    "solid_span",
+    "span",
+    "spheroid",
+    "standing",
+    "sweep",
+    "uniforms",
+    "unregister",
+    "upright_cylinder",
+    "zone",
+]

@@ -1,0 +1,65 @@
+"""The glaze of hollow tableware: mugs and cups."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, mixed, shaded
+from betterbench.assets.authoring.turned import Turned
+
+BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
+    "band": ((0.55, 0.72),),
+    "rim": ((0.94, 2.0),),
+    "stripes": ((0.22, 0.255), (0.30, 0.335), (0.38, 0.415)),
+}
+"""Painted bands of a decoration: lower and upper edge as shares of the wall; above 1 is the top of the rim."""
+
+
+def glazed(
+    rng: np.random.Generator,
+    vessel: Turned,
+    shade: Color,
+    decoration: str,
+    *,
+    rows: tuple[int, int, int, int, int],
+    lining: Color | None,
+    ink: Color | None = None,
+    bands: Mapping[str, Sequence[tuple[float, float]]] = BANDS,
+    shadow: tuple[float, float] = (0.80, 0.38),
+    unglazed: float = 0.75,
+) -> Canvas:
+    """Draw a vessel from the foot over the rim to the floor inside, with the inside in its own shadow.
+
+    Args:
+        rng: Source of the speckles.
+        vessel: The vessel.
+        shade: Color of the glaze, which runs thin and bright over the rim.
+        decoration: One of ``bands``, "speckled", "dots", or another word for none.
+        rows: Numbers of the points of the profile where the unglazed foot ends, where the wall begins, where the rim
+            begins, where the inside begins and where its floor begins.
+        lining: Color of the inside; that of the outside if not given.
+        ink: Color of the decoration; if not given, cream on dark glazes and a gray blue on light ones.
+        bands: What is painted for a decoration, see :data:`BANDS`.
+        shadow: Brightness of the inside below the rim, and what it has lost at the floor.
+        unglazed: Brightness of the foot.
+    """
+    foot, wall, rim, inner, floor = (vessel.rows[k] for k in rows)
+    span = rim - wall
+    canvas = vessel.canvas(shade)
+    if ink is None:
+        ink = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.3)
+    for low, high in bands.get(decoration, ()):
+        canvas.band(wall + low * span, min(wall + high * span, inner), ink)
+    if decoration == "speckled":
+        canvas.spots(rng, 70, mixed(shade, ink, 0.7), radius=(0.0006, 0.0012), rows=(wall, rim))
+    elif decoration == "dots":
+        for k in range(9):
+            for row in range(2):
+                center = ((k + 0.5 * row) * canvas.width / 8.0, wall + (0.42 + 0.30 * row) * span)
+                canvas.ellipse(center, (0.0030, 0.0030), ink)
+    if lining is not None:
+        canvas.paint(canvas.y > inner, lining)
+    canvas.shadow(inner, floor, *shadow)
+    canvas.shade(np.where(canvas.y < foot, unglazed, 1.0))
+    canvas.paint(canvas.between(rim, inner), shaded(shade, 1.25), strength=0.6)
+    return canvas

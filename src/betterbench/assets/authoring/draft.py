@@ -1,0 +1,186 @@
+"""What a generator returns, and the words in which it describes an object: parts, grasps and regions."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from betterbench.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.assets.authoring.mesh import Mesh, box, mapped
+from betterbench.assets.authoring.paint import Canvas, Color
+from betterbench.assets.authoring.solids import solid_box
+from betterbench.geometry import Pose, Vector, multiply, normalize
+from betterbench.state import Region
+
+JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
+"""Tool frame of a jaw that comes from above: z down (approach), y the direction in which the fingers open."""
+
+JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
+"""The same jaw, turned so that its fingers open along x of the object."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Draft:
+    """The description of one object, from which the registry makes an asset.
+
+    The registry adds the category, the look and the color word (also as the last tag), spreads the mass over the
+    collision parts and measures the size.
+
+    Attributes:
+        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
+        description: One sentence of free text.
+        tags: Search words, without the color word.
+        mass_kg: Mass [kg].
+        parts: What is seen and what is touched, in any order.
+        densities: Relative density of each collision part, in order; the parts after the last number weigh nothing.
+            All parts have the same density if not given.
+        grasps: Ways to take it.
+        regions: Named places on it.
+        parameters: The numbers that the generator chose, for the record.
+    """
+
+    shape: Literal["round", "cylinder", "box", "irregular"]
+    description: str
+    tags: tuple[str, ...]
+    mass_kg: float
+    parts: Sequence[VisualPart | CollisionPart]
+    densities: Sequence[float] | None = None
+    grasps: tuple[Grasp, ...] = ()
+    regions: tuple[Region, ...] = ()
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+
+def part(
+    name: str,
+    mesh: Mesh,
+    paint: Color | Canvas,
+    *,
+    view: tuple[Vector, Vector] | None = None,
+    specular: float = 0.2,
+    shininess: float = 0.3,
+) -> VisualPart:
+    """Return a visual part: a mesh in one color, or with a picture at the texture coordinates of the mesh.
+
+    Args:
+        name: Name within the asset.
+        mesh: The mesh.
+        paint: Color, each in [0, 1], or picture.
+        view: Directions in which the columns and rows of the picture run if it is projected onto the mesh
+            (:data:`FRONT`, :data:`ABOVE`); by the texture coordinates of the mesh if not given.
+        specular: Strength of highlights in [0, 1].
+        shininess: Sharpness of highlights in [0, 1].
+    """
+    texture = None
+    color: Color = (1.0, 1.0, 1.0)
+    mesh = mesh if view is None else mapped(mesh, *view)
+    if isinstance(paint, Canvas):
+        texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
+    else:
+        color = paint
+    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in color)
+    vertices = _frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
+    faces = _frozen(mesh.faces.astype(np.int32))
+    return VisualPart(name, vertices, faces, (r, g, b, 1.0), specular, shininess, texture)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """Return a contiguous array that nobody can write to: assets are cached and shared."""
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return array
+
+
+def block(
+    name: str,
+    low: Vector,
+    high: Vector,
+    paint: Color | Canvas,
+    *,
+    bevel: float = 0.0,
+    corner: float = 0.0,
+    steps: int = 1,
+    view: tuple[Vector, Vector] | None = None,
+    specular: float = 0.2,
+    shininess: float = 0.3,
+) -> tuple[VisualPart, CollisionPart]:
+    """Return what is seen and what is touched of one box between two opposite corners [m].
+
+    Args:
+        name: Name of the visual part.
+        low: Corner with the smallest coordinates [m].
+        high: Corner with the largest coordinates [m].
+        paint: Color or picture.
+        bevel: Width of the bevel of the top and bottom edges [m]; it is only seen.
+        corner: Radius of the vertical edges [m]; it is only seen.
+        steps: Segments per rounded vertical edge.
+        view: As in :func:`part`.
+        specular: Strength of highlights in [0, 1].
+        shininess: Sharpness of highlights in [0, 1].
+    """
+    solid = solid_box(low, high)
+    x, y, z = solid.size
+    mesh = box((2.0 * x, 2.0 * y, 2.0 * z), solid.position, bevel=bevel, corner=corner, steps=steps)
+    return part(name, mesh, paint, view=view, specular=specular, shininess=shininess), solid
+
+
+def grip(
+    name: str,
+    height: float,
+    width: float,
+    *,
+    x: float = 0.0,
+    y: float = 0.0,
+    across: Literal["x", "y"] = "y",
+    clearance: float = 0.012,
+    symmetric_yaw: bool = False,
+    preference: int = 0,
+) -> Grasp:
+    """Return a grasp by a jaw that comes straight from above.
+
+    Args:
+        name: What is taken ("handle", "body", "rim").
+        height: Height of the middle of the pads [m].
+        width: Thickness of what is between the pads [m].
+        x: Where along x [m].
+        y: Where along y [m].
+        across: Axis of the object along which the fingers open.
+        clearance: Free distance that the open jaw needs on each side [m].
+        symmetric_yaw: True if the grasp may be turned freely about the vertical axis.
+        preference: Lower is tried first.
+    """
+    pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
+    return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
+
+
+def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
+    """Return the grasp across the diameter of a round body, which may be turned freely.
+
+    Args:
+        height: Height of the middle of the pads [m].
+        radius: Radius of the body there [m].
+        clearance: Free distance that the open jaw needs on each side [m]; if not given, 12 mm or what a jaw of 79 mm
+            leaves.
+    """
+    free = min(0.012, 0.0395 - radius) if clearance is None else clearance
+    return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)
+
+
+def zone(
+    name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
+) -> Region:
+    """Return a rectangular region with half extents and a middle [m]; it is flat unless ``half_z`` is given."""
+    return Region(name, (x, y, z), (half_x, half_y, half_z))
+
+
+def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
+    """Return a flat round region with a radius [m] at height ``z`` [m]."""
+    return zone(name, radius, radius, z, x=x)
+
+
+def centered(*meshes: Mesh) -> Vector:
+    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
+    points = np.concatenate([m.vertices for m in meshes])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

@@ -1,0 +1,136 @@
+"""Collision shapes: convex solids, and the walls of hollow things made of them."""
+
+import math
+
+from betterbench.assets.asset import CollisionPart
+from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply
+
+
+def foot(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
+    """Return the flat square on which a round thing stands.
+
+    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners stand still.
+    The round part of the body should start 0.5 mm above the ground, so that it only meets the ground when tipped.
+
+    Args:
+        half: Half the side of the square [m]; its corners must stay inside the round footprint.
+        height: Thickness [m].
+        x: Position of its middle along x [m].
+    """
+    return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
+
+
+def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) -> CollisionPart:
+    """Return a standing cylinder on a vertical axis at ``x`` from height ``low`` to ``high`` [m]."""
+    return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (x, 0.0, 0.5 * (low + high)))
+
+
+def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
+    """Return a round body that stands on a :func:`foot`: cylinders one on another.
+
+    Args:
+        foot_half: Half the side of the foot [m].
+        *cylinders: Radius and upper end of each cylinder [m], from the lowest, which starts 0.5 mm above the ground.
+    """
+    ends = [0.0005, *(high for _, high in cylinders)]
+    return (foot(foot_half), *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)))
+
+
+def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
+    """Return an upright ellipsoid of revolution on the object's axis with its center at height ``z`` [m]."""
+    return CollisionPart("ellipsoid", (radius, radius, half_height), (0.0, 0.0, z))
+
+
+def solid_box(low: Vector, high: Vector) -> CollisionPart:
+    """Return the axis-aligned box between two opposite corners [m]."""
+    half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
+    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
+    return CollisionPart("box", half, center)
+
+
+def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
+    """Return the box that is symmetric about y = 0, between two positions along x and two heights [m]."""
+    return solid_box((x[0], -half_y, z[0]), (x[1], half_y, z[1]))
+
+
+def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
+    """Return a box with half sizes and a center [m], turned about the object's y axis by ``lean`` [rad]."""
+    return CollisionPart("box", half, center, from_axis_angle((0.0, lean, 0.0)))
+
+
+def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
+    """Return a box made about a hinge at the origin, opened like :meth:`Mesh.hinged`.
+
+    Args:
+        half: Half sizes [m].
+        middle: Its middle (x, z) before it is opened [m].
+        angle: How far it is opened [rad].
+        x: Position of the hinge along x [m].
+        z: Height of the hinge [m].
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    return leaning_box(half, (x + c * middle[0] - s * middle[1], 0.0, z + s * middle[0] + c * middle[1]), -angle)
+
+
+def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
+    """Return eight equal boxes around a vertical axis: the wall of a hollow round thing.
+
+    Args:
+        half: Half sizes of a board along the radius, along the circumference and upward [m].
+        away: Distance of the middle of a board from the axis [m].
+        z: Height of the middle of a board [m].
+        x: Position of the axis along x [m].
+        lean: How far a board is turned about the circumference [rad]; positive leans its upper end outward.
+    """
+    tilt = from_axis_angle((0.0, lean, 0.0))
+    return [
+        CollisionPart(
+            "box",
+            half,
+            (x + away * math.cos(angle), away * math.sin(angle), z),
+            multiply(from_yaw(angle), tilt) if lean else from_yaw(angle),
+        )
+        for angle in (k * math.pi / 4 for k in range(8))
+    ]
+
+
+def round_wall(
+    radius: float, thickness: float, low: float, high: float, *, x: float = 0.0, half_length: float | None = None
+) -> list[CollisionPart]:
+    """Return the upright wall of a hollow round thing as a :func:`ring_of_boards`.
+
+    Args:
+        radius: Distance of the outer faces of the boards from the axis [m].
+        thickness: Thickness of the wall [m].
+        low: Height of its lower edge [m].
+        high: Height of its upper edge [m].
+        x: Position of the axis along x [m].
+        half_length: Half the length of a board [m]; that of an octagon's side if not given.
+    """
+    along = radius * math.tan(math.pi / 8) if half_length is None else half_length
+    half_height = 0.5 * (high - low)
+    half = (0.5 * thickness, along, half_height)
+    return ring_of_boards(half, radius - 0.5 * thickness, low + half_height, x=x)
+
+
+def open_box(
+    inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
+) -> tuple[CollisionPart, ...]:
+    """Return a floor and four walls around a rectangular inside.
+
+    Args:
+        inner: Half extents of the inside along x and y [m].
+        wall: Thickness of the walls [m].
+        floor: Thickness of the floor [m].
+        height: Height of the rim [m].
+        x: Position of the middle along x [m].
+    """
+    ix, iy = inner
+    ox, oy = ix + wall, iy + wall
+    return (
+        solid_box((x - ox, -oy, 0.0), (x + ox, oy, floor)),
+        solid_box((x + ix, -oy, floor), (x + ox, oy, height)),
+        solid_box((x - ox, -oy, floor), (x - ix, oy, height)),
+        solid_box((x - ix, iy, floor), (x + ix, oy, height)),
+        solid_box((x - ix, -oy, floor), (x + ix, -iy, height)),
+    )

@@ -1,0 +1,50 @@
+"""Numbers in words, one way of writing each: counts with percentages, percentage points and p-values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Decimal
+
+from betterbench.statistics.rate import Rate
+from betterbench.statistics.rounding import percent, round_half_up
+
+MINUS = "\N{MINUS SIGN}"
+
+
+def counted(rate: Rate) -> str:
+    """Return a rate with its count: "45/60 (75.0 %)"."""
+    return f"{rate.k}/{rate.n} ({percent(rate.k, rate.n)} %)" if rate.n else "0/0"
+
+
+def minus(number: Decimal) -> str:
+    """Return a decimal with a real minus sign."""
+    return str(number).replace("-", MINUS)
+
+
+def signed(number: Decimal) -> str:
+    """Return a decimal with its sign; zero has none."""
+    return f"+{number}" if number > 0 else minus(number)
+
+
+def points(value: float, digits: int = 1) -> str:
+    """Return a fraction in percentage points without a plus sign."""
+    return minus(round_half_up(100.0 * value, digits))
+
+
+def p_text(p_value: float | None) -> str:
+    """Return a p-value with two digits that count ("p = 0.26", "p = 0.0078", "p < 0.001"), or an empty string."""
+    if p_value is None:
+        return ""
+    if p_value < 0.001:
+        return "p < 0.001"
+    return f"p = {round_half_up(p_value, 2 if p_value >= 0.1 else 3 if p_value >= 0.01 else 4)}"
+
+
+def listed(items: Sequence[str]) -> str:
+    """Return "a", "a and b" or "a, b and c"."""
+    return "".join(items) if len(items) < 2 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def plural(count: int, one: str, many: str | None = None) -> str:
+    """Return "1 trial", "2 trials"."""
+    return f"{count} {one if count == 1 else many or one + 's'}"

@@ -1,0 +1,85 @@
+"""What is registered: every label has its mode, the documents say the same, and nothing is registered in vain."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from betterbench.diagnosis.failure_mode import FailureMode
+from betterbench.diagnosis.modes import MODES
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.tasks import THRESHOLDS, Kind, Label, all_labels, new_label, threshold
+
+ROOT = Path(__file__).parents[2]
+SOURCES = {path: ast.parse(path.read_text()) for path in sorted((ROOT / "src").rglob("*.py"))}
+
+
+def test_every_label_has_a_mode_with_words_for_it():
+    assert tuple(MODES) == all_labels()
+    for mode in MODES.values():
+        assert mode.definition.endswith("."), mode.label
+        assert mode.name, mode.label
+        assert mode.short, mode.label
+        assert bool(mode.conclusion) == (mode.label.kind is not Kind.NONE), mode.label
+
+
+def test_the_table_of_the_documents_is_the_registry():
+    text = (ROOT / "docs" / "diagnosis.md").read_text()
+    table = text[text.index("| label |") : text.index("\n\n", text.index("| label |"))]
+    rows = [tuple(cell.strip() for cell in line.strip("|").split("|")) for line in table.splitlines()[2:]]
+    kinds = {Kind.NONE: "right"}
+    expected = [(f"`{m.label}`", kinds.get(m.label.kind, m.label.kind.value), m.definition) for m in MODES.values()]
+    assert rows == expected
+
+
+def test_a_name_is_registered_once_and_unknown_names_are_refused():
+    with pytest.raises(InvalidInputError, match="early_halt"):
+        new_label("early_halt", Kind.REASONING)
+    with pytest.raises(InvalidInputError, match="early_halt"):
+        FailureMode(Label.EARLY_HALT, "halt", "It stops.")(lambda _: None)
+    with pytest.raises(ValueError, match="halt_time"):
+        threshold("halt_time", 2.0, "s", "Again.")
+    with pytest.raises(UnknownNameError, match="Did you mean 'early_halt'"):
+        Label("early_hlat")
+
+
+def entered(tree: ast.Module) -> dict[str, str]:
+    """Return which constant a file makes of each threshold that it enters."""
+    found = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call) and isinstance(node.targets[0], ast.Name):
+            called = node.value.func
+            if isinstance(called, ast.Name) and called.id == "threshold":
+                found[node.value.args[0].value] = node.targets[0].id
+    return found
+
+
+def test_every_threshold_is_read_somewhere():
+    """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
+    constants = {name: (constant, path) for path, tree in SOURCES.items() for name, constant in entered(tree).items()}
+    read = set()
+    for path, tree in SOURCES.items():
+        nodes = list(ast.walk(tree))
+        loaded = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+        imported = {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}
+        read |= {c for c, (name, home) in constants.items() if name in loaded and (path == home or name in imported)}
+        for node in nodes:
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "THRESHOLDS":
+                read.add(node.attr)
+    assert set(constants) == set(THRESHOLDS.names())
+    assert set(THRESHOLDS.names()) <= read
+    for name in vars(type(THRESHOLDS)).keys() - {"names", "to_json"}:
+        assert name.startswith("_") or getattr(THRESHOLDS, name) == THRESHOLDS.to_json()[name]
+
+
+@pytest.mark.parametrize("package", ["diagnosis", "calibration", "comparison"])
+def test_labels_are_values_and_no_texts(package):
+    """``success`` is also a measure, ``policy_error`` also how an episode ends, and ``timeout`` also a plain word."""
+    names = {label.value for label in all_labels()} - {"success", "policy_error", "timeout"}
+    for path, tree in SOURCES.items():
+        if re.search(rf"/betterbench/{package}/", str(path)):
+            typed = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+            assert not names & {text for text in typed if isinstance(text, str)}, path
