@@ -2,9 +2,8 @@
 
     python tools/compare_records.py BEFORE AFTER [--rename "OLD=>NEW" ...]
 
-Every column of every record has to hold the same bytes. Metadata may be renamed: words of keys and texts are replaced
-as ``--rename`` says before they are compared, and what still differs is counted by key. Folders that hold several runs are
-compared run by run, by name.
+Every column of every record has to hold the same bytes. Metadata may be renamed: ``--rename`` replaces words of the old
+metadata, and what still differs is counted by key. Folders that hold several runs are compared run by run, by name.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from betterbench.errors import find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 from betterbench.state import Region
 
-Shape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
+CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +68,7 @@ class CollisionPart:
         friction: Sliding, torsional [m] and rolling [m] coefficients.
     """
 
-    shape: Shape
+    shape: CollisionShape
     size: Vector
     position: Vector = (0.0, 0.0, 0.0)
     quaternion: Quaternion = IDENTITY_QUATERNION

@@ -56,7 +56,7 @@ def serve_command(
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
     from betterbench.policies.batching import MAX_BATCH
 
-    trial = named_trial(task, condition, seed)
+    trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
     if chunk is not None:
         _require_expert(policy)
@@ -83,7 +83,7 @@ def serve_command(
     say("stopped")
 
 
-def named_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
+def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
     """Return the trial that the options name, or None if they name none.
 
     Raises:
@@ -95,9 +95,9 @@ def named_trial(task: str | None, condition: str | None, seed: int | None) -> Tr
             if value is not None:
                 raise InvalidInputError(option, "it belongs to the trial of a task", "Give --task too")
         return None
-    from betterbench.evaluation import named_trial as existing_trial
+    from betterbench.evaluation import named_trial
 
-    return existing_trial(task, condition, 0 if seed is None else seed)
+    return named_trial(task, condition, 0 if seed is None else seed)
 
 
 def _require_expert(policy: str) -> None:

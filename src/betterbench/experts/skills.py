@@ -30,7 +30,7 @@ from betterbench.state import WorldState
 from betterbench.tasks import TargetRegion
 from betterbench.tasks.relations import relation as relation_named
 
-Outcome = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
+SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
 
 PRESS_M = 0.004
@@ -78,17 +78,17 @@ class Skills:
         plan = self.planner.plan_pick(state, name)
         grasp = plan.grasp
         if self.grasp_offset is not None and self.grasp_offset.miss_by_m is not None:
-            grasp = beside(state, name, grasp, gap_m=self.grasp_offset.miss_by_m)
+            grasp = pads_beside(state, name, grasp, gap_m=self.grasp_offset.miss_by_m)
         state = yield from follow(state, plan.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         return state, grasp
 
-    def grasp(self, state: WorldState, name: str) -> Outcome:
+    def grasp(self, state: WorldState, name: str) -> SkillRun:
         """Close the gripper and tell whether the object is between the fingers."""
         state = yield from close_gripper(state)
         return state, state.touching("left_finger", name) and state.touching("right_finger", name)
 
-    def lift(self, state: WorldState, name: str) -> Outcome:
+    def lift(self, state: WorldState, name: str) -> SkillRun:
         """Lift what is in the gripper straight up and tell whether it came along."""
         before = state.pose(name).position[2]
         goal = state.commanded_pose.translated(z=LIFT_M)
@@ -105,7 +105,7 @@ class Skills:
             yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=2)
         )
 
-    def pick(self, state: WorldState, name: str) -> Outcome:
+    def pick(self, state: WorldState, name: str) -> SkillRun:
         """Take an object, again if the grasp failed.
 
         Returns:
@@ -129,7 +129,7 @@ class Skills:
                 return state, False
         return state, False
 
-    def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> Outcome:
+    def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
         """Carry the held object to its target, put it down, let go and move away.
 
         Returns:
@@ -160,7 +160,7 @@ class Skills:
         )
         return state, arrived
 
-    def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> Outcome:
+    def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
         """Bring an object to its target, starting over where it slipped out of the gripper."""
         for _ in range(self.attempts):
             state, held = yield from self.pick(state, name)
@@ -174,7 +174,7 @@ class Skills:
             state = yield from self.retreat(state)
         return state, False
 
-    def slide(self, state: WorldState, name: str, distance_m: float) -> Outcome:
+    def slide(self, state: WorldState, name: str, distance_m: float) -> SkillRun:
         """Take a drawer by its knob and move it along its rails.
 
         Args:
@@ -202,7 +202,7 @@ class Skills:
         )
         return state, holds
 
-    def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> Outcome:
+    def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> SkillRun:
         """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the gripper.
 
         Args:
@@ -268,7 +268,7 @@ class Skills:
 PAD_HALF_WIDTH_M = 0.010
 
 
-def beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
+def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
     """Return a grasp moved sideways, across the direction in which the fingers open, until the pads miss the object.
 
     Args:

@@ -40,7 +40,7 @@ from betterbench.tasks.templates import (
 )
 from betterbench.tasks.variation import Variation
 
-Layout = Mapping[ObjectSpec, Slot]
+SlotLayout = Mapping[ObjectSpec, Slot]
 """Which object starts in which slot."""
 
 
@@ -139,7 +139,7 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str]) -> Instruction:
 
 
 def condition(
-    layout: Layout,
+    layout: SlotLayout,
     instruction: Instruction,
     *mounted: ObjectSpec,
     preplaced: Mapping[ObjectSpec, ObjectSpec] | None = None,
@@ -166,7 +166,7 @@ def condition(
     )
 
 
-def conditions(layouts: Iterable[Layout], instructions: Iterable[Instruction]) -> tuple[Condition, ...]:
+def conditions(layouts: Iterable[SlotLayout], instructions: Iterable[Instruction]) -> tuple[Condition, ...]:
     """Return the training conditions of every layout with every instruction."""
     asked = tuple(instructions)
     return tuple(condition(layout, instruction) for layout in layouts for instruction in asked)
@@ -190,11 +190,11 @@ __all__ = [
     "Condition",
     "Expected",
     "Instruction",
-    "Layout",
     "ObjectSpec",
     "Reference",
     "Relation",
     "Slot",
+    "SlotLayout",
     "Subgoal",
     "Support",
     "Task",

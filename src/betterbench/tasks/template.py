@@ -24,7 +24,7 @@ Order = Literal["free", "named", "built"]
 
 Text = Annotated[str, Field(min_length=1, pattern=r"\S")]
 Positive = Annotated[float, Field(ge=0.0, lt=1e6)]
-Steps = Annotated[int, Field(ge=0, lt=10**6)]
+StepCount = Annotated[int, Field(ge=0, lt=10**6)]
 Count = Annotated[int, Field(ge=0)]
 
 
@@ -89,9 +89,9 @@ class Protocol:
     """
 
     dwell_s: Positive = 0.5
-    base_steps: Steps = 150
-    steps_per_subgoal: Steps = 200
-    still_steps: Steps = 200
+    base_steps: StepCount = 150
+    steps_per_subgoal: StepCount = 200
+    still_steps: StepCount = 200
 
 
 @dataclass(frozen=True, kw_only=True)

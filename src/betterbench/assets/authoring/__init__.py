@@ -20,10 +20,10 @@ from betterbench.assets.authoring.mesh import (
     span,
     sweep,
 )
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.registry import generator, unregister
 from betterbench.assets.authoring.solids import (
-    foot,
+    foot_square,
     leaning_box,
     open_box,
     ring_of_boards,
@@ -41,15 +41,15 @@ __all__ = [
     "FRONT",
     "PALETTE",
     "Canvas",
-    "Color",
     "Draft",
     "Mesh",
+    "Rgb",
     "Turned",
     "block",
     "box",
     "centered",
     "disc",
-    "foot",
+    "foot_square",
     "generator",
     "glazed",
     "grip",

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, mixed, shaded
 from betterbench.assets.authoring.turned import Turned
 
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
@@ -18,12 +18,12 @@ BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
 def glazed(
     rng: np.random.Generator,
     vessel: Turned,
-    shade: Color,
+    shade: Rgb,
     decoration: str,
     *,
     rows: tuple[int, int, int, int, int],
-    lining: Color | None,
-    ink: Color | None = None,
+    lining: Rgb | None,
+    ink: Rgb | None = None,
     bands: Mapping[str, Sequence[tuple[float, float]]] = BANDS,
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
@@ -33,12 +33,12 @@ def glazed(
     Args:
         rng: Source of the speckles.
         vessel: The vessel.
-        shade: Color of the glaze, which runs thin and bright over the rim.
+        shade: Rgb of the glaze, which runs thin and bright over the rim.
         decoration: One of ``bands``, "speckled", "dots", or another word for none.
         rows: Numbers of the points of the profile where the unglazed foot ends, where the wall begins, where the rim
             begins, where the inside begins and where its floor begins.
-        lining: Color of the inside; that of the outside if not given.
-        ink: Color of the decoration; if not given, cream on dark glazes and a gray blue on light ones.
+        lining: Rgb of the inside; that of the outside if not given.
+        ink: Rgb of the decoration; if not given, cream on dark glazes and a gray blue on light ones.
         bands: What is painted for a decoration, see :data:`BANDS`.
         shadow: Brightness of the inside below the rim, and what it has lost at the floor.
         unglazed: Brightness of the foot.

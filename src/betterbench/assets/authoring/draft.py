@@ -9,7 +9,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart, Grasp, Texture, VisualPart
 from betterbench.assets.authoring.mesh import Mesh, box, mapped
-from betterbench.assets.authoring.paint import Canvas, Color
+from betterbench.assets.authoring.paint import Canvas, Rgb
 from betterbench.assets.authoring.solids import solid_box
 from betterbench.geometry import Pose, Vector, multiply, normalize
 from betterbench.state import Region
@@ -55,7 +55,7 @@ class Draft:
 def part(
     name: str,
     mesh: Mesh,
-    paint: Color | Canvas,
+    paint: Rgb | Canvas,
     *,
     view: tuple[Vector, Vector] | None = None,
     specular: float = 0.2,
@@ -66,14 +66,14 @@ def part(
     Args:
         name: Name within the asset.
         mesh: The mesh.
-        paint: Color, each in [0, 1], or picture.
+        paint: Rgb, each in [0, 1], or picture.
         view: Directions in which the columns and rows of the picture run if it is projected onto the mesh
             (:data:`FRONT`, :data:`ABOVE`); by the texture coordinates of the mesh if not given.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
     """
     texture = None
-    color: Color = (1.0, 1.0, 1.0)
+    color: Rgb = (1.0, 1.0, 1.0)
     mesh = mesh if view is None else mapped(mesh, *view)
     if isinstance(paint, Canvas):
         texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
@@ -96,7 +96,7 @@ def block(
     name: str,
     low: Vector,
     high: Vector,
-    paint: Color | Canvas,
+    paint: Rgb | Canvas,
     *,
     bevel: float = 0.0,
     corner: float = 0.0,
@@ -111,7 +111,7 @@ def block(
         name: Name of the visual part.
         low: Corner with the smallest coordinates [m].
         high: Corner with the largest coordinates [m].
-        paint: Color or picture.
+        paint: Rgb or picture.
         bevel: Width of the bevel of the top and bottom edges [m]; it is only seen.
         corner: Radius of the vertical edges [m]; it is only seen.
         steps: Segments per rounded vertical edge.

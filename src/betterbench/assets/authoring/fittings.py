@@ -7,7 +7,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, VisualPart
 from betterbench.assets.authoring.draft import part
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, merge, span, sweep, tube_section
-from betterbench.assets.authoring.paint import CHROME, Canvas, Color, mixed, shaded
+from betterbench.assets.authoring.paint import CHROME, Canvas, Rgb, mixed, shaded
 from betterbench.assets.authoring.solids import solid_span
 from betterbench.assets.authoring.turned import Turned
 
@@ -30,14 +30,14 @@ def grille(x: tuple[float, float], half_y: float, z: float, *, slots: float) -> 
         z: Height of the surface [m].
         slots: Number of slots.
     """
-    metal: Color = (0.62, 0.63, 0.65)
+    metal: Rgb = (0.62, 0.63, 0.65)
     canvas = Canvas(1.0, 1.0, (128, 128), metal)
     canvas.paint((np.abs((canvas.x * slots) % 1.0 - 0.5) < 0.24) & (np.abs(canvas.y - 0.5) < 0.45), (0.14, 0.14, 0.15))
     canvas.paint(np.abs(canvas.y - 0.5) < 0.02, metal)
     return part("grille", span(x, half_y, (z - 0.0004, z + 0.0004)), canvas, view=ABOVE, specular=0.4)
 
 
-def ring_mark(radius: float, width: float, x: float, z: float, paint: Color) -> VisualPart:
+def ring_mark(radius: float, width: float, x: float, z: float, paint: Rgb) -> VisualPart:
     """Return a flat ring on a surface at height ``z`` around ``x``, with an outer radius and a width [m]."""
     radii, low = (radius, radius, radius - width, radius - width), z - 0.0004
     return part("ring", Turned(radii, (low, z + 0.0011, z + 0.0014, low), wrap=False).mesh().moved(x), paint)
@@ -87,9 +87,9 @@ def panel(
     x: float,
     half_y: float,
     z: tuple[float, float],
-    housing: Color,
+    housing: Rgb,
     *,
-    trim: Color,
+    trim: Rgb,
     split: float,
     display: bool,
 ) -> VisualPart:
@@ -100,8 +100,8 @@ def panel(
         x: Where it is along x [m].
         half_y: Half its width [m].
         z: Its lower and upper edge [m].
-        housing: Color of the appliance.
-        trim: Color of the edges and, on a bright appliance, of the field behind the lamps.
+        housing: Rgb of the appliance.
+        trim: Rgb of the edges and, on a bright appliance, of the field behind the lamps.
         split: Height of the lower edge of the controls as a share of the front's.
         display: True for a lit display in the middle of the controls.
     """

@@ -1,6 +1,6 @@
 """Letters and digits for prints, drawn as strokes: an alphabet of as many signs as the library has words to print."""
 
-from betterbench.assets.authoring.paint import Canvas, Color
+from betterbench.assets.authoring.paint import Canvas, Rgb
 
 Stroke = tuple[tuple[float, float], ...]
 
@@ -29,8 +29,8 @@ _SIGNS: dict[str, tuple[Stroke, ...]] = {
 _ADVANCE = 0.86
 
 
-def write(
-    canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Color, weight: float = 0.16
+def write_word(
+    canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Rgb, weight: float = 0.16
 ) -> None:
     """Write a word on a picture.
 
@@ -39,7 +39,7 @@ def write(
         text: Word of the signs that exist (upper case).
         center: Middle of the word, in the units of the canvas.
         height: Height of a capital.
-        ink: Color of the strokes.
+        ink: Rgb of the strokes.
         weight: Thickness of the strokes as a share of the height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)

@@ -10,7 +10,7 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector, rotate
 
-Inertia = tuple[float, float, float, float, float, float]
+InertiaTensor = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class MassProperties:
 
     mass_kg: float
     center_of_mass: Vector
-    inertia: Inertia
+    inertia: InertiaTensor
 
 
 def volume_of(part: CollisionPart) -> float:

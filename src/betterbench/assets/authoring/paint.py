@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-Color = tuple[float, float, float]
+Rgb = tuple[float, float, float]
 
 # Each picture is drawn at this many times its size and averaged down, which smooths its edges.
 _OVERSAMPLING = 2
@@ -22,7 +22,7 @@ class Canvas:
         height: Extent covered vertically.
     """
 
-    def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Color) -> None:
+    def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
         """Fill a canvas.
 
         Args:
@@ -53,7 +53,7 @@ class Canvas:
         """Return the mask of the rectangle around (x, y) with half extents ``reach_x`` and ``reach_y``."""
         return (np.abs(self.x - x) < reach_x) & (np.abs(self.y - y) < reach_y)
 
-    def paint(self, mask: np.ndarray, color: Color, *, strength: float = 1.0) -> None:
+    def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
         """Blend a color in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
         if mask.dtype == np.bool_:
             self._image[mask] = self._image[mask] * (1.0 - strength) + np.asarray(color) * strength
@@ -74,11 +74,11 @@ class Canvas:
         down = np.clip((self.y - start) / (end - start), 0.0, 1.0)
         self.shade(np.where(self.y > start, light - loss * down, 1.0))
 
-    def band(self, low: float, high: float, color: Color) -> None:
+    def band(self, low: float, high: float, color: Rgb) -> None:
         """Paint a horizontal band from ``low`` to ``high``."""
         self.paint((self.y >= low) & (self.y < high), color)
 
-    def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Color, turn: float = 0) -> None:
+    def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
         """Paint a filled ellipse, turned by ``turn`` [rad]."""
         # Only the samples within the larger radius are looked at: pictures with hundreds of pores stay cheap.
         reach = max(radii)
@@ -94,7 +94,7 @@ class Canvas:
         """Return the mask of a filled ellipse."""
         return _in_ellipse(self.x, self.y, center, radii, turn)
 
-    def line(self, points: Sequence[tuple[float, float]], width: float, color: Color, strength: float = 1) -> None:
+    def line(self, points: Sequence[tuple[float, float]], width: float, color: Rgb, strength: float = 1) -> None:
         """Paint a polyline of the given width."""
         mask = np.zeros_like(self.x, dtype=bool)
         for (ax, ay), (bx, by) in itertools.pairwise(points):
@@ -126,7 +126,7 @@ class Canvas:
         self,
         rng: np.random.Generator,
         count: int,
-        color: Color,
+        color: Rgb,
         *,
         radius: tuple[float, float],
         rows: tuple[float, float],
@@ -193,7 +193,7 @@ def scattered(
 
 
 # Colors by the word a person would use. Chosen to stay apart from each other under the light of the scenes.
-PALETTE: dict[str, Color] = {
+PALETTE: dict[str, Rgb] = {
     "red": (0.78, 0.07, 0.07),
     "blue": (0.08, 0.22, 0.68),
     "white": (0.90, 0.89, 0.86),
@@ -210,12 +210,12 @@ PALETTE: dict[str, Color] = {
 }
 
 
-STEEL: Color = (0.74, 0.75, 0.77)
-BUN: Color = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
-CHROME: Color = (0.80, 0.81, 0.83)
+STEEL: Rgb = (0.74, 0.75, 0.77)
+BUN: Rgb = (0.76, 0.45, 0.15)  # the brown of a baked bun, and of what looks like one
+CHROME: Rgb = (0.80, 0.81, 0.83)
 
 
-def shaded(color: Color, factor: float) -> Color:
+def shaded(color: Rgb, factor: float) -> Rgb:
     """Return a color made darker (factor < 1) or lighter (factor > 1, toward white)."""
     if factor <= 1.0:
         return (color[0] * factor, color[1] * factor, color[2] * factor)
@@ -223,11 +223,11 @@ def shaded(color: Color, factor: float) -> Color:
     return (color[0] + (1 - color[0]) * lift, color[1] + (1 - color[1]) * lift, color[2] + (1 - color[2]) * lift)
 
 
-def mixed(a: Color, b: Color, fraction: float) -> Color:
+def mixed(a: Rgb, b: Rgb, fraction: float) -> Rgb:
     """Return the color at ``fraction`` of the way from ``a`` to ``b``."""
     return (a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction, a[2] + (b[2] - a[2]) * fraction)
 
 
-def jittered(color: Color, rng: np.random.Generator, *, amount: float = 0.08) -> Color:
+def jittered(color: Rgb, rng: np.random.Generator, *, amount: float = 0.08) -> Rgb:
     """Return a slightly lighter or darker shade of a color; its hue stays."""
     return shaded(color, 1.0 + float(rng.uniform(-amount, amount)))

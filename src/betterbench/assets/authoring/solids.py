@@ -6,7 +6,7 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply
 
 
-def foot(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
+def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
     """Return the flat square on which a round thing stands.
 
     A cylinder on a box touches it in one or two points that change from step to step; four fixed corners stand still.
@@ -26,14 +26,17 @@ def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) 
 
 
 def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
-    """Return a round body that stands on a :func:`foot`: cylinders one on another.
+    """Return a round body that stands on a :func:`foot_square`: cylinders one on another.
 
     Args:
         foot_half: Half the side of the foot [m].
         *cylinders: Radius and upper end of each cylinder [m], from the lowest, which starts 0.5 mm above the ground.
     """
     ends = [0.0005, *(high for _, high in cylinders)]
-    return (foot(foot_half), *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)))
+    return (
+        foot_square(foot_half),
+        *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)),
+    )
 
 
 def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring.mesh import Mesh, lathe, profile_length
-from betterbench.assets.authoring.paint import Canvas, Color
+from betterbench.assets.authoring.paint import Canvas, Rgb
 from betterbench.assets.authoring.solids import standing
 
 
@@ -49,7 +49,7 @@ class Turned:
         """Return the mesh with its axis along +x, its lower end at ``x`` and its middle at height ``z`` [m]."""
         return self.mesh().rotated("y", math.pi / 2).moved(x, 0.0, z)
 
-    def canvas(self, color: Color, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
+    def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Start a picture for the surface, upward along the profile.
 
         Args:

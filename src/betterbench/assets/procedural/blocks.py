@@ -6,13 +6,13 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, part, zone
 from betterbench.assets.authoring.mesh import mapped, slab
-from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Color, jittered, shaded
+from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, shaded
 from betterbench.assets.authoring.solids import leaning_box, solid_box
 
 
 def _painted_wood(
     rng: np.random.Generator,
-    shade: Color,
+    shade: Rgb,
     *,
     rings: float,
     waves: tuple[float, float, float],
@@ -23,7 +23,7 @@ def _painted_wood(
 
     Args:
         rng: Source of the grain.
-        shade: Color of the paint.
+        shade: Rgb of the paint.
         rings: How strongly the year rings show.
         waves: Number of year rings, and height and number of their waves.
         amount: Strength of the grain.

@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, spheroid, standing
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, scattered, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, scattered, shaded, uniforms
 
-_PALE: Color = (0.92, 0.91, 0.87)
+_PALE: Rgb = (0.92, 0.91, 0.87)
 _GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 
 
@@ -127,7 +127,7 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-_LIDS: dict[str, Color] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.20), "white": (0.92, 0.92, 0.91)}
+_LIDS: dict[str, Rgb] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.20), "white": (0.92, 0.92, 0.91)}
 
 
 @generator("jam_jar", colors=("red", "orange"))
@@ -162,7 +162,7 @@ def jam_jar(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _jam(rng: np.random.Generator, jar: Turned, jam: Color) -> Canvas:
+def _jam(rng: np.random.Generator, jar: Turned, jam: Rgb) -> Canvas:
     """Draw jam in glass behind a label with a fruit."""
     canvas = jar.canvas(jam, (192, 128))
     x, y, width = canvas.x, canvas.y, canvas.width
@@ -184,7 +184,7 @@ def _jam(rng: np.random.Generator, jar: Turned, jam: Color) -> Canvas:
     return canvas
 
 
-def _lid(kind: str, color: str, jam: Color) -> Canvas:
+def _lid(kind: str, color: str, jam: Rgb) -> Canvas:
     """Draw a lid from above: checked cloth, or metal with a ring."""
     canvas = Canvas(2.0, 2.0, (128, 128), _LIDS[kind])
     if kind == "gingham":

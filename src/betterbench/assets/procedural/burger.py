@@ -6,9 +6,9 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import BUN, Canvas, Color, jittered, mixed, scattered, shaded
+from betterbench.assets.authoring.paint import BUN, Canvas, Rgb, jittered, mixed, scattered, shaded
 
-_CRUMB: Color = (0.90, 0.74, 0.46)
+_CRUMB: Rgb = (0.90, 0.74, 0.46)
 
 
 @generator("burger", colors=("brown",))
@@ -94,7 +94,7 @@ def _top_bun(radius: float, low: float, high: float) -> Mesh:
     return Turned(radii, (*z, high), 18, 55.0, wrap=False).mesh().domed(radius, high, rise)
 
 
-def _crust(rng: np.random.Generator, bun: Color, *, seeds: int) -> Canvas:
+def _crust(rng: np.random.Generator, bun: Rgb, *, seeds: int) -> Canvas:
     """Draw the crust of the bun from above: browned in the middle, pale at the edge, with sesame seeds."""
     canvas = Canvas(2.0, 2.0, (128, 128), bun)
     r = canvas.radius

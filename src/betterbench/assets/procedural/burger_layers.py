@@ -23,10 +23,10 @@ from betterbench.assets.authoring import (
     zone,
 )
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism, rectangle
-from betterbench.assets.authoring.paint import BUN, Canvas, Color, jittered, mixed, scattered, shaded
+from betterbench.assets.authoring.paint import BUN, Canvas, Rgb, jittered, mixed, scattered, shaded
 from betterbench.assets.authoring.solids import solid_box
 
-_CRUMB: Color = (0.95, 0.82, 0.56)
+_CRUMB: Rgb = (0.95, 0.82, 0.56)
 # Height of the jaw's center for slices [m].
 _SLICE_GRIP = 0.010
 
@@ -245,7 +245,7 @@ def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
     )
 
 
-def _veins(rng: np.random.Generator, shade: Color) -> Canvas:
+def _veins(rng: np.random.Generator, shade: Rgb) -> Canvas:
     """Draw a leaf from above: pale in the middle, dark at the edge, with nine bent veins."""
     canvas = Canvas(2.0, 2.0, (160, 160), shade)
     r = canvas.radius
@@ -294,7 +294,7 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     )
 
 
-def _sesame(rng: np.random.Generator, crust: Color, *, seeds: int) -> Canvas:
+def _sesame(rng: np.random.Generator, crust: Rgb, *, seeds: int) -> Canvas:
     """Draw the crust from above: brown on the crown, pale toward the cut, strewn with seeds."""
     canvas = Canvas(2.0, 2.0, (160, 160), crust)
     r = canvas.radius

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
 from betterbench.assets.authoring.mesh import Mesh, prism
-from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Rgb, jittered, mixed, shaded
 
 # Radius of the standard 330 ml can [m].
 CAN_RADIUS = 0.033
@@ -60,13 +60,13 @@ def can_shell(height: float, shoulder: float) -> Turned:
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
-def draw_label(rng: np.random.Generator, shell: Turned, shade: Color, *, design: str) -> Canvas:
+def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: str) -> Canvas:
     """Draw half of a can from the bottom over the print to the lid.
 
     Args:
         rng: Source of the sheen.
         shell: See :func:`can_shell`.
-        shade: Color of the print.
+        shade: Rgb of the print.
         design: One of :data:`DESIGNS`.
     """
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))

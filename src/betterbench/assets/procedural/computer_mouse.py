@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, Mesh, creased, loft
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 _SIDES = 28
 
@@ -88,7 +88,7 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
 
 
 def _shell(
-    shade: Color, accent: Color, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
+    shade: Rgb, accent: Rgb, *, length: float, width: float, wheel_x: float, trim: str, extra_button: bool
 ) -> Canvas:
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
@@ -169,7 +169,7 @@ _LETTERS: dict[str, tuple[_Stroke, ...]] = {
 }
 
 
-def _stamped(rng: np.random.Generator, shade: Color, *, stamp: str, length: float, width: float) -> Canvas:
+def _stamped(rng: np.random.Generator, shade: Rgb, *, stamp: str, length: float, width: float) -> Canvas:
     """Draw a bar of soap from above: an oval groove around a word or a leaf that runs along the bar."""
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)

@@ -5,9 +5,18 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring import (
+    Draft,
+    centered,
+    disc,
+    foot_square,
+    generator,
+    grip_across,
+    part,
+    upright_cylinder,
+)
 from betterbench.assets.authoring.mesh import Mesh, creased
-from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
@@ -33,7 +42,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
         mass_kg=0.015,
         parts=(
             part("paper", ball, _paper(rng, paper, ink=ink if printed else None), specular=0.02, shininess=0.05),
-            _rough(foot(0.013, height=0.006)),
+            _rough(foot_square(0.013, height=0.006)),
             _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
             _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
         ),
@@ -109,7 +118,7 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
 
 
-def _paper(rng: np.random.Generator, paper: Color, *, ink: Color | None) -> Canvas:
+def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
     """Draw paper whose row is the depth of the fold: gray at the bottom of a crease, bright on a ridge."""
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)

@@ -4,7 +4,16 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, centered, disc, foot, generator, grip_across, part, upright_cylinder
+from betterbench.assets.authoring import (
+    Draft,
+    centered,
+    disc,
+    foot_square,
+    generator,
+    grip_across,
+    part,
+    upright_cylinder,
+)
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, uniforms
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_shell, draw_label
@@ -35,7 +44,7 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
         mass_kg=0.020,
         parts=(
             part("shell", mesh, canvas, specular=0.7, shininess=0.6),
-            foot(0.0165),
+            foot_square(0.0165),
             upright_cylinder(radius, 0.0060, 0.80 * top),
             upright_cylinder(0.024, 0.0005, top - 0.004),
         ),

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, glazed, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import Mesh, sweep
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import round_wall, solid_box, upright_cylinder
 
 _WALL, _COLORS = 0.0028, ("blue", "red", "white", "yellow")
@@ -113,7 +113,7 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _glass(rng: np.random.Generator, glass: Turned, shade: Color, *, pattern: str) -> Canvas:
+def _glass(rng: np.random.Generator, glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:
     """Draw colored glass: dark at the thick foot, bright at the rim, pale streaks where it catches the light."""
     _, _, foot, rim, _, inside, floor, _ = glass.rows
     canvas = glass.canvas(shade, (256, 256))

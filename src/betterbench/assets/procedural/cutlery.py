@@ -8,15 +8,15 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, VisualPart
 from betterbench.assets.authoring import Draft, generator, grip, part, rod, solid_span, zone
 from betterbench.assets.authoring.mesh import creased, loft, merge, prism
-from betterbench.assets.authoring.paint import Canvas, Color, jittered, shaded, uniforms
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, shaded, uniforms
 
 _HALF = 0.080  # half the length of a piece [m]
 _HANDLE = 0.085  # length of the handle [m]; it ends at +x
 _WIDTH, _THICKNESS = 0.014, 0.013
 _GRIP_HEIGHT = 0.0105
 
-_METAL: dict[str, Color] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
-_HANDLES: tuple[Color, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
+_METAL: dict[str, Rgb] = {"silver": (0.72, 0.73, 0.76), "yellow": (0.83, 0.62, 0.22)}
+_HANDLES: tuple[Rgb, ...] = ((0.10, 0.10, 0.11), (0.40, 0.21, 0.09), (0.58, 0.36, 0.17), (0.20, 0.12, 0.09))
 
 
 @generator("fork", colors=("silver", "yellow"))
@@ -79,7 +79,7 @@ def spoon(rng: np.random.Generator, color: str) -> Draft:
 def _piece(
     rng: np.random.Generator,
     name: str,
-    metal: Color,
+    metal: Rgb,
     head: list[VisualPart],
     *,
     reach: float,
@@ -92,7 +92,7 @@ def _piece(
     Args:
         rng: Source of the handle.
         name: What it is, with its color.
-        metal: Color of the metal.
+        metal: Rgb of the metal.
         head: Visual parts of head and neck.
         reach: Half the width on which the head stands [m].
         head_end: The x at which the head leaves the table [m].
@@ -138,7 +138,7 @@ def _piece(
     )
 
 
-def _rivets(metal: Color, *x: float) -> VisualPart:
+def _rivets(metal: Rgb, *x: float) -> VisualPart:
     """Return the heads of rivets on top of the handle at positions along x [m]."""
     angle, z, dots = 2.0 * math.pi * np.arange(8) / 8, _THICKNESS - 0.001, []
     for at in x:

@@ -14,10 +14,10 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_box, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, mapped, span
-from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 
 _COLORS = ("white", "brown", "gray")
-_PAINT: dict[str, Color] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "gray": (0.45, 0.47, 0.50)}
+_PAINT: dict[str, Rgb] = {"white": (0.88, 0.87, 0.84), "brown": (0.56, 0.36, 0.19), "gray": (0.45, 0.47, 0.50)}
 
 # The carcass [m].
 _HALF_X, _HALF_Y, _HEIGHT = 0.110, 0.120, 0.170
@@ -51,25 +51,25 @@ class _Style:
     """What the carcass and the drawers of one look have in common.
 
     Attributes:
-        shade: Color of the boards.
+        shade: Rgb of the boards.
         wood: True for visible grain.
         grain_seed: Number that the grain follows from.
         front: How the front panel is worked: "plain", "frame", "groove" or "band".
-        metal: Color of the knob.
+        metal: Rgb of the knob.
     """
 
-    shade: Color
+    shade: Rgb
     wood: bool
     grain_seed: int
     front: str
-    metal: Color
+    metal: Rgb
 
     @staticmethod
     def draw(rng: np.random.Generator, color: str) -> _Style:
         """Draw a style; the same numbers are drawn for every color."""
         shade = jittered(_PAINT[color], rng, amount=0.12 if color == "brown" else 0.06)
         front = str(rng.choice(["plain", "frame", "groove", "band"]))
-        knobs: tuple[Color, ...] = ((0.16, 0.16, 0.17), (0.74, 0.57, 0.24), (0.66, 0.67, 0.69), (0.36, 0.22, 0.12))
+        knobs: tuple[Rgb, ...] = ((0.16, 0.16, 0.17), (0.74, 0.57, 0.24), (0.66, 0.67, 0.69), (0.36, 0.22, 0.12))
         metal = knobs[int(rng.integers(len(knobs)))]
         return _Style(shade, color == "brown", int(rng.integers(2**31)), front, metal)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip, part, standing, sweep
 from betterbench.assets.authoring.mesh import tube_section
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 _STRAW_TOP, _GRIP = 0.1285, 0.0860
 
@@ -53,7 +53,7 @@ def drink_cup(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _print(rng: np.random.Generator, cup: Turned, shade: Color, *, design: str) -> Canvas:
+def _print(rng: np.random.Generator, cup: Turned, shade: Rgb, *, design: str) -> Canvas:
     """Draw the paper wall."""
     low, high = cup.rows[2], cup.rows[3]
     span, paper = high - low, (0.94, 0.93, 0.90)

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_span, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, prism
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 # Share of the picture's height that shows the outside of the carton; the rest is its inside and the filling.
 _OUTSIDE = 0.8
@@ -70,7 +70,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     return creased(loft(rings, u=u, v=(0.0, _OUTSIDE, _OUTSIDE + 0.04, 1.0)), 42.0)
 
 
-def _print(rng: np.random.Generator, shade: Color, *, design: str) -> Canvas:
+def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
     """Draw the stripes and the sign on the front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y

@@ -5,13 +5,24 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import Draft, Turned, disc, foot, generator, grip, grip_across, part, spheroid, zone
+from betterbench.assets.authoring import (
+    Draft,
+    Turned,
+    disc,
+    foot_square,
+    generator,
+    grip,
+    grip_across,
+    part,
+    spheroid,
+    zone,
+)
 from betterbench.assets.authoring.mesh import Mesh, creased, prism, sweep, tube_section
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import solid_box
 
 # Color of the skin, and of the skin around the stalk, where the sun does not reach.
-_APPLES: dict[str, tuple[Color, Color]] = {
+_APPLES: dict[str, tuple[Rgb, Rgb]] = {
     "red": ((0.70, 0.055, 0.06), (0.80, 0.52, 0.16)),
     "green": ((0.42, 0.62, 0.11), (0.52, 0.60, 0.20)),
     "yellow": ((0.92, 0.72, 0.16), (0.66, 0.62, 0.18)),
@@ -25,7 +36,7 @@ def _round_collision(radius: float, height: float) -> tuple[CollisionPart, ...]:
     The foot is wide enough for the fruit to come back from a lean of 15 degrees and narrow enough to stay hidden.
     """
     half = 0.5 * height - 0.00025
-    return (foot(0.011, height=0.006), spheroid(radius, half, half + 0.0005))
+    return (foot_square(0.011, height=0.006), spheroid(radius, half, half + 0.0005))
 
 
 def _leaf(rng: np.random.Generator, length: float, width: float, lift: float, z: float) -> Mesh:
@@ -81,7 +92,7 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Color, *, color: str, blush: float) -> Canvas:
+def _apple_skin(rng: np.random.Generator, solid: Turned, skin: Rgb, *, color: str, blush: float) -> Canvas:
     """Draw the skin from the calyx to the stalk: streaks, a sunny side, pale pores, russet around the stalk."""
     canvas = solid.canvas(skin, width=math.pi * _APPLE_RADIUS)
     x, y, width, whole = canvas.x, canvas.y, canvas.width, canvas.height

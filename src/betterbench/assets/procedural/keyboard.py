@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, leaning_box, merge, part, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, box, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 # Rows of keys from the user's to the far one: widths in units of one key, as on a compact keyboard.
 ROWS: tuple[tuple[float, ...], ...] = (
@@ -17,7 +17,7 @@ ROWS: tuple[tuple[float, ...], ...] = (
     (*(1.0,) * 13, 1.0),
     (*(0.93,) * 15,),
 )
-_KEYS: dict[str, dict[str, Color]] = {
+_KEYS: dict[str, dict[str, Rgb]] = {
     "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
     "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
     "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
@@ -85,10 +85,10 @@ def draw_keys(
     canvas: Canvas,
     corner: tuple[float, float],
     size_m: tuple[float, float],
-    keys: Color,
+    keys: Rgb,
     *,
-    accent: Color | None = None,
-    edges: Color | None = None,
+    accent: Rgb | None = None,
+    edges: Rgb | None = None,
 ) -> None:
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
@@ -96,9 +96,9 @@ def draw_keys(
         canvas: The picture; its lower edge is the user's side.
         corner: Lower left corner of the field [m].
         size_m: Width and depth of the field [m].
-        keys: Color of the key caps.
-        accent: Color of the escape and the enter key, if they stand out.
-        edges: Color of the wide keys at the edge and of the far row, if they stand out.
+        keys: Rgb of the key caps.
+        accent: Rgb of the escape and the enter key, if they stand out.
+        edges: Rgb of the wide keys at the edge and of the far row, if they stand out.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

@@ -6,7 +6,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, generator, leaning_box, part, solid_span, span, zone
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, mapped, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.procedural.keyboard import draw_keys
 from betterbench.geometry import from_axis_angle, rotate
 
@@ -86,7 +86,7 @@ def _sheet(half_y: float, z: tuple[float, float], corner: float, x: tuple[float,
     return prism([np.column_stack([np.full(len(flat), at), flat[:, 0], up]) for at in x])
 
 
-def _deck(metal: Color, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
+def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas:
     """Draw the upper side of the base as the user sees it: the keys, the trackpad in front of them."""
     width, depth = size_m
     canvas = Canvas(width, depth, (256, 176), metal)

@@ -7,7 +7,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, centered, generator, merge, open_box, part, zone
 from betterbench.assets.authoring.mesh import Mesh, box, creased, loft, mapped, prism, rectangle
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import hinged_box
 
 _WALL, _FLOOR, _LIP = 0.005, 0.006, 0.003
@@ -85,7 +85,7 @@ def _tray(half_x: float, half_y: float, height: float, *, corner: float) -> Mesh
     return creased(loft(rings, v=(0.02, 0.06, 0.42, 0.46, 0.50, 0.54, 0.60, 0.90, 0.97)), 40.0)
 
 
-def _shell(shade: Color, lining: Color) -> Canvas:
+def _shell(shade: Rgb, lining: Rgb) -> Canvas:
     """Draw the tray from its underside over the lip to the floor, with the inside in its own shadow."""
     canvas = Canvas(1.0, 1.0, (8, 128), shade)
     y = canvas.y
@@ -104,7 +104,7 @@ def _lid(length: float, half_y: float, depth: float, *, corner: float) -> Mesh:
     return mapped(closed, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
 
 
-def _lining(rng: np.random.Generator, shade: Color, lining: Color, trim: Color, *, motif: str) -> Canvas:
+def _lining(rng: np.random.Generator, shade: Rgb, lining: Rgb, trim: Rgb, *, motif: str) -> Canvas:
     """Draw the inner side of the lid: a border, a molded panel and a printed motif."""
     width, height = 0.266, 0.213
     canvas = Canvas(width, height, (192, 160), shade)

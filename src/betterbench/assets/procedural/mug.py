@@ -5,7 +5,7 @@ import numpy as np
 from betterbench.assets.authoring import Draft, Turned, disc, generator, glazed, grip, part, zone
 from betterbench.assets.authoring.mesh import chamfered, sweep
 from betterbench.assets.authoring.paint import PALETTE, jittered, mixed, shaded
-from betterbench.assets.authoring.solids import foot, round_wall, solid_box
+from betterbench.assets.authoring.solids import foot_square, round_wall, solid_box
 
 _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, height of the handle's top [m]
 
@@ -41,7 +41,7 @@ def mug(rng: np.random.Generator, color: str) -> Draft:
         parts=(
             part("shell", shell.mesh().moved(x=axis), picture, specular=0.5, shininess=0.6),
             part("handle", loop.moved(x=axis), shaded(shade, 0.97), specular=0.5, shininess=0.6),
-            foot(0.70 * (base - 0.003), height=_FLOOR, x=axis),
+            foot_square(0.70 * (base - 0.003), height=_FLOOR, x=axis),
             *round_wall(radius - 0.0005, _WALL, 0.001, height, x=axis),
             solid_box((far, -half, low + 0.002), (axis + bar + depth / 2, half, _TOP - 0.001)),
             solid_box((near, -half, _TOP - depth), (far, half, _TOP - 0.0005)),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, standing, zone
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded
 
 _RADIUS, _HEIGHT = 0.095, 0.018
 _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate from its own [m]
@@ -55,7 +55,7 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _glaze(rng: np.random.Generator, glaze: Color, ink: Color, *, decoration: str, well: float) -> Canvas:
+def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, well: float) -> Canvas:
     """Draw the plate from above: a print on the rim, a faint shadow where the well begins."""
     canvas = Canvas(2.0, 2.0, (256, 256), glaze)
     r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, round_wall, upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded
 from betterbench.geometry import Pose, from_yaw, multiply
 
 FOOT_HEIGHT_M = 0.012
@@ -130,7 +130,7 @@ class _Glaze:
     """The glaze of a set of tableware: one look gives one design to every piece of it."""
 
     def __init__(self, rng: np.random.Generator, color: str) -> None:
-        self.color: Color = jittered(PALETTE[color], rng, amount=0.07)
+        self.color: Rgb = jittered(PALETTE[color], rng, amount=0.07)
         self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
         # The line on white ware is gray, sand or a pale blue.
         tints = ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))

@@ -5,7 +5,7 @@ import numpy as np
 from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, span, zone
 from betterbench.assets.authoring.mesh import box
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 _PROUD = 0.0036  # how far a driver stands out of the front
 
@@ -56,7 +56,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _driver(
-    name: str, radius: float, x: float, z: float, *, rim: Color, cone: Color, sides: int, specular: float
+    name: str, radius: float, x: float, z: float, *, rim: Rgb, cone: Rgb, sides: int, specular: float
 ) -> VisualPart:
     """Return a driver that looks along +x: rim, rubber surround, cone that falls back, dust cap."""
     shares, levels = (0.0, 1.0, 1.0, 0.93, 0.84, 0.34, 0.24, 0.0), (0.75 * _PROUD, _PROUD, 0.62 * _PROUD, 0.0004)

@@ -7,9 +7,9 @@ import numpy as np
 
 from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, standing
-from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.lettering import write_word
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 JAR_RADIUS_M = 0.0215
 """Radius of every jar [m]: a 100 ml spice jar has a diameter of 42 to 44 mm. The rack's holes are made for it."""
@@ -18,10 +18,10 @@ JAR_HEIGHT_M = 0.085
 """Height of every jar with its cap [m]: such jars are 80 to 95 mm high."""
 
 _SIDES = 24
-_GLASS: Color = (0.66, 0.73, 0.73)
+_GLASS: Rgb = (0.66, 0.73, 0.73)
 _NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
-_CONTENT: dict[str, Color] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
-_PRINT: dict[str, Color] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
+_CONTENT: dict[str, Rgb] = {"white": (0.93, 0.93, 0.92), "black": (0.11, 0.095, 0.085), "red": (0.70, 0.10, 0.03)}
+_PRINT: dict[str, Rgb] = {"white": (0.97, 0.97, 0.96), "black": (0.06, 0.06, 0.07), "red": (0.80, 0.05, 0.05)}
 # Caps in colors that no spice has, so that the word for what is inside never names a cap.
 _CAPS = [PALETTE.get(c, (0.58, 0.38, 0.20)) for c in ("green", "blue", "wood", "silver", "yellow", "purple")]
 
@@ -110,7 +110,7 @@ class _Wrap(Canvas):
         height_on_wall: (height, width) height of each sample above the foot [m], as far as the wall is upright.
     """
 
-    def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Color) -> None:
+    def __init__(self, radii: Sequence[float], heights: Sequence[float], color: Rgb) -> None:
         """Start a picture for the body turned from a profile [m]."""
         self.solid = Turned(radii, heights)
         super().__init__(math.pi * max(radii), self.solid.rows[-1], (160, 192), color)
@@ -142,9 +142,7 @@ class _Shape:
         self.cap = Turned((0.0160, r, r, r - 0.0014, 0.0), (low, low, JAR_HEIGHT_M - 0.0014 - dome, top, JAR_HEIGHT_M))
 
 
-def _jar(
-    shape: _Shape, canvas: _Wrap, cap: Color, description: str, tags: tuple[str, ...], *, specular: float
-) -> Draft:
+def _jar(shape: _Shape, canvas: _Wrap, cap: Rgb, description: str, tags: tuple[str, ...], *, specular: float) -> Draft:
     """Put a jar together; the edge of its cap is knurled."""
     r, start = shape.cap_radius, shape.cap_radius - 0.0160
     knurled = Canvas(math.pi * r, start + shape.cap_height + r, (128, 128), cap)
@@ -180,7 +178,7 @@ def _label(canvas: _Wrap, rng: np.random.Generator, color: str) -> None:
     design = str(rng.choice(["band", "frame", "round", "full"]))
     low, high, middle = 0.0095, 0.0500, 0.0320
     reach = np.abs(canvas.x - 0.5 * width)
-    ink: Color = (0.10, 0.11, 0.13) if color == "white" else (0.96, 0.95, 0.92)
+    ink: Rgb = (0.10, 0.11, 0.13) if color == "white" else (0.96, 0.95, 0.92)
     # White print needs a darker paper around it, the others a light one.
     label = (reach < wide) & (up > low) & (up < high)
     canvas.paint(label, (0.62, 0.53, 0.38) if color == "white" else (0.93, 0.91, 0.85))
@@ -196,12 +194,12 @@ def _label(canvas: _Wrap, rng: np.random.Generator, color: str) -> None:
     name = _NAMES[color]
     size = min(0.0098, 0.80 * wide / (0.45 * len(name)))
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))
-    write(canvas, name, (0.5 * width, base), height=size, ink=ink, weight=0.20)
+    write_word(canvas, name, (0.5 * width, base), height=size, ink=ink, weight=0.20)
     for offset in (0.0080, -0.0080):
         canvas.paint(label & field & (np.abs(up - middle - offset) < 0.0006) & (reach < 0.6 * wide), ink)
 
 
-def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Color) -> None:
+def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb) -> None:
     """Glue on the label of a pharmacy: a cross in a colored head and lines of small print."""
     up, left, wide = canvas.height_on_wall, canvas.x - 0.5 * canvas.width, 0.43 * canvas.width
     reach, high, head = np.abs(left), 0.0520, 0.0350

@@ -6,9 +6,9 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, part, solid_box, solid_span, zone
-from betterbench.assets.authoring.lettering import write
+from betterbench.assets.authoring.lettering import write_word
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, creased, loft, mapped, merge, prism, rectangle
-from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 from betterbench.assets.procedural.spice_jars import JAR_RADIUS_M
 from betterbench.geometry import from_yaw
 
@@ -25,7 +25,7 @@ _APOTHEM = JAR_RADIUS_M + CLEARANCE_M
 _HALF_X, _HALF_Y = 0.0365, 0.135
 _EDGE = 0.0015  # chamfer of the outer edges, for the eye only
 _RIM = 0.0012  # chamfer of the holes, for the eye only
-_WOOD: dict[str, Color] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)}
+_WOOD: dict[str, Rgb] = {"brown": (0.60, 0.38, 0.19), "gray": (0.52, 0.51, 0.49)}
 
 
 @generator("spice_rack", colors=("brown", "gray"))
@@ -39,7 +39,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     style, stripe = str(rng.choice(["plate", "burnt", "painted"])), rng.random() < 0.5
     burnt = mixed(wood, (0.95, 0.86, 0.70), 0.45)
     plate = {"plate": (0.93, 0.91, 0.85), "burnt": burnt, "painted": (0.10, 0.11, 0.13)}[style]
-    ink: Color = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
+    ink: Rgb = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
     gaps = (
         (-_HALF_Y, -PITCH_M - _APOTHEM),
         (-PITCH_M + _APOTHEM, -_APOTHEM),
@@ -151,16 +151,16 @@ def _marks() -> Mesh:
     return merge(plates)
 
 
-def _digits(plate: Color, ink: Color) -> Canvas:
+def _digits(plate: Rgb, ink: Rgb) -> Canvas:
     """Draw the numbers side by side."""
     canvas = Canvas(3.0, 1.0, (192, 64), plate)
     for index in range(3):
         # Wide on the plate in front, where the digit is as high as the plate, and on the flat one alike.
-        write(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
+        write_word(canvas, str(index + 1), (index + 0.5, 0.5), height=0.74, ink=ink, weight=0.19)
     return canvas
 
 
-def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> Canvas:
+def _grain(rng: np.random.Generator, wood: Rgb, *, stripe: bool) -> Canvas:
     """Draw the long side of the block."""
     canvas = Canvas(2 * _HALF_Y, _HEIGHT, (256, 48), wood)
     canvas.grain(rng, cells=(5, 22), amount=0.07)
@@ -171,7 +171,7 @@ def _grain(rng: np.random.Generator, wood: Color, *, stripe: bool) -> Canvas:
     return canvas
 
 
-def _top(rng: np.random.Generator, wood: Color) -> Canvas:
+def _top(rng: np.random.Generator, wood: Rgb) -> Canvas:
     """Draw the top face; the holes lie in their own shadow."""
     lit = shaded(wood, 1.10)
     width, depth = 2.0 * (_HALF_Y - _EDGE), 2.0 * (_HALF_X - _EDGE)

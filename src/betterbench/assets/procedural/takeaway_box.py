@@ -4,7 +4,7 @@ import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, open_box, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
-from betterbench.assets.authoring.paint import Canvas, Color, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 
 _WALL = 0.005
 _FLOOR = 0.005
@@ -91,8 +91,8 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
 
 def _print(
     rng: np.random.Generator,
-    kraft: Color,
-    ink: Color,
+    kraft: Rgb,
+    ink: Rgb,
     *,
     sign: str,
     height: float,
@@ -122,7 +122,7 @@ def _print(
     return canvas
 
 
-def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Color, kraft: Color) -> None:
+def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
     """Draw the printed sign: the outline of a burger, a sun, or a leaf."""
     cx, cy = center
     dx, dy = canvas.x - cx, canvas.y - cy

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 
 @generator("tape_roll", colors=("blue", "brown", "yellow", "green"))
@@ -38,7 +38,7 @@ def tape_roll(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _windings(rng: np.random.Generator, tape: Turned, shade: Color) -> Canvas:
+def _windings(rng: np.random.Generator, tape: Turned, shade: Rgb) -> Canvas:
     """Draw the tape: rings of the windings on both flat sides, a glossy outside with the free end at the front."""
     length, canvas = tape.rows, tape.canvas(shade, (64, 256))
     y = canvas.y
@@ -54,7 +54,7 @@ def _windings(rng: np.random.Generator, tape: Turned, shade: Color) -> Canvas:
     return canvas
 
 
-def _core(rng: np.random.Generator, ring: Turned, board: Color, shade: Color) -> Canvas:
+def _core(rng: np.random.Generator, ring: Turned, board: Rgb, shade: Rgb) -> Canvas:
     """Draw the core: plies of board on its end, a printed line inside."""
     _, _, low, high, end = ring.rows
     canvas = ring.canvas(board, (64, 128), width=1.0)

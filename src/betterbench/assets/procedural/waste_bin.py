@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, ring_of_boards, solid_box, zone
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Color, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
 _WALL, _FLOOR = 0.004, 0.006
 
@@ -55,7 +55,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _pattern(rng: np.random.Generator, shell: Turned, shade: Color, *, pattern: str, metal_rim: bool) -> Canvas:
+def _pattern(rng: np.random.Generator, shell: Turned, shade: Rgb, *, pattern: str, metal_rim: bool) -> Canvas:
     """Draw the bin from below over the wall and the rim to the floor inside."""
     foot, top, crest, lip, floor = (shell.rows[k] for k in (2, 3, 6, 7, 8))
     half = math.pi * 0.5 * (shell.radii[2] + shell.radii[3])
