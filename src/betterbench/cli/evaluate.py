@@ -129,11 +129,7 @@ def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, 
 
 
 def _refuse(given: Mapping[str, object], problem: str, cure: str) -> None:
-    """Refuse the first of some options that is given.
-
-    Raises:
-        InvalidInputError: If one is.
-    """
+    """Refuse the first of some options that is given."""
     for name, value in given.items():
         if value is not None:
             option = f"--{name.replace('_', '-')}"
