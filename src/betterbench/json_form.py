@@ -35,7 +35,7 @@ def read_form(
 
     Args:
         adapter: Reads the form.
-        form: JSON as ``bytes``, which is the fastest, or a value that was parsed before.
+        form: JSON as bytes or text, which is the fastest, or a value that was parsed before.
         where: File (and place in it) for the error.
         cure: What to do about a wrong form, for the error.
         raises: Class of the error.
@@ -44,7 +44,7 @@ def read_form(
         BetterError: Of that class, if a field is missing, unknown or malformed; the text names the first one.
     """
     with form_errors(where, cure, raises):
-        return adapter.validate_json(form if isinstance(form, bytes) else json.dumps(form))
+        return adapter.validate_json(form if isinstance(form, bytes | str) else json.dumps(form))
 
 
 @contextmanager
@@ -61,7 +61,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
         elif isinstance(error, InvalidInputError):  # of the dataclass itself
-            wrong = InvalidInputError(f"{where}: {error.where}", error.problem, error.cure)
+            wrong = InvalidInputError(f"{where}: {error.where}", error.problem, f"{error.cure.rstrip('.')}. {cure}")
         else:  # of json.dumps
             wrong = InvalidInputError(where, f"is not JSON ({error})", cure)
         raise wrong if raises is InvalidInputError else raises(str(wrong)) from error

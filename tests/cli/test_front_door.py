@@ -54,7 +54,7 @@ def modules_after(statement):
     return done.stdout, set(done.stderr.rpartition("modules: ")[2].split())
 
 
-HELP = [["--help"], *([verb, "--help"] for verb in VERBS if verb != "eval")]
+HELP = [["--help"], *([verb, "--help"] for verb in VERBS)]
 
 
 @pytest.mark.parametrize("arguments", HELP, ids=lambda a: a[0])

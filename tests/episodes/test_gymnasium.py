@@ -150,9 +150,9 @@ def test_staying_still_where_nothing_is_to_be_done_is_rewarded_at_the_end(make):
 
 
 def test_bad_arguments_are_named(make):
-    with pytest.raises(UnknownNameError, match="variation of morning_coffee 'Q1'"):
+    with pytest.raises(UnknownNameError, match="condition of morning_coffee 'Q1'"):
         make(variation="Q1")
-    with pytest.raises(UnknownNameError, match="training condition"):
+    with pytest.raises(UnknownNameError, match="condition of morning_coffee 'train9'"):
         make(variation="train9")
     with pytest.raises(UnknownNameError, match="observation preset"):
         make(observation="defualt")

@@ -51,7 +51,7 @@ def test_a_form_is_read_from_bytes_and_from_a_value():
         ),
         (b'[{"count": 1, "sizes": ["1"]}]', "f.json: [0].sizes[0]: Input should be a valid number, not '1'. Mend it."),
         (b'[{"count": 1, "sizes": [], "q": 2}]', "f.json: [0].q: is unknown. Mend it."),
-        (b'[{"count": -1, "sizes": []}]', "f.json: count: -1 is negative. Give 0 or more."),
+        (b'[{"count": -1, "sizes": []}]', "f.json: count: -1 is negative. Give 0 or more. Mend it."),
         (b'[{"count": 101, "sizes": []}]', "f.json: [0]: there are too many. Mend it."),
         (b"[" * 5000, "f.json: is not JSON (recursion limit exceeded at line 1 column 202). Mend it."),
         (b"\xff", "f.json: is not JSON (expected value at line 1 column 1). Mend it."),

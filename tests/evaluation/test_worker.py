@@ -407,7 +407,7 @@ def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
         worker.start(plan.trials[0])
         worker.start(plan.trials[1])
         assert worker.free == 0
-        with pytest.raises(InvalidInputError, match="every environment of the worker is taken"):
+        with pytest.raises(InvalidInputError, match="no environment of the worker is free"):
             worker.start(plan.trials[2])
         assert worker.finished(0.0) == [], "it goes on for as long as it is told to"
         entries = []

@@ -8,7 +8,6 @@ import weakref
 import mujoco
 import numpy as np
 import pytest
-from betterbench.experts.targets import place_goals
 
 from betterbench.certification.support import Handling, Pick, TrainedSupport
 from betterbench.errors import PlanningError, UnknownNameError
@@ -17,7 +16,7 @@ from betterbench.experts.motion import delta_action
 from betterbench.experts.planner import Planner
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
 from betterbench.interventions.resolve import resolve_condition
-from betterbench.tasks import Expected, GoalTracker, Support, TargetRegion, all_tasks, get_task
+from betterbench.tasks import Expected, GoalTracker, Support, all_tasks, get_task
 from betterbench.tasks.relations import relation
 
 pytestmark = pytest.mark.physics
@@ -237,10 +236,10 @@ def test_planner_leaves_the_scene_alone(scene):
     assert s.state() == state
 
 
-def test_unknown_relation_has_no_skill(scene):
+def test_a_drawer_is_not_carried_to_be_closed(scene):
     s = scene("fast_food", "train1")
-    with pytest.raises(PlanningError, match="'under'"):
-        place_goals(s.reset(), "fries", "box", "under")
+    with pytest.raises(PlanningError, match="closed is not brought about by carrying"):
+        relation("closed").place_goals(s.reset(), "fries", "box", "")
 
 
 @pytest.mark.parametrize(
@@ -252,7 +251,7 @@ def test_place_goals_satisfy_the_relation_they_are_for(scene, task_id, name, tar
     s = scene(task_id, "train1")
     state = s.reset()
     kind = s.task.template.relation
-    goals = place_goals(state, name, TargetRegion(target), kind)
+    goals = relation(kind).place_goals(state, name, target, "")
     i = state.info.index(name)
     for goal in goals[:3]:
         positions, quaternions = list(state.positions), list(state.quaternions)

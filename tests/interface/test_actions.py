@@ -47,7 +47,7 @@ def test_clipping_leaves_the_given_array_alone() -> None:
         (np.zeros(7, dtype=bool), "its type is bool"),
         (np.zeros(7, dtype=complex), "its type is complex128"),
         (["a"] * 7, "not a real number"),
-        ([[0.0], [0.0, 1.0]], "no array of numbers"),
+        ([[0.0], [0.0, 1.0]], "not an array of numbers"),
         (None, "not a real number"),
     ],
 )

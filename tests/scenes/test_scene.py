@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import gc
 import itertools
+import weakref
 
 import mujoco
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 
 from betterbench.assets import build
 from betterbench.errors import InvalidActionError, PremiseError
+from betterbench.experts import make_expert
 from betterbench.geometry import Pose, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
@@ -214,6 +217,23 @@ def test_the_scene_knows_its_objects_and_slots(scenes):
     assert state.gripper_command == -1.0
     assert state.ee_pose.position == pytest.approx(s.info.home_position)
     assert state.finger_width_m == pytest.approx(s.info.gripper_opening_m)
+
+
+def test_a_scene_is_freed_with_the_last_reference_to_it():
+    """Each holds some 10 MB outside of Python, which no garbage collection knows of: nothing may refer to itself."""
+    gc.collect()
+    gc.disable()
+    try:
+        s = build_scene(condition_of("morning_coffee", "train1"))
+        expert, state = make_expert("expert", s), s.reset()
+        for _ in range(5):
+            s.step(expert.act_on_state(state))
+            state = s.state()
+        held = [weakref.ref(x) for x in (s, s.controller, s.controller.ik, expert)]
+        del s, expert
+        assert [x() for x in held] == [None] * len(held)
+    finally:
+        gc.enable()
 
 
 def test_time_goes_by_in_whole_control_steps():

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import Changes, vary
+from betterbench.interventions import vary
 from betterbench.scenes import Scene
 from betterbench.scenes.builder import ROBOT_PREFIX
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import all_tasks, get_task
+from betterbench.tasks import Changes, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 

@@ -60,9 +60,8 @@ def calibrate_command(
             "--write-package", "it replaces the calibration of the whole suite", "Leave out --tasks and --policies"
         )
     prepare_robot("panda")
-    planned = calibration_policies(
-        policies=policies, strengths=strengths, trials=trials, probe_trials=probe_trials, seed=seed
-    )
+    shares = {"trials": trials, "probe_trials": probe_trials}
+    planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, **shares)
     with progress_bar("calibrate", 0) as (bar, task):
 
         def told(progress: CalibrationProgress) -> None:

@@ -22,7 +22,7 @@ LOG_EVERY_S = 60.0
 """How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
 
 
-def evaluate(
+def evaluate_command(
     *,
     policy: str | None = None,
     out: Path | None = None,
@@ -118,7 +118,7 @@ def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, 
         )
     of_suite = suite_tasks(chosen["suite"])  # also where --tasks names others, so that a mistyped suite is reported
     if from_run is not None:
-        defaults = inspect.signature(evaluate).parameters
+        defaults = inspect.signature(evaluate_command).parameters
         changed = {name: value for name, value in chosen.items() if value != defaults[name].default}
         _refuse(changed, "--from repeats a run as it was", "Leave out {option}, or --from")
         return repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions)
@@ -129,11 +129,7 @@ def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, 
 
 
 def _refuse(given: Mapping[str, object], problem: str, cure: str) -> None:
-    """Refuse the first of some options that is given.
-
-    Raises:
-        InvalidInputError: If one is.
-    """
+    """Refuse the first of some options that is given."""
     for name, value in given.items():
         if value is not None:
             option = f"--{name.replace('_', '-')}"
@@ -191,7 +187,7 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
         options: Further options of :func:`betterbench.evaluation.evaluate`; one worker per processor if not given.
     """
     from betterbench.cli.tally import RunTally, service_text
-    from betterbench.evaluation import evaluate as run_plan
+    from betterbench.evaluation import evaluate
     from betterbench.evaluation.running.summary import policy_service
     from betterbench.evaluation.trials.policy_factory import needs_no_thread
     from betterbench.recording import RunFolder
@@ -216,7 +212,7 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
                 next_line_s = elapsed_s + LOG_EVERY_S
                 say(f"{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
 
-        run = run_plan(plan, out, **{"workers": None, **options}, on_progress=on_progress)
+        run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress)
     answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
     if answers:
         say(f"policy: {answers}")

@@ -45,7 +45,7 @@ VERBS: dict[str, Verb] = {
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
-    "eval": Verb("evaluate:evaluate", "Evaluate a policy, resume a run or repeat one."),
+    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),

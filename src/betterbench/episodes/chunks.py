@@ -138,11 +138,7 @@ class Chunks:
         return reply.actions
 
     def _queue_up(self, answer: np.ndarray, passed: int) -> None:
-        """Queue the actions of a reply, without the first ``passed``.
-
-        Raises:
-            InvalidActionError: If it is not an array of actions, or none is left.
-        """
+        """Queue the actions of a reply, without the first ``passed``."""
         queue = self._queue
         chunk = checked_chunk(answer, self._scene.action_space)
         horizon = self._limit if self._execution.horizon is None else self._execution.horizon

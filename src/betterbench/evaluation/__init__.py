@@ -49,31 +49,19 @@ __all__ = [
     "write_video",
 ]
 
-_HOMES = {
-    "Shot": "figures.films",
-    "probe_encoder": "figures.films",
-    "render_shots": "figures.films",
-    "write_video": "figures.films",
-    "show_comparison": "figures.show",
-    "show_condition": "figures.show",
-    "show_training": "figures.show",
-    "Plan": "planning.plan",
-    "Trial": "planning.plan",
-    "make_plan": "planning.plan",
-    "named_trial": "planning.plan",
-    "Convention": "preflight.check",
-    "PreflightCheck": "preflight.check",
-    "run_preflight": "preflight.check",
-    "ExternalRun": "running.external_run",
-    "ReplayCheck": "running.replay",
-    "check_record": "running.replay",
-    "Progress": "running.runner",
-    "evaluate": "running.runner",
-    "open_server": "serving.server",
-    "PolicyEntry": "trials.known_policies",
-    "known_policies": "trials.known_policies",
-    "check_policy": "trials.policy_factory",
+_MODULES = {
+    "figures.films": ("Shot", "probe_encoder", "render_shots", "write_video"),
+    "figures.show": ("show_comparison", "show_condition", "show_training"),
+    "planning.plan": ("Plan", "Trial", "make_plan", "named_trial"),
+    "preflight.check": ("Convention", "PreflightCheck", "run_preflight"),
+    "running.external_run": ("ExternalRun",),
+    "running.replay": ("ReplayCheck", "check_record"),
+    "running.runner": ("Progress", "evaluate"),
+    "serving.server": ("open_server",),
+    "trials.known_policies": ("PolicyEntry", "known_policies"),
+    "trials.policy_factory": ("check_policy",),
 }
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> object:

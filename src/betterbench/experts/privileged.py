@@ -40,80 +40,27 @@ class ExecutionNoise:
     crash_step: int | None = None
 
 
-class PrivilegedAgent:
-    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
+class _DecisionLoop:
+    """Turns the decisions of a rule into actions.
 
-    def __init__(self, name: str, scene: Scene, rule: BrokenRule, *, noise: ExecutionNoise | None = None) -> None:
-        """Prepare for an episode.
+    The agent holds the loop and its generator, and neither refers to the agent: a cycle would keep the scene in memory
+    until a garbage collection.
+    """
 
-        Args:
-            name: Address of the policy.
-            scene: The scene the episode runs in.
-            rule: Decides.
-            noise: How the body carries out the decisions; well, if not given.
-        """
-        self._name = name
-        self._mind = rule
-        self._noise_of = noise or ExecutionNoise()
-        self._skills = Skills(
-            Planner(scene),
-            1.0 / scene.control_rate_hz,
-            grasp_offset=self._noise_of.grasp_offset,
-            speed=self._noise_of.speed,
-        )
+    def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise) -> None:
+        self.rule = rule
+        self.mishap: str | None = None
+        self._exact = noise.grasp_offset is None
+        rate = scene.control_rate_hz
+        self._skills = Skills(Planner(scene), 1.0 / rate, grasp_offset=noise.grasp_offset, speed=noise.speed)
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
-        self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
-        self._mishap: str | None = None
-        self._run: Generator[np.ndarray, WorldState, None] | None = None
 
-    @property
-    def name(self) -> str:
-        """Address of the policy."""
-        return self._name
-
-    @property
-    def ground_truth(self) -> dict[str, str]:
-        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
-
-        ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
-        decision; ``mishap`` a right decision that the gripper could not carry out.
-        """
-        fault = self._mind.fault
-        return {
-            "truth": "" if fault is None else fault.label,
-            "fault": "" if fault is None else f"decision {fault.decision}: {fault.text}",
-            "mishap": self._mishap or "",
-        }
-
-    def act_on_state(self, state: WorldState) -> np.ndarray:
-        """Return the next action in the ``ee_delta`` action space, shape (7,).
-
-        Raises:
-            RuntimeError: If it is the policy's noise to break down, at that step.
-        """
-        if self._noise_of.crash_step is not None and state.step >= self._noise_of.crash_step:
-            raise RuntimeError("this faulty policy fails on purpose")
-        if self._run is None:
-            self._run = self._live(state)
-            action = next(self._run)
-        else:
-            action = self._run.send(state)
-        if self._noise_of.action_noise_m > 0.0 and action[:3].any():
-            action[:3] += self._noise.normal(0.0, self._noise_of.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
-            np.clip(action, -1.0, 1.0, out=action)
-        return action
-
-    def close(self) -> None:
-        """Forget the episode, so that its scene, of some 25 MB, is freed with the last reference to it."""
-        run, self._run = self._run, None
-        if run is not None:
-            run.close()
-
-    def _live(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
+    def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
+        """Yield the actions of an episode that begins in a state; each state that follows is sent in."""
         home = state.ee_pose
         history: tuple[Decision, ...] = ()
         while len(history) < MAX_DECISIONS:
-            decision = self._mind.decide(state, history)
+            decision = self.rule.decide(state, history)
             history = (*history, decision)
             if isinstance(decision, Rest | Freeze):
                 break
@@ -140,9 +87,71 @@ class PrivilegedAgent:
             state = yield from self._skills.air_grasp(state, slot.position)
         elif isinstance(decision, Wander):
             state = yield from self._skills.wander(state)
-        if not worked and self._noise_of.grasp_offset is None and self._mishap is None:
-            self._mishap = f"the gripper could not carry out {decision}"
+        if not worked and self._exact and self.mishap is None:
+            self.mishap = f"the gripper could not carry out {decision}"
         return state
+
+
+class PrivilegedAgent:
+    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
+
+    def __init__(self, name: str, scene: Scene, rule: BrokenRule, *, noise: ExecutionNoise | None = None) -> None:
+        """Prepare for an episode.
+
+        Args:
+            name: Address of the policy.
+            scene: The scene the episode runs in.
+            rule: Decides.
+            noise: How the body carries out the decisions; well, if not given.
+        """
+        self._name = name
+        self._noise_of = noise or ExecutionNoise()
+        self._loop = _DecisionLoop(scene, rule, self._noise_of)
+        self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
+        self._run: Generator[np.ndarray, WorldState, None] | None = None
+
+    @property
+    def name(self) -> str:
+        """Address of the policy."""
+        return self._name
+
+    @property
+    def ground_truth(self) -> dict[str, str]:
+        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
+
+        ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
+        decision; ``mishap`` a right decision that the gripper could not carry out.
+        """
+        fault = self._loop.rule.fault
+        return {
+            "truth": "" if fault is None else fault.label,
+            "fault": "" if fault is None else f"decision {fault.decision}: {fault.text}",
+            "mishap": self._loop.mishap or "",
+        }
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action in the ``ee_delta`` action space, shape (7,).
+
+        Raises:
+            RuntimeError: If it is the policy's noise to break down, at that step.
+        """
+        if self._noise_of.crash_step is not None and state.step >= self._noise_of.crash_step:
+            raise RuntimeError("this faulty policy fails on purpose")
+        if self._run is None:
+            self._run = self._loop.actions(state)
+            action = next(self._run)
+        else:
+            action = self._run.send(state)
+        if self._noise_of.action_noise_m > 0.0 and action[:3].any():
+            action[:3] += self._noise.normal(0.0, self._noise_of.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
+            np.clip(action, -1.0, 1.0, out=action)
+        return action
+
+    def close(self) -> None:
+        """Forget the episode, so that its scene, of some 25 MB, is freed with the last reference to it."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
 
 
 def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:

@@ -117,11 +117,7 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def _refuse(self, values: list[float]) -> NoReturn:
-        """Raise an error that names the components which are not finite.
-
-        Raises:
-            InvalidActionError: Always.
-        """
+        """Raise an error that names the components which are not finite."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))
         raise InvalidActionError(f"{self.name} action: {bad}. Send finite numbers only.")
 

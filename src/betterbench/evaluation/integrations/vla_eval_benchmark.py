@@ -297,11 +297,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         )
 
     def _end(self) -> StepResult:
-        """Return the result of the episode that has just ended.
-
-        Raises:
-            PolicyError: If the trial broke down in this package; the harness lists an error, and a new run repeats it.
-        """
+        """Return the result of the episode that has just ended."""
         outcome, run, trial = self._outcome, self._run, self._current
         if outcome is None and run is not None and trial is not None and run.entry is not None:
             if run.entry.status == "error":
@@ -324,9 +320,6 @@ def _stop_run() -> Iterator[None]:
     """Stop the whole evaluation where every further episode would fail alike.
 
     The harness catches what an episode raises and goes on; only this error passes.
-
-    Raises:
-        RecordingError: If the disk is full, the folder holds another run or a scene breaks its premise.
     """
     try:
         yield

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,13 +45,7 @@ REQUESTS = 5
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """One convention, as both sides declare it.
-
-    Attributes:
-        name: What it is about.
-        ours: What this side says, empty if nothing.
-        theirs: What the policy's side says, empty if nothing.
-    """
+    """One convention, as this side and the policy's side declare it; empty where a side declares nothing."""
 
     name: str
     ours: str
@@ -65,13 +59,7 @@ class Convention:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownImage:
-    """One image as the policy gets it.
-
-    Attributes:
-        key: Name under which it is sent.
-        image: (height, width, 3) uint8.
-        note: Where it comes from and how it was changed.
-    """
+    """One image as the policy gets it, (height, width, 3) uint8, with its key and how it was made."""
 
     key: str
     image: np.ndarray
@@ -130,13 +118,11 @@ class PreflightCheck:
         """Return the JSON form, images as their sizes."""
         return {
             "policy": self.policy,
-            "trial": {"task": self.trial.task, "condition": self.trial.condition, "seed": self.trial.seed},
+            "trial": asdict(self.trial),
             "action_space": self.info.action_space,
             "needs_images": self.info.needs_images,
             "metadata": dict(self.info.metadata),
-            "conventions": [
-                {"name": c.name, "ours": c.ours, "theirs": c.theirs, "differs": c.differs} for c in self.conventions
-            ],
+            "conventions": [{**asdict(c), "differs": c.differs} for c in self.conventions],
             "adapter": None if self.adapter is None else self.adapter.to_json(),
             "prompt": self.prompt,
             "images": [
@@ -238,13 +224,7 @@ def _first_question(
 def _ask_often(
     ask: Callable[[], np.ndarray], space: ActionSpace, *, ahead: int
 ) -> tuple[np.ndarray, float, tuple[float, ...]]:
-    """Return the first answer, (horizon, dim), its time and the times of the answers after it [s].
-
-    Raises:
-        PolicyError: If the policy fails.
-        InvalidActionError: If an answer is not a chunk of actions.
-        InvalidInputError: If the next chunk is asked for earlier than a chunk is long.
-    """
+    """Return the first answer, (horizon, dim), its time and the times of the answers after it [s]."""
     answers, times = [], []
     for _ in range(1 + REQUESTS):
         began = time.perf_counter()

@@ -162,12 +162,7 @@ class RayPool:
             new = []
 
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Write what a call has brought, and yield its entries.
-
-        Raises:
-            WorkerError: If the worker cannot start.
-            BetterError: If it reports that the run has to stop.
-        """
+        """Write what a call has brought, and yield its entries."""
         if call not in worker.calls:
             return  # of a worker that has died in the meantime
         errors = self._ray.exceptions
@@ -211,12 +206,7 @@ class RayPool:
             write_durably(path, data)
 
     def _accept(self, worker: _WorkerActor, versions: Mapping[str, str]) -> None:
-        """Compare the versions of a worker that is ready.
-
-        Raises:
-            InvalidInputError: If they differ from those here.
-            WorkerError: If the worker could not be opened.
-        """
+        """Compare the versions of a worker that is ready."""
         here = versions_here()
         other = {name: value for name, value in versions.items() if here.get(name, value) != value}
         if other:

@@ -54,7 +54,7 @@ class Replicas:
         """Start all replicas, and wait until they answer.
 
         Raises:
-            BetterError: As :meth:`_started`.
+            BetterError: If the cluster has no place for one, or one cannot load the policy.
         """
         self.environment = {_KEY_NAME: secrets.token_hex(24)}
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
@@ -63,7 +63,7 @@ class Replicas:
         """Replace the replicas that have died, and return their numbers; none if they all live or too many have died.
 
         Raises:
-            BetterError: As :meth:`_started`.
+            BetterError: If the cluster has no place for one, or one cannot load the policy.
         """
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
@@ -81,13 +81,7 @@ class Replicas:
         kill(self._session.ray, actors)
 
     def _started(self, count: int) -> tuple[list[Any], list[str]]:
-        """Start some replicas, and return them with their addresses.
-
-        Raises:
-            InvalidInputError: If the cluster has no place for them.
-            WorkerError: If one dies while it loads the policy, or cannot load it.
-            BetterError: If the policy cannot be made there.
-        """
+        """Start some replicas, and return them with their addresses."""
         ray, gpus = self._session.ray, self._session.replica_gpus()
         remote = ray.remote(num_cpus=0, num_gpus=gpus, max_restarts=0, max_concurrency=2)(_Replica)
         actors = [remote.remote(self._settings.policy) for _ in range(count)]
@@ -102,11 +96,7 @@ class Replicas:
             raise
 
     def _wait_for_places(self, placed: Sequence[Any], gpus: float) -> None:
-        """Wait until replicas have a place on the cluster, not until they have loaded the policy.
-
-        Raises:
-            InvalidInputError: If the cluster has no place for them.
-        """
+        """Wait until replicas have a place on the cluster, not until they have loaded the policy."""
         _, late = self._session.ray.wait(placed, num_returns=len(placed), timeout=PLACING_S)
         if late:
             raise InvalidInputError(

@@ -110,11 +110,7 @@ class RaySession:
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 
     def _total(self, resource: str) -> float:
-        """Return how much of a resource the cluster has, free or not.
-
-        Raises:
-            WorkerError: If the cluster is gone.
-        """
+        """Return how much of a resource the cluster has, free or not."""
         try:
             return float(self.ray.cluster_resources().get(resource, 0.0))
         except loss_errors(self.ray) as error:

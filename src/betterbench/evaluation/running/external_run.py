@@ -223,9 +223,6 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
     A run that exists is opened without its lock, because taking the lock removes half-written records, which another
     process may be writing.
-
-    Raises:
-        RunConflictError: If the folder holds another run.
     """
     form = json.loads(json.dumps(plan.to_json()))
     for left in reversed(range(_STARTS)):
@@ -250,11 +247,7 @@ def _opened(out: Path, plan: Plan, context: Mapping[str, Any]) -> RunFolder:
 
 @contextmanager
 def _locked(run: RunFolder) -> Iterator[Journal]:
-    """Open the journal for one line, when no other process has it open.
-
-    Raises:
-        RunConflictError: If another process keeps the lock, as ``better eval`` does.
-    """
+    """Open the journal for one line, when no other process has it open."""
     until = time.monotonic() + LOCK_PATIENCE_S
     while True:
         try:

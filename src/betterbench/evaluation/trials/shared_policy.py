@@ -15,15 +15,12 @@ from betterbench.policies.batching import BatchCollector
 
 @dataclass(frozen=True, slots=True)
 class Deadline:
-    """The deadline of a policy that the run itself serves.
-
-    Attributes:
-        limit_s: Longest time from question to answer [s].
-        on_hang: Called when it has passed: a call that hangs can only be ended with its process.
-    """
+    """The deadline of a policy that the run itself serves."""
 
     limit_s: float
+    """Longest time from question to answer [s]."""
     on_hang: Callable[[], None]
+    """Called when it has passed: a call that hangs can only be ended with its process."""
 
 
 class SharedPolicy:

@@ -132,11 +132,7 @@ class WorkerPool:
             worker.lost = True  # its exit is handled at the next turn, and the trial is run again
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Yield what a process has sent.
-
-        Raises:
-            BetterError: An error that it has sent, which stops the run.
-        """
+        """Yield what a process has sent."""
         try:
             while worker.connection.poll():
                 message = worker.connection.recv()
@@ -170,11 +166,7 @@ class WorkerPool:
             yield broken_entry(trial, self._ledger.reason(how))
 
     def _handle_failed_start(self, worker: WorkerProcess, how: str) -> None:
-        """Go on without a process that died before it was ready; its trials are not suspects.
-
-        Raises:
-            WorkerError: If no worker gets ready.
-        """
+        """Go on without a process that died before it was ready; its trials are not suspects."""
         self._ledger.put_back(worker.trials.values())
         self._failed_starts += 1
         if self._failed_starts < MAX_FAILED_STARTS:
