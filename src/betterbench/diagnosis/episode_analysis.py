@@ -12,6 +12,7 @@ from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 
 
 class AttemptTarget(StrEnum):
@@ -306,11 +307,11 @@ def _wanted(trace: Trace, g: int, row: int) -> set[int]:
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
     for i in drawers & {trace.targets[g]}:
-        if trace.opening(row, i) < THRESHOLDS.drawn_out:
+        if trace.opening(row, i) < DRAWN_OUT:
             wanted.add(i)
         height = trace.positions[row, i, 2]
         above = {j for j in drawers - {i} if trace.positions[row, j, 2] > height}
-        wanted |= {j for j in above if trace.opening(row, j) > THRESHOLDS.pushed_in}
+        wanted |= {j for j in above if trace.opening(row, j) > PUSHED_IN}
     return wanted
 
 
@@ -319,7 +320,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     i, last = grasp.object, min(grasp.release, trace.rows - 1)
     if i is None or i != trace.targets[g] or not trace.is_drawer(i):
         return set()
-    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - THRESHOLDS.pushed_in else set()
+    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - PUSHED_IN else set()
 
 
 def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:

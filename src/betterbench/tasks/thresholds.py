@@ -96,10 +96,6 @@ class Thresholds:
         "Height below the table top at which an object has fallen off the table.")
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
         "Tilt beyond which something that nobody held has been knocked over; 45 degrees.")
-    drawn_out = threshold("drawn_out", 0.12, "m",
-        "Opening of a drawer below which it has to be drawn out before it can be loaded.")
-    pushed_in = threshold("pushed_in", 0.02, "m",
-        "Opening of a drawer above which it stands in the way of the one below.")
 
     # Halts and wandering.
     halt_speed = threshold("halt_speed", 0.01, "m/s", "End-effector speed below which the arm stands still.")

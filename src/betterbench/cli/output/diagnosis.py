@@ -10,6 +10,7 @@ from betterbench.diagnosis import Metric, RunDiagnosis
 from betterbench.diagnosis.changes import DiagnosisChanges, TrialChange
 from betterbench.diagnosis.stored import StoredMetric
 from betterbench.statistics import percent
+from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
 """Largest number of trials and of metrics whose change is printed; ``--json`` lists all."""
@@ -17,13 +18,13 @@ SHOWN_CHANGES = 20
 
 def print_diagnosis(result: RunDiagnosis) -> None:
     """Print the outcome of each variation, the metrics and the findings."""
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, list[Label]] = {}
     for trial in result.trials:
-        groups.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial.label.value)
+        groups.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial.label)
     rows = []
     for name, labels in groups.items():
         counts = Counter(labels).most_common()
-        right = sum(n for label, n in counts if label in ("success", "correct_freeze", "correct_refusal"))
+        right = sum(n for label, n in counts if label.kind is Kind.NONE)
         rest = ", ".join(f"{label} {n}" for label, n in counts)
         rows.append([name, f"{right}/{len(labels)}", f"{percent(right, len(labels))} %", rest])
     print_table(["condition", "k/n", "success", "outcomes"], rows, title=result.policy)

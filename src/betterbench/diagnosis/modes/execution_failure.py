@@ -12,6 +12,7 @@ from betterbench.geometry import tilt_of
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 
 
 def _exposed(x: Exposure) -> bool:
@@ -91,8 +92,8 @@ def _moved_later(episode: EpisodeAnalysis, step: Step, drawer: int) -> bool:
         return False
     openings = [trace.opening(row, drawer) for row in range(step.grasp.end, trace.rows)]
     if step.goal is not None and trace.targets[step.goal] == drawer:
-        return max(openings) >= THRESHOLDS.drawn_out
-    return min(openings) <= THRESHOLDS.pushed_in
+        return max(openings) >= DRAWN_OUT
+    return min(openings) <= PUSHED_IN
 
 
 def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | None:

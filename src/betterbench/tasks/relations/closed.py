@@ -13,10 +13,13 @@ MOUNTS = ("upper", "lower")
 
 GAP = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut.")
 
-SHUT_ENOUGH_M = 0.02
-"""Opening of a drawer below which it is in nobody's way [m]."""
-OPEN_ENOUGH_M = 0.12
-"""Opening of a drawer from which it can be loaded [m]: a gripper is 65 mm thick, a stapler 36 mm."""
+DRAWN_OUT = threshold(
+    "drawn_out",
+    0.12,
+    "m",
+    "Opening from which a drawer can be loaded; a gripper is 65 mm thick, a stapler 36 mm.",
+)
+PUSHED_IN = threshold("pushed_in", 0.02, "m", "Opening of a drawer above which it is in the way of the one below.")
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
@@ -55,9 +58,9 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
     height = state.pose(target).position[2]
     for other in condition.objects:
         above = other.mount is not None and state.pose(other.name).position[2] > height
-        if above and opening_m(state, other) > SHUT_ENOUGH_M:
+        if above and opening_m(state, other) > PUSHED_IN:
             return other.name, False
-    return None if opening_m(state, drawer) > OPEN_ENOUGH_M else (target, True)
+    return None if opening_m(state, drawer) > DRAWN_OUT else (target, True)
 
 
 CLOSED = register(
