@@ -6,18 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from betterbench.tasks.axes import Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot, TargetRegion
-from betterbench.tasks.operations import (
-    add,
-    chain,
-    draw_out,
-    instruct,
-    move,
-    preplace,
-    remove,
-    repeat,
-    replace,
-    swap,
-)
+from betterbench.tasks.operations import add, chain, draw_out, instruct, move, preplace, remove, repeat, replace, swap
 from betterbench.tasks.registry import task
 from betterbench.tasks.relations.beside import BESIDE, SIDES
 from betterbench.tasks.relations.closed import CLOSED

@@ -11,13 +11,7 @@ from betterbench.assets.authoring.solids import leaning_box, solid_box
 
 
 def _painted_wood(
-    rng: np.random.Generator,
-    shade: Rgb,
-    *,
-    rings: float,
-    waves: tuple[float, float, float],
-    amount: float,
-    cells: int,
+    rng: np.random.Generator, shade: Rgb, *, rings: float, waves: tuple[float, float, float], amount: float, cells: int
 ) -> Canvas:
     """Draw paint on wood: wavy year rings and grain.
 

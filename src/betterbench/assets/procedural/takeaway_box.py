@@ -90,14 +90,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
 
 
 def _print(
-    rng: np.random.Generator,
-    kraft: Rgb,
-    ink: Rgb,
-    *,
-    sign: str,
-    height: float,
-    half_perimeter: float,
-    front: float,
+    rng: np.random.Generator, kraft: Rgb, ink: Rgb, *, sign: str, height: float, half_perimeter: float, front: float
 ) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # meters per full height of the picture

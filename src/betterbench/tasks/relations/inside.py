@@ -7,14 +7,7 @@ import math
 from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
-from betterbench.tasks.relations.relation import (
-    PlaceGoal,
-    Relation,
-    RestingPlace,
-    offers,
-    register,
-    single,
-)
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(

@@ -5,14 +5,7 @@ from __future__ import annotations
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
-from betterbench.tasks.relations.relation import (
-    PlaceGoal,
-    Relation,
-    RestingPlace,
-    offers,
-    register,
-    single,
-)
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
 
