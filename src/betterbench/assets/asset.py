@@ -34,13 +34,11 @@ class VisualPart:
     """One colored mesh of an asset.
 
     Attributes:
-        name: Name within the asset.
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
         rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        texture: Optional picture.
         smooth: True to share normals across faces (round things), False for crisp edges.
     """
 
@@ -108,17 +106,12 @@ class Asset:
         color: Color word a person would use.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
-        tags: Search words.
         size_m: Extents of the bounding box [m].
-        mass_kg: Mass [kg].
         center_of_mass: In the object frame [m].
-        inertia: Principal-frame-free inertia about the center of mass (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all.
         collision: Convex geometries; at most about 12.
-        grasps: Ways to take it.
         regions: Named places on it (opening, ring, handle, top).
-        source: Where it comes from.
-        license: License identifier.
         parameters: The numbers that the generator chose, for the record.
     """
 

@@ -35,18 +35,10 @@ def generator(
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from whatever file it is imported.
 
-    The function takes a random generator, the source of everything in which looks differ, and a color word. It must
-    draw the same numbers for each color, so that the color never changes the shape.
-
-    Args:
-        category: Name of the category ("mug").
-        colors: Color words it can be made in; the first is the default.
-        looks: Number of looks; each is the same function with another random generator.
-        family: Categories of one family draw the same random numbers for a look, so that what belongs together
-            (a cabinet and its drawers, the plates of a set) matches; the category alone if not given.
-
-    Returns:
-        The decorator.
+    The function takes a random generator, the source of everything in which looks differ, and a color word; the first
+    color is the default. It must draw the same numbers for each color, so that the color never changes the shape.
+    Categories of one ``family`` draw the same random numbers for a look, so that what belongs together (a cabinet and
+    its drawers, the plates of a set) matches.
 
     Raises:
         InvalidInputError: If there is no color or no look, or if another function has registered the category.
@@ -126,13 +118,7 @@ def looks(category: str) -> range:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Args:
-        category: Name of the category.
-        look: Number of the look, see :func:`looks`.
-        color: Color word, see :func:`colors`; the category's first color if not given.
-
-    Returns:
-        The asset.
+    Without a color it has the category's first one, see :func:`colors` and :func:`looks`.
 
     Raises:
         UnknownNameError: If the category or the color is not known.

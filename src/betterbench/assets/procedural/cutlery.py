@@ -89,15 +89,8 @@ def _piece(
 ) -> Draft:
     """Put a head on a handle.
 
-    Args:
-        rng: Source of the handle.
-        name: What it is, with its color.
-        metal: Rgb of the metal.
-        head: Visual parts of head and neck.
-        reach: Half the width on which the head stands [m].
-        head_end: The x at which the head leaves the table [m].
-        sizes: The numbers of the head.
-        rim: What the head has above its standing surface, if that is wider.
+    The head, of visual parts and ``sizes``, stands on half a width of ``reach`` and leaves the table at x =
+    ``head_end`` [m]. What it has above its standing surface, if that is wider, is its ``rim``.
     """
     plastic = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
     rivets, swell = rng.random() < 0.6, rng.uniform(0.0, 0.0012)  # the handle narrows toward the head by the swell

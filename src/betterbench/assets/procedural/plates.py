@@ -141,12 +141,8 @@ class _Glaze:
     def draw(self, piece: Turned, *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
         """Draw a piece from the foot over the rim to the middle of the floor.
 
-        Args:
-            piece: A plate or a bowl.
-            wall: Number of the point of its profile where the wall begins.
-            rim: Where the rim begins.
-            inner: Where the inside of the lip begins.
-            floor: Where the floor begins.
+        Given are the numbers of the points of its profile where the wall, the rim, the inside of the lip and the floor
+        begin.
         """
         foot, crest, lip, well = (piece.rows[k] for k in (wall, rim, inner, floor))
         canvas = piece.canvas(self.color, (64, 256), width=1.0)

@@ -80,12 +80,7 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _corner(center: float, angle: float) -> CollisionPart:
-    """Return the box that cuts the corner of a square hole into an octagon's side.
-
-    Args:
-        center: Position of the hole along y [m].
-        angle: Direction of the corner [rad].
-    """
+    """Return the box in a direction [rad] that cuts the corner of a square hole at y = ``center`` into an octagon."""
     half_length = _APOTHEM * math.tan(math.pi / 8.0)
     half = 0.0049  # reaches the square's corner, 0.41 apothems behind the side
     away = _APOTHEM + half
