@@ -1,7 +1,5 @@
 """The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -162,17 +160,13 @@ class Asset:
     def content_hash(self) -> str:
         """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
         digest = hashlib.sha256()
-        digest.update(
-            repr((self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)).encode()
-        )
-        digest.update(repr(self.regions).encode())
+        numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
+        digest.update(repr(numbers).encode() + repr(self.regions).encode())
         for part in self.visual:
             digest.update(repr((part.name, part.rgba, part.specular, part.shininess, part.smooth)).encode())
-            digest.update(part.vertices.tobytes())
-            digest.update(part.faces.tobytes())
+            digest.update(part.vertices.tobytes() + part.faces.tobytes())
             if part.texture is not None:
-                digest.update(part.texture.pixels.tobytes())
-                digest.update(part.texture.uv.tobytes())
+                digest.update(part.texture.pixels.tobytes() + part.texture.uv.tobytes())
         for shape in self.collision:
             digest.update(repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode())
             if shape.vertices is not None:

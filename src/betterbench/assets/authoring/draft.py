@@ -60,9 +60,8 @@ def part(
     A ``view`` projects the picture onto the mesh instead: the directions in which its columns and rows run
     (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular`` and ``shininess`` are in [0, 1].
     """
-    texture = None
-    color: Rgb = (1.0, 1.0, 1.0)
     mesh = mesh if view is None else mapped(mesh, *view)
+    color, texture = (1.0, 1.0, 1.0), None
     if isinstance(paint, Canvas):
         texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
     else:

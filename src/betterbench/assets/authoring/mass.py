@@ -10,8 +10,6 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector, rotate
 
-InertiaTensor = tuple[float, float, float, float, float, float]
-
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
@@ -19,7 +17,7 @@ class MassProperties:
 
     mass_kg: float
     center_of_mass: Vector
-    inertia: InertiaTensor
+    inertia: tuple[float, float, float, float, float, float]
 
 
 def volume_of(part: CollisionPart) -> float:
@@ -47,12 +45,9 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-    if part.shape == "cylinder":
-        across = mass * (a * a / 4.0 + b * b / 3.0)
-        return np.array([across, across, mass * a * a / 2.0])
-    if part.shape == "capsule":
-        # Close enough for the thin rods it is used for: a cylinder of the same radius and full length.
-        half = b + a
+    if part.shape in ("cylinder", "capsule"):
+        # Close enough for the thin rods that capsules are used for: a cylinder of the same radius and full length.
+        half = b + a if part.shape == "capsule" else b
         across = mass * (a * a / 4.0 + half * half / 3.0)
         return np.array([across, across, mass * a * a / 2.0])
     if part.shape == "sphere":

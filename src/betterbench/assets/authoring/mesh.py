@@ -91,14 +91,19 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return (m, 3) outward normals of triangles, twice as long as their areas [m^2]."""
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    normals: np.ndarray = np.cross(b - a, c - a)
+    return normals
+
+
 def _welded(mesh: Mesh) -> Mesh:
     """Merge vertices that agree in position and texture coordinate, and drop triangles that have lost their area."""
     key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
     unique, inverse = np.unique(key, axis=0, return_inverse=True)
     faces = inverse.reshape(-1)[mesh.faces]
-    corners = unique[:, :3][faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    faces = faces[area > 1e-10]
+    faces = faces[np.linalg.norm(face_normals(unique[:, :3], faces), axis=1) > 1e-10]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Mesh(unique[used, :3], renumbered.reshape(-1, 3).astype(np.int32), unique[used, 3:])
 
@@ -106,8 +111,7 @@ def _welded(mesh: Mesh) -> Mesh:
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
     """Weld a mesh and split it again along its sharp edges, where faces meet at a larger angle than ``degrees``."""
     mesh = _welded(mesh)
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     limit = math.cos(math.radians(degrees))
     fans: dict[int, list[tuple[int, int]]] = {}
@@ -234,13 +238,8 @@ def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, st
     for quarter, (sx, sy) in enumerate(((1, -1), (1, 1), (-1, 1), (-1, -1))):
         for step in range(steps + 1):
             angle = math.pi / 2.0 * (quarter - 1 + step / steps)
-            points.append(
-                (
-                    sx * (half_x - corner) + corner * math.cos(angle),
-                    sy * (half_y - corner) + corner * math.sin(angle),
-                    z,
-                )
-            )
+            x, y = sx * (half_x - corner), sy * (half_y - corner)
+            points.append((x + corner * math.cos(angle), y + corner * math.sin(angle), z))
     return np.array(points)
 
 
@@ -255,10 +254,7 @@ def box(
     """Return a creased box with bevelled horizontal edges and with vertical ones rounded in ``steps`` segments [m]."""
     hx, hy, hz = (0.5 * s for s in size)
     heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
-    rings = [
-        rectangle(hx - inset, hy - inset, z, corner=max(corner - inset, 0.3 * corner), steps=steps)
-        for z, inset in heights
-    ]
+    rings = [rectangle(hx - e, hy - e, z, corner=max(corner - e, 0.3 * corner), steps=steps) for z, e in heights]
     return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*center)
 
 
@@ -361,7 +357,7 @@ def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:
 
 
 def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float, float]) -> Mesh:
-    """Return the mesh with a picture projected straight onto it; its columns run along ``right``, its rows along ``up``."""
+    """Return the mesh with a picture projected onto it, its columns along ``right`` and its rows along ``up``."""
     flat = np.stack([mesh.vertices @ np.array(right), mesh.vertices @ np.array(up)], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return Mesh(mesh.vertices, mesh.faces, (flat - low) / (high - low))

@@ -44,20 +44,16 @@ def generator(
         InvalidInputError: If there is no color or no look, or if another function has registered the category.
     """
     if not category or not colors or looks < 1:
-        raise InvalidInputError(
-            f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", ...)'
-        )
+        problem = "it needs a name, a color and a look"
+        raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
 
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
         known = _REGISTER.get(category)
         # A file that is loaded again may register its own function once more.
         if known is not None and _origin(known.make) != _origin(make):
-            raise InvalidInputError(
-                f"asset category {category!r}",
-                f"{_origin(make)} registers it, and so does {_origin(known.make)}",
-                "Give one of them another name",
-            )
+            both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
+            raise InvalidInputError(f"asset category {category!r}", both, "Give one of them another name")
         _REGISTER[category] = _Entry(named, tuple(colors), looks, family or category)
         _build.cache_clear()
         return make
@@ -91,10 +87,9 @@ def categories() -> tuple[str, ...]:
 def _entry(category: str) -> _Entry:
     """Look a category up."""
     load_declared()
-    try:
-        return _REGISTER[category]
-    except KeyError:
-        raise UnknownNameError("asset category", category, _REGISTER) from None
+    if category not in _REGISTER:
+        raise UnknownNameError("asset category", category, _REGISTER)
+    return _REGISTER[category]
 
 
 def colors(category: str) -> tuple[str, ...]:
@@ -129,9 +124,8 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     if chosen not in entry.colors:
         raise UnknownNameError(f"color of {category}", chosen, entry.colors)
     if look not in range(entry.looks):
-        raise InvalidInputError(
-            f"look of {category}", f"{look!r} does not exist", f"Use a number from 0 to {entry.looks - 1}"
-        )
+        cure = f"Use a number from 0 to {entry.looks - 1}"
+        raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
     return _build(category, look, chosen)
 
 

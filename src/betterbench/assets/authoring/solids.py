@@ -27,10 +27,8 @@ def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[Collisi
     Each has a radius and an upper end [m]; the lowest starts 0.5 mm above the ground.
     """
     ends = [0.0005, *(high for _, high in cylinders)]
-    return (
-        foot_square(foot_half),
-        *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)),
-    )
+    upper = (upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False))
+    return foot_square(foot_half), *upper
 
 
 def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
@@ -40,9 +38,9 @@ def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
 
 def solid_box(low: Vector, high: Vector) -> CollisionPart:
     """Return the axis-aligned box between two opposite corners [m]."""
-    half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
-    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
-    return CollisionPart("box", half, center)
+    (ax, ay, az), (bx, by, bz) = low, high
+    half = (0.5 * (bx - ax), 0.5 * (by - ay), 0.5 * (bz - az))
+    return CollisionPart("box", half, (0.5 * (bx + ax), 0.5 * (by + ay), 0.5 * (bz + az)))
 
 
 def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
@@ -70,16 +68,11 @@ def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean:
     The half sizes are along the radius, along the circumference and upward; the middles of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] leans their upper ends outward.
     """
-    tilt = from_axis_angle((0.0, lean, 0.0))
-    return [
-        CollisionPart(
-            "box",
-            half,
-            (x + away * math.cos(angle), away * math.sin(angle), z),
-            multiply(from_yaw(angle), tilt) if lean else from_yaw(angle),
-        )
-        for angle in (k * math.pi / 4 for k in range(8))
-    ]
+    tilt, boards = from_axis_angle((0.0, lean, 0.0)), []
+    for angle in (k * math.pi / 4 for k in range(8)):
+        turn = multiply(from_yaw(angle), tilt) if lean else from_yaw(angle)
+        boards.append(CollisionPart("box", half, (x + away * math.cos(angle), away * math.sin(angle), z), turn))
+    return boards
 
 
 def round_wall(
@@ -90,9 +83,8 @@ def round_wall(
     The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
     """
     along = radius * math.tan(math.pi / 8) if half_length is None else half_length
-    half_height = 0.5 * (high - low)
-    half = (0.5 * thickness, along, half_height)
-    return ring_of_boards(half, radius - 0.5 * thickness, low + half_height, x=x)
+    up = 0.5 * (high - low)
+    return ring_of_boards((0.5 * thickness, along, up), radius - 0.5 * thickness, low + up, x=x)
 
 
 def open_box(

@@ -13,7 +13,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_box, solid_span, zone
-from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, mapped, span
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, face_normals, mapped, span
 from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 
 _COLORS = ("white", "brown", "gray")
@@ -208,8 +208,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
     """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has vertices of its own for each face, so the faces can be told apart by their normals.
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(mesh.vertices, mesh.faces)
     seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
     others = np.setdiff1d(np.arange(len(uv)), seen)
     uv[others] = 0.5 + 0.02 * (uv[others] - 0.5)
