@@ -1,7 +1,5 @@
 """What a task file is written with: typed values for objects, slots, instructions, conditions and operations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from betterbench.tasks.axes import Expected, Support

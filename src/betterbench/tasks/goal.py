@@ -1,7 +1,5 @@
 """The goal of a condition, tracked over time: subgoals, order, exclusiveness, dwell and forbidden interactions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.geometry import distance

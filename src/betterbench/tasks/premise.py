@@ -1,7 +1,5 @@
 """The premise: what an instruction presupposes must be what the scene shows when an episode begins."""
 
-from __future__ import annotations
-
 from betterbench.geometry import distance, horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected

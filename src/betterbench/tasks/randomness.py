@@ -1,7 +1,5 @@
 """Named random streams, one generator per purpose: adding a camera moves no object, and twins share every draw."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

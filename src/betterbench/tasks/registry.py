@@ -1,7 +1,5 @@
 """The registry of tasks: a decorated function gives a task its command, its card and its tests."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect

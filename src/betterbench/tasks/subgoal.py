@@ -1,7 +1,5 @@
 """Subgoals: what an instruction asks for, step by step, as relations between the things it names."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

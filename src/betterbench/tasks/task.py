@@ -1,7 +1,5 @@
 """The task: fixtures and slots, the training regime with its confounds, and the variations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.errors import find_named

@@ -1,7 +1,5 @@
 """Constraint templates: the interaction patterns that tasks fill in."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Every threshold that a verdict depends on, in one table with units and reasons. Reports print the table."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """The name of a trial: task, condition and seed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Variations as data: a training condition, the operations that turn it, and what a failure would mean."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.tasks.axes import Axis, Expected, Support

@@ -1,7 +1,5 @@
 """Arrangement: on which side of an anchor an object lies or stands."""
 
-from __future__ import annotations
-
 import math
 
 from betterbench.geometry import IDENTITY_QUATERNION, yaw_of

@@ -1,7 +1,5 @@
 """Containment: whether an object is in a container that is open at the top."""
 
-from __future__ import annotations
-
 import math
 
 from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of

@@ -1,7 +1,5 @@
 """Assembly: which layer of a stack an object is, counted from the base."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by

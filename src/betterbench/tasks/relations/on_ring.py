@@ -1,7 +1,5 @@
 """Constrained positioning: whether an object stands centered on a marked ring with its handle clear of the spout."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset

@@ -1,7 +1,5 @@
 """Where the foot of an object is, and how a gripper lets go of an object that it has set down."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from betterbench.geometry import Pose, Vector, from_yaw, rotate, yaw_of

@@ -1,7 +1,5 @@
 """What a relation between an object and a target is, and the registry of all relations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
