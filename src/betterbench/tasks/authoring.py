@@ -87,16 +87,10 @@ def subgoal(
     word: str,
     count: int = 1,
 ) -> Subgoal:
-    """Return one step of an instruction.
+    """Return one step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
 
-    Args:
-        name: Name of the step in records and reports.
-        relation: Relation that has to hold.
-        thing: Object, of whose kind any will do, or a reference by slot.
-        target: What it has to be related to.
-        region: Target region, where the target offers several.
-        word: Word of the instruction that picks out the object.
-        count: How many such objects must be there; the second of two equal steps has 2.
+    The ``thing`` is an object, of whose kind any will do, or a reference by slot; it has to be related to the target,
+    or to a region of it where it offers several.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)

@@ -4,17 +4,12 @@ from betterbench.geometry import distance
 from betterbench.state import WorldState
 from betterbench.tasks.condition import Condition, ObjectSpec
 from betterbench.tasks.relations.relation import Relation, offers_each, register
-from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 MOUNTS = ("upper", "lower")
 """Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
 
 GAP = threshold("closed_gap", 0.005, "m", "Distance from its closed position up to which a drawer is shut.")
-
-SHUT_ENOUGH_M = 0.02
-"""Opening of a drawer below which it is in nobody's way [m]."""
-OPEN_ENOUGH_M = 0.12
-"""Opening of a drawer from which it can be loaded [m]: a gripper is 65 mm thick, a stapler 36 mm."""
 
 
 def closed(state: WorldState, drawer: str, cabinet: str) -> str | None:
@@ -53,9 +48,9 @@ def drawer_to_move(condition: Condition, state: WorldState, target: str) -> tupl
     height = state.pose(target).position[2]
     for other in condition.objects:
         above = other.mount is not None and state.pose(other.name).position[2] > height
-        if above and opening_m(state, other) > SHUT_ENOUGH_M:
+        if above and opening_m(state, other) > THRESHOLDS.pushed_in:
             return other.name, False
-    return None if opening_m(state, drawer) > OPEN_ENOUGH_M else (target, True)
+    return None if opening_m(state, drawer) > THRESHOLDS.drawn_out else (target, True)
 
 
 CLOSED = register(

@@ -39,8 +39,7 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether no corner of the object's handle is under the fixture's spout, seen from above."""
-    info = state.info.object(name)
-    handles = [r for r in info.regions if r.name == "handle"]
+    handles = [r for r in state.info.object(name).regions if r.name == "handle"]
     spout = state.info.object(fixture).region("spout")
     to_spout = (state.pose(fixture) @ spout.pose).inverse()
     hx, hy = spout.half_size[0] + SPOUT, spout.half_size[1] + SPOUT
