@@ -1,12 +1,10 @@
 """Articulation: whether a drawer is shut, how far it is open, and what has to be moved before it can be loaded."""
 
-from __future__ import annotations
-
 from betterbench.geometry import distance
 from betterbench.state import WorldState
 from betterbench.tasks.condition import Condition, ObjectSpec
 from betterbench.tasks.relations.relation import Relation, offers_each, register
-from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 MOUNTS = ("upper", "lower")
 """Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
