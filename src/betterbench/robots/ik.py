@@ -134,12 +134,7 @@ class ArmIK:
         return self._tcp()
 
     def solve(
-        self,
-        q: np.ndarray,
-        target: Pose,
-        *,
-        around: np.ndarray | None = None,
-        lead_rad: float = 0.0,
+        self, q: np.ndarray, target: Pose, *, around: np.ndarray | None = None, lead_rad: float = 0.0
     ) -> np.ndarray:
         """Return the joint angles one control step later on the way from ``q`` to a pose.
 
@@ -331,11 +326,7 @@ class ArmIK:
         return hessian, jacobian, error
 
     def _step(
-        self,
-        q: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        problem: tuple[np.ndarray, np.ndarray, np.ndarray],
+        self, q: np.ndarray, low: np.ndarray, high: np.ndarray, problem: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> np.ndarray:
         """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds.
 

@@ -94,11 +94,7 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
             mesh.usertexcoord = np.asarray(part.texture.uv, dtype=np.float64).ravel()
             height, width, _ = part.texture.pixels.shape
             texture = spec.add_texture(
-                name=full,
-                type=mujoco.mjtTexture.mjTEXTURE_2D,
-                width=width,
-                height=height,
-                nchannel=3,
+                name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
             )
             # MuJoCo takes the first row of the data for v = 0; an asset's image starts at the top.
             texture.data = np.ascontiguousarray(part.texture.pixels[::-1]).tobytes()

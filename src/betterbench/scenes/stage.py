@@ -325,13 +325,7 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
 
 
 def _add_camera(
-    body: mujoco.MjsBody,
-    name: str,
-    position: Vector,
-    target: Vector,
-    *,
-    up: Vector = (0.0, 0.0, 1.0),
-    fovy_deg: float,
+    body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
     """Add a fixed camera that looks at a point.
 
