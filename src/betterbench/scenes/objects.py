@@ -42,14 +42,10 @@ def rail_of(asset: Asset) -> DrawerRail:
 def add_asset(
     spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return its new body.
+    """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
 
-    Args:
-        spec: The model to add it to.
-        name: Name of its body; meshes, materials and geometries are named after it.
-        asset: The asset.
-        pose: Fixed pose ``T_world_object``, or None for an object that moves freely.
-        slide: For an object that slides from ``pose``, how it does.
+    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` says how one slides
+    from it.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:

@@ -40,14 +40,10 @@ class ObjectInfo:
         name: Name in the scene ("burger_1"); it carries no meaning for any verdict.
         kind: What instructions call it ("burger"); two objects of one kind are interchangeable.
         asset: Identity of the asset ("burger#3").
-        category: Category of the asset ("burger", "can").
         color: Color word a person would use ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
-        fixed: True if the object cannot move.
-        mass_kg: Mass [kg].
         size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
-        regions: Named regions of the asset.
         slot: Name of the slot the object starts at, or None.
     """
 
@@ -74,7 +70,6 @@ class SlotInfo:
     """A named start position on the table.
 
     Attributes:
-        name: Name of the slot.
         position: Center on the table [m], world frame.
         yaw: Nominal heading of what stands there [rad].
         trained_kinds: Kinds of object that stood here in the training distribution.
@@ -94,7 +89,6 @@ class SceneInfo:
 
     Attributes:
         objects: All objects, in the order in which states list them.
-        slots: All slots of the task.
         home_position: End-effector position at reset [m], world frame.
         gripper_opening_m: Largest distance of the finger pads [m].
     """
