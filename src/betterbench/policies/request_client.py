@@ -26,7 +26,7 @@ class RequestClient:
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect; raise OSError if nobody listens, which ZeroMQ does not tell because it connects in the background."""
+        """Connect; raise OSError if nobody listens, which ZeroMQ does not tell: it connects in the background."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()

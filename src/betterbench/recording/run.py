@@ -180,7 +180,7 @@ class RunFolder:
         return record
 
     def records(self) -> Iterator[Record]:
-        """Yield the record of every trial that the journal calls done, in its order; raise RecordError for a bad one."""
+        """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from betterbench.errors import RecordError, UnknownNameError, find_named
+from betterbench.errors import UnknownNameError, find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 
@@ -131,28 +130,3 @@ class SceneInfo:
         form = asdict(self)
         del form["_index"]
         return form
-
-    @classmethod
-    def from_json(cls, form: Mapping[str, Any]) -> SceneInfo:
-        """Read the JSON form; a missing or malformed field raises a RecordError."""
-        try:
-            objects = tuple(
-                ObjectInfo(
-                    **{
-                        **o,
-                        "size_m": tuple(o["size_m"]),
-                        "regions": tuple(
-                            Region(r["name"], tuple(r["position"]), tuple(r["half_size"]), tuple(r["quaternion"]))
-                            for r in o["regions"]
-                        ),
-                    }
-                )
-                for o in form["objects"]
-            )
-            slots = tuple(
-                SlotInfo(s["name"], tuple(s["position"]), s["yaw"], tuple(s["trained_kinds"]), tuple(s["picked_kinds"]))
-                for s in form["slots"]
-            )
-            return cls(objects, slots, tuple(form["home_position"]), float(form["gripper_opening_m"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordError(f"scene description: {error!r} is missing or malformed; record it again") from error
