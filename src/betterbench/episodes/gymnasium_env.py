@@ -106,10 +106,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._scene = Scene(self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality)
         state = self._scene.reset()
         self._tracker = GoalTracker(
-            self._condition,
-            self._scene.info,
-            template=self._task.template,
-            control_rate_hz=self._scene.control_rate_hz,
+            self._condition, self._scene.info, template=self._task.template, control_rate_hz=self._scene.control_rate_hz
         )
         truth = self._tracker.update(state)
         return self._observe(state), self._info(state, truth, trial)

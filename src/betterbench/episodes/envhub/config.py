@@ -86,10 +86,6 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
-    def create_envs(
-        self,
-        n_envs: int,
-        use_async_envs: bool = False,
-    ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
         """Return the vector environments of all conditions; LeRobot asks for them from version 0.5 on."""
         return make_env(n_envs, use_async_envs, cfg=self)

@@ -160,12 +160,7 @@ class PolicySession:
     """One client of a policy that sees observations."""
 
     def __init__(
-        self,
-        policy: Policy,
-        trial: TrialId | None,
-        *,
-        within: bool = False,
-        on_close: Callable[[], None] | None = None,
+        self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
         """Prepare for a connection.
 
