@@ -112,12 +112,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         return self._observe(state), self._info(state, truth, trial)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Execute one action for one control step.
-
-        Raises:
-            InvalidInputError: If the environment was not reset.
-            InvalidActionError: If the action cannot be executed.
-        """
+        """Execute one action for one control step."""
         scene, tracker = self._scene, self._tracker
         if scene is None or tracker is None:
             raise InvalidInputError("step", "the environment was not reset", "Call reset first")
