@@ -7,7 +7,6 @@ import inspect
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.interventions import vary
@@ -25,6 +24,7 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.registry import notes_of
 from betterbench.tasks.relations import RELATIONS
+from betterbench.tasks.template_form import template_to_json
 
 LETTERS = tuple(axis.letter for axis in Axis)
 HEADINGS = ("Randomizations", "Success", "Premise")
@@ -154,16 +154,15 @@ def templates_page(tasks: Sequence[Task]) -> str:
         ),
         "",
         "```json",
-        json.dumps(asdict(shown), indent=2),
+        json.dumps(template_to_json(shown), indent=2),
         "```",
         "",
         "```python",
-        "from dataclasses import asdict",
-        "",
         "from betterbench.tasks import TEMPLATES",
+        "from betterbench.tasks.template_form import template_from_json, template_to_json",
         "",
-        'form = asdict(TEMPLATES["loose_packing"])',
-        'assert form["relation"] == "inside"',
+        'form = template_to_json(TEMPLATES["loose_packing"])',
+        'assert template_from_json(form) == TEMPLATES["loose_packing"]',
         "```",
         "",
     ]
