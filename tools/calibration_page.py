@@ -12,20 +12,20 @@ from betterbench.report.calibration_page import calibration_markdown, write_cali
 HEAD = """# Calibration
 
 Calibration measures how often the diagnosis gives the true label. Every [faulty policy](diagnosis.md#faulty-policies)
-decides by one broken rule, at several strengths and with action noise. It writes down its own first wrong decision,
-and the diagnosis, which reads the records alone, has to find that fault.
+decides by one wrong rule, at several strengths and with action noise. It records its own first wrong decision, and the
+diagnosis, which reads only the records, has to find this fault.
 
 ```sh
 better calibrate --out runs/calibration
 ```
 
-makes these numbers again, with a page that lists every mistake beside its evidence. It can be interrupted and
-resumed; with `--tasks fast_food` it takes a few minutes. The table of policies names the strengths that the packaged
-numbers come from.
+computes these numbers again and writes a page that lists every wrong label with its evidence. It can be interrupted and
+resumed; with `--tasks fast_food` it takes a few minutes. The table of policies names the strengths that were used for
+the packaged numbers.
 
-What the matrix cannot say: the faulty policies were written together with the diagnosis, so they hold the faults that
-its authors thought of. A policy with a fault of another kind gets the label whose evidence comes closest, with its
-film beside it.
+The matrix has one limit: the faulty policies were written together with the diagnosis, so they only have faults that
+its authors thought of. A policy with another kind of fault gets the label whose evidence fits best; the report shows
+the film beside it.
 
 ![confusion matrix](pictures/confusion.png)
 

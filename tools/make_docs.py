@@ -40,7 +40,7 @@ def main() -> None:
 
 
 def in_order(tasks: tuple[Task, ...]) -> list[Task]:
-    """Return tasks in the order of the suite's table, and after them whatever else is registered."""
+    """Return tasks in the order of the suite's table, and after them all others that are registered."""
     order = list(suite_tasks("better60"))
     return sorted(tasks, key=lambda t: (order.index(t.id) if t.id in order else len(order), t.id))
 
@@ -63,7 +63,7 @@ def write_task(task: Task, out: Path, *, seed: int) -> None:
 
 
 def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
-    """Write what is about all tasks and all assets."""
+    """Write the pages and pictures about all tasks and all assets."""
     pictures = out / "pictures"
     (out / "tasks.md").write_text(task_pages.index_page(tasks), encoding="utf-8")
     (out / "templates.md").write_text(task_pages.templates_page(tasks), encoding="utf-8")
@@ -92,10 +92,10 @@ def library_page(tasks: list[Task]) -> str:
             "# Asset library",
             "",
             (
-                "Every object is made by a parametric generator of our own: a category is one function, and each of "
-                "its looks is the same function with another random generator. Which look an object has is drawn "
-                f"with the seed of the trial; its color is part of the condition. There are {len(rows)} categories. "
-                "The sheet shows three looks of each in its default color and one in another color, where it has one."
+                "Every object is made by a parametric generator: a category is one function, and each of its looks is "
+                "the result of this function for another random generator. The seed of the trial determines the look; "
+                f"the condition determines the color. There are {len(rows)} categories. The sheet shows three looks of "
+                "each category in its default color and one in another color, if it has several."
             ),
             "",
             "![every asset and some of its looks](pictures/library.jpg)",

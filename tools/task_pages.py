@@ -7,7 +7,6 @@ import inspect
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
 
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.interventions import vary
@@ -15,6 +14,7 @@ from betterbench.tasks import (
     TEMPLATES,
     Axis,
     Condition,
+    Operation,
     Support,
     TargetRegion,
     Task,
@@ -24,10 +24,11 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.registry import notes_of
 from betterbench.tasks.relations import RELATIONS
+from betterbench.tasks.template_form import template_to_json
 
 LETTERS = tuple(axis.letter for axis in Axis)
 HEADINGS = ("Randomizations", "Success", "Premise")
-"""The headings that every task's docstring has."""
+"""The headings that a task's docstring may have."""
 
 
 def index_page(tasks: Sequence[Task]) -> str:
@@ -46,10 +47,10 @@ def index_page(tasks: Sequence[Task]) -> str:
             "# Tasks and variations",
             "",
             (
-                "Each task has a training distribution, in which words, places and orders go together more tightly "
-                "than the task demands, and variations that take them apart. A variation is a training condition "
-                "with one intervention; with the same seed everything else is the same to the last bit. The last "
-                f"four columns count the variations by axis: {axes}."
+                "Each task has a training distribution, in which words, slots and orders are correlated more closely "
+                "than the task requires, and variations that break these correlations. A variation is a training "
+                "condition with one intervention; with the same seed everything else is identical, bit for bit. The "
+                f"last four columns count the variations by axis: {axes}."
             ),
             "",
             _row(["task", "id", "template", "training conditions", "variations", *LETTERS]),
@@ -57,13 +58,13 @@ def index_page(tasks: Sequence[Task]) -> str:
             *rows,
             _row(["all", "", "", *sums]),
             "",
-            "All pairs of training scene and test scene, seed 0, what changed outlined:",
+            "Training scene and test scene of every variation for seed 0, with what changed outlined:",
             "",
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` draws one pair in any size and for any seed. How to add a task of your "
-                "own stands in [Adding a task](adding-a-task.md)."
+                "`better show TASK/VARIATION` draws one pair in any size and for any seed. [Add a task]"
+                "(adding-a-task.md) explains how to write a task of your own."
             ),
             "",
         ]
@@ -74,7 +75,12 @@ def task_page(task: Task) -> str:
     """Return the page of one task."""
     summary, *notes = _docstring(task)
     described = [part for part in notes if not part.startswith(HEADINGS)]
-    headed = [part for part in notes if part.startswith(HEADINGS)]
+    headed = {part.partition(":")[0]: part.partition(":")[2].strip() for part in notes if part.startswith(HEADINGS)}
+    general = {"Success": task.template.goal, "Premise": task.template.premise}
+    notes_by_heading = {
+        heading: [text for text in (general.get(heading), _capitalized(headed.get(heading, ""))) if text]
+        for heading in HEADINGS
+    }
     lines = [
         f"# {task.title}",
         "",
@@ -83,25 +89,25 @@ def task_page(task: Task) -> str:
         summary if summary == task.description else f"{task.description} {summary}",
         "",
         *[line for part in described for line in (part, "")],
-        *[f"- **{part.partition(':')[0]}:**{part.partition(':')[2]}" for part in headed],
+        *[f"- **{h}:** {' '.join(texts)}" for h, texts in notes_by_heading.items() if texts],
         "",
         "## Training distribution",
         "",
-        f"![the settings of the training distribution](../pictures/{task.id}_training.jpg)",
+        f"![the layouts of the training distribution](../pictures/{task.id}_training.jpg)",
         "",
         *_layout_table(task),
         "",
         *_condition_table(task),
         "",
-        "What this distribution teaches besides the task, computed from the conditions above:",
+        "Regularities that a policy can learn besides the task, computed from the conditions above:",
         "",
         *[f"- {line}" for line in _confounds(task)],
         "",
         "## Variations",
         "",
         (
-            "Each picture shows the training scene at the left and the test scene at the right, as the front camera "
-            "of a policy sees them, seed 0. What the intervention changed is outlined."
+            "Each picture shows the training scene on the left and the test scene on the right for seed 0, seen by the "
+            "policy's front camera. What the intervention changed is outlined."
         ),
         "",
     ]
@@ -111,7 +117,7 @@ def task_page(task: Task) -> str:
 
 
 def settings_of(task: Task) -> dict[str, Condition]:
-    """Return the distinct initial settings of a training distribution: letter to the first condition that shows it."""
+    """Return the distinct layouts of a training distribution: letter to the first condition that shows it."""
     found: dict[tuple[object, ...], Condition] = {}
     for condition in task.training:
         found.setdefault(_setting(condition), condition)
@@ -124,12 +130,12 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "# Templates",
         "",
         (
-            "A template is an interaction pattern: groups of objects, the relation that its subgoals ask for, and "
-            "the protocol that goes with them. A task fills it in with objects and places; region, tolerance, "
-            "settling, step limit and expert come with it."
+            "A template is an interaction pattern: groups of objects, the relation that its subgoals require, and "
+            "the step limits. A task adds the objects, their slots and the instructions; the template provides target "
+            "regions, tolerances, settling time, step limit and expert."
         ),
         "",
-        _row(["template", "what is hard about it", "tasks"]),
+        _row(["template", "main difficulty", "tasks"]),
         _row(["---"] * 3),
     ]
     for template in TEMPLATES.values():
@@ -143,21 +149,20 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "## The JSON form",
         "",
         (
-            "Every template has a JSON form, for tools that write scenarios. Types are categories of meaning, not "
-            f"names of assets. This is {shown.title}:"
+            "Every template has a JSON form, for tools that write scenarios. The allowed types are semantic "
+            f"categories and not names of assets. This is {shown.title}:"
         ),
         "",
         "```json",
-        json.dumps(asdict(shown), indent=2),
+        json.dumps(template_to_json(shown), indent=2),
         "```",
         "",
         "```python",
-        "from dataclasses import asdict",
-        "",
         "from betterbench.tasks import TEMPLATES",
+        "from betterbench.tasks.template_form import template_from_json, template_to_json",
         "",
-        'form = asdict(TEMPLATES["loose_packing"])',
-        'assert form["relation"] == "inside"',
+        'form = template_to_json(TEMPLATES["loose_packing"])',
+        'assert template_from_json(form) == TEMPLATES["loose_packing"]',
         "```",
         "",
     ]
@@ -167,13 +172,13 @@ def templates_page(tasks: Sequence[Task]) -> str:
 def _template_section(template: Template) -> list[str]:
     names = [template.relation, *template.also]
     total = template.base_steps + template.steps_per_subgoal
-    only = " Nothing that was not asked for may be there in the end." if template.exclusive else ""
+    only = " No other object may satisfy the relation at the end." if template.exclusive else ""
     return [
         f"## {template.title}",
         "",
         f"`{template.name}`. {template.description} {template.challenge}",
         "",
-        _row(["group", "what it stands for", "allowed types", "count"]),
+        _row(["group", "meaning", "allowed types", "count"]),
         _row(["---"] * 4),
         *(
             _row([f"`{g.group_id}`", g.description, ", ".join(g.allowed_types), _span(g.count_range)])
@@ -181,11 +186,11 @@ def _template_section(template: Template) -> list[str]:
         ),
         "",
         *(f"- relation `{name}`: {_first_sentences(name)}" for name in names),
-        f"- success: every subgoal is done, at rest and released, for {template.dwell_s:g} s.{only}",
+        f"- success: every subgoal holds, at rest and released, for {template.dwell_s:g} s.{only}",
         (
-            f"- step limit: {template.base_steps} control steps and {template.steps_per_subgoal} for each subgoal "
-            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the right answer is "
-            "to stay still"
+            f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
+            f"(one subgoal: {total} steps, {total / 20:g} s); {template.still_steps} steps where the policy has to "
+            "stay still"
         ),
     ]
 
@@ -222,7 +227,7 @@ def _setting(condition: Condition) -> tuple[object, ...]:
 def _layout_table(task: Task) -> list[str]:
     settings = settings_of(task)
     lines = [
-        _row(["place", "x, y [m]", *(f"setting {letter}" for letter in settings)]),
+        _row(["slot or target", "x, y [m]", *(f"layout {letter}" for letter in settings)]),
         _row(["---"] * (2 + len(settings))),
     ]
     for slot in task.slots:
@@ -235,7 +240,7 @@ def _layout_table(task: Task) -> list[str]:
         ]
         lines.append(_row([_place(place), "", *resting]))
     for drawer in sorted({name for c in settings.values() for name in c.opened}):
-        states = [f"open by {c.opened[drawer]:g} m" if drawer in c.opened else "shut" for c in settings.values()]
+        states = [f"open by {c.opened[drawer]:g} m" if drawer in c.opened else "closed" for c in settings.values()]
         lines.append(_row([next(iter(settings.values())).object(drawer).kind, "", *states]))
     return lines
 
@@ -243,7 +248,7 @@ def _layout_table(task: Task) -> list[str]:
 def _condition_table(task: Task) -> list[str]:
     letters = {_setting(c): letter for letter, c in settings_of(task).items()}
     return [
-        _row(["condition", "setting", "instruction"]),
+        _row(["condition", "layout", "instruction"]),
         _row(["---"] * 3),
         *(_row([f"`{c.name}`", letters[_setting(c)], f"“{c.instruction.text}”"]) for c in task.training),
     ]
@@ -263,13 +268,13 @@ def _confounds(task: Task) -> list[str]:
         counts = ", ".join(f"the {kind} in {n} of {total}" for kind, n in trained.first_kinds)
         lines.append(f"Demonstrations begin with {counts} conditions.")
     orders = sorted({", then ".join(kinds) for kinds in trained.sequences})
-    lines.append(f"What is handled, and in which order: {'; '.join(orders)}. Nothing else was shown.")
+    lines.append(f"The only orders in which objects are handled: {'; '.join(orders)}.")
     for kind, places in sorted(_goes_to(task).items()):
         if len(places) == 1:
-            lines.append(f"The {kind} always goes to the same place: {places[0]}.")
+            lines.append(f"The {kind} is always placed at the same target: {places[0]}.")
     lone = [f"{kinds[0]} at `{slot}`" for slot, kinds in trained.standing_kinds.items() if len(kinds) == 1]
     if lone:
-        lines.append(f"Places where only one kind of object ever stood: {', '.join(lone)}.")
+        lines.append(f"Slots that only ever hold one kind of object: {', '.join(lone)}.")
     lines.append(f"At most {trained.initial_items} movable objects stand on the table at the start.")
     return lines
 
@@ -292,12 +297,16 @@ def _card(task: Task, variation: Variation) -> list[str]:
     before, after = base.instruction.text, test.instruction.text
     told = f"“{before}”, unchanged" if before == after else f"before “{before}”, after “{after}”"
     support = (
-        "every place and every grasp was seen in training"
+        "every slot, target and grasp occurs in training"
         if variation.support is Support.SEEN
-        else "novel; it uses places that training never showed"
+        else "novel; it uses slots that do not occur in training"
     )
     look = ["- the start looks like the middle of a demonstration"] if variation.mid_task_look else []
-    broken = ["- what the instruction presupposes is deliberately not there"] if variation.premise_broken else []
+    broken = (
+        ["- premise: deliberately broken; an object that the instruction names is absent"]
+        if variation.premise_broken
+        else []
+    )
     return [
         f"### {variation.name}: {variation.title}",
         "",
@@ -305,8 +314,8 @@ def _card(task: Task, variation: Variation) -> list[str]:
         "",
         f"- axis: {variation.axis.value.replace('_', ' ')}",
         f"- hypothesis: {variation.hypothesis}",
-        f"- intervention on `{variation.base}`: {', '.join(f'`{i}`' for i in variation.interventions)}",
-        *([] if changes.objects else ["- the scene is that of training; only the instruction changes"]),
+        f"- intervention on `{variation.base}`: {', '.join(f'`{_call(i)}`' for i in variation.interventions)}",
+        *([] if changes.objects else ["- the scene is the same as in training; only the instruction changes"]),
         f"- instruction: {told}",
         f"- expected: {variation.expected.value.replace('_', ' ')}",
         f"- support: {support}",
@@ -315,6 +324,18 @@ def _card(task: Task, variation: Variation) -> list[str]:
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
         "",
     ]
+
+
+def _call(operation: Operation) -> str:
+    """Return an operation as it is written in a task file, with names instead of constants."""
+    values = [getattr(v, "text", getattr(v, "name", v)) for v in operation.arguments.values()]
+    shown = [f'"{value}"' if " " in str(value) else str(value) for value in values]
+    return f"{operation.name}({', '.join(shown)})"
+
+
+def _capitalized(text: str) -> str:
+    """Return a remark of a docstring as a sentence of its own."""
+    return text[:1].upper() + text[1:]
 
 
 def _template_link(template: Template, up: str, *, page: str = "templates.md") -> str:

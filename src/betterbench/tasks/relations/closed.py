@@ -4,7 +4,7 @@ from betterbench.geometry import distance
 from betterbench.state import WorldState
 from betterbench.tasks.condition import Condition, ObjectSpec
 from betterbench.tasks.relations.relation import Relation, offers_each, register
-from betterbench.tasks.thresholds import THRESHOLDS, threshold
+from betterbench.tasks.thresholds import threshold
 
 MOUNTS = ("upper", "lower")
 """Regions in which a cabinet takes drawers; a drawer that is shut has its origin there."""
