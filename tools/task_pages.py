@@ -185,7 +185,7 @@ def _template_section(template: Template) -> list[str]:
             for g in template.groups
         ),
         "",
-        *(f"- relation `{name}`: {_first_sentences(name)}" for name in names),
+        *(f"- relation `{name}`: {_definition(name)}" for name in names),
         f"- success: every subgoal holds, at rest and released, for {template.dwell_s:g} s.{only}",
         (
             f"- step limit: {template.base_steps} control steps plus {template.steps_per_subgoal} for each subgoal "
@@ -195,11 +195,13 @@ def _template_section(template: Template) -> list[str]:
     ]
 
 
-def _first_sentences(relation: str) -> str:
-    """Return how a predicate defines its relation: the second paragraph of its docstring, or else the first."""
-    module = importlib.import_module(f"betterbench.tasks.relations.{RELATIONS[relation].name}")
-    paragraphs = (inspect.getdoc(getattr(module, relation)) or "").split("\n\n")
-    defining = next((p for p in paragraphs[1:] if not p.startswith(("Args", "Returns"))), paragraphs[0])
+def _definition(name: str) -> str:
+    """Return the definition of a relation: the second paragraph of its predicate's docstring, or else its words."""
+    relation = RELATIONS[name]
+    module = importlib.import_module(f"betterbench.tasks.relations.{relation.name}")
+    paragraphs = (inspect.getdoc(getattr(module, name)) or "").split("\n\n")
+    words = relation.words.format(object="The object", target="the target", region="its region")
+    defining = next((p for p in paragraphs[1:] if not p.startswith(("Args", "Returns", "Raises"))), f"{words}.")
     return " ".join(defining.replace(":data:", "").split())
 
 
