@@ -43,8 +43,9 @@ EVAL = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "
 @pytest.fixture(scope="module")
 def run(mine):
     out = mine.parent / "run"
-    status, _, err = better(*EVAL, "--task-file", mine, "--workers", "2", "--out", out)
+    status, printed, err = better(*EVAL, "--task-file", mine, "--workers", "2", "--out", out)
     assert status == 0, err
+    assert f"better report {out} --task-file {mine}\n" in printed
     return out
 
 

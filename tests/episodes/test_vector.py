@@ -95,7 +95,7 @@ def test_forked_servers_give_images_too():
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
 def test_success_is_told_once_whatever_resets_the_environment(mode):
-    # Staying still is right here, so that an open hand that never moves succeeds when the time is over.
+    # Staying still is right here, so that an open gripper that never moves succeeds when the time is over.
     envs = vector(envs=1, variation="T1", vector_kwargs={"autoreset_mode": mode})
     envs.reset(seed=0)
     still = np.array([[0.0] * 6 + [-1.0]], dtype=np.float32)

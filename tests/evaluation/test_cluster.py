@@ -18,16 +18,16 @@ from betterbench.evaluation.trials.trial import RunSettings
 pytestmark = pytest.mark.physics
 
 
-def outpost(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> RemoteWorker:
+def remote_worker(run, *, envs: int = 1, policy: str = "random", known: tuple[str, ...] = ()) -> RemoteWorker:
     settings = RunSettings("/nowhere/else", policy, "ee_delta", "state_only", "fast", "panda", envs)
     return RemoteWorker(settings, (run.path / "run.json").read_bytes(), known)
 
 
-def delivered(post: RemoteWorker, trials) -> Turn:
+def delivered(worker: RemoteWorker, trials) -> Turn:
     """Returns what comes of trials, in one turn."""
-    turns = [post.turn(trials)]
+    turns = [worker.turn(trials)]
     while sum(len(t.deliveries) for t in turns) < len(trials):
-        turns.append(post.turn(()))
+        turns.append(worker.turn(()))
         assert turns[-1].problem is None
     scenes = {name: data for t in turns for name, data in t.scenes.items()}
     return Turn(tuple(d for t in turns for d in t.deliveries), scenes)
@@ -35,12 +35,12 @@ def delivered(post: RemoteWorker, trials) -> Turn:
 
 @pytest.mark.parametrize("envs", [1, 3])
 def test_what_an_outpost_delivers_is_what_a_run_here_writes(uninterrupted, tiny_plan, run_content, envs):
-    post = outpost(uninterrupted, envs=envs)
+    worker = remote_worker(uninterrupted, envs=envs)
     try:
-        assert post.prepare({}) == versions_here()
-        found = delivered(post, tiny_plan().trials)
+        assert worker.prepare({}) == versions_here()
+        found = delivered(worker, tiny_plan().trials)
     finally:
-        post.close()
+        worker.close()
     content = {f"scenes/{name}.zip": data for name, data in found.scenes.items()}
     for delivery in found.deliveries:
         entry = delivery.entry
@@ -51,75 +51,75 @@ def test_what_an_outpost_delivers_is_what_a_run_here_writes(uninterrupted, tiny_
 
 def test_scenes_that_the_run_holds_already_are_not_sent(uninterrupted, tiny_plan):
     known = tuple(path.stem for path in uninterrupted.path.glob("scenes/*.zip"))
-    post = outpost(uninterrupted, known=known)
+    worker = remote_worker(uninterrupted, known=known)
     try:
-        post.prepare({})
-        found = delivered(post, tiny_plan(trials=2).trials)
+        worker.prepare({})
+        found = delivered(worker, tiny_plan(trials=2).trials)
         assert not found.scenes
         assert all(d.record for d in found.deliveries)
     finally:
-        post.close()
+        worker.close()
 
 
 def test_a_scene_is_sent_once(uninterrupted, tiny_plan):
-    post = outpost(uninterrupted)
+    worker = remote_worker(uninterrupted)
     sent: list[str] = []
     try:
-        post.prepare({})
+        worker.prepare({})
         for trial in [*tiny_plan().trials, *tiny_plan().trials]:
-            sent += delivered(post, (trial,)).scenes
+            sent += delivered(worker, (trial,)).scenes
     finally:
-        post.close()
+        worker.close()
     assert sorted(sent) == sorted(path.stem for path in uninterrupted.path.glob("scenes/*.zip"))
 
 
 def test_an_outpost_leaves_nothing_behind(uninterrupted, tiny_plan, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    post = outpost(uninterrupted)
-    post.prepare({})
+    worker = remote_worker(uninterrupted)
+    worker.prepare({})
     assert list(tmp_path.iterdir())
-    post.turn(tiny_plan(trials=2).trials)
-    post.close()
-    post.close()
+    worker.turn(tiny_plan(trials=2).trials)
+    worker.close()
+    worker.close()
     assert not list(tmp_path.iterdir())
     with pytest.raises(InvalidInputError, match="not prepared"):
-        post.turn(())
+        worker.turn(())
 
 
 def test_what_stops_a_run_is_delivered_too(uninterrupted, tiny_plan, monkeypatch):
-    post = outpost(uninterrupted)
+    worker = remote_worker(uninterrupted)
     try:
-        post.prepare({})
+        worker.prepare({})
 
         def broken(timeout_s):
             raise PremiseError("a stranger stands in the slot")
 
-        monkeypatch.setattr(post._worker, "finished", broken)
-        turn = post.turn(tiny_plan(trials=1).trials)
+        monkeypatch.setattr(worker._worker, "finished", broken)
+        turn = worker.turn(tiny_plan(trials=1).trials)
         assert isinstance(turn.problem, PremiseError)
         assert turn.deliveries == ()
     finally:
-        post.close()
+        worker.close()
 
 
 def test_a_trial_that_breaks_down_has_no_record(uninterrupted, tiny_plan):
     trial = dataclasses.replace(tiny_plan().trials[0], task="no_such_task")
-    post = outpost(uninterrupted)
+    worker = remote_worker(uninterrupted)
     try:
-        post.prepare({})
-        (delivery,) = delivered(post, (trial,)).deliveries
+        worker.prepare({})
+        (delivery,) = delivered(worker, (trial,)).deliveries
         assert delivery.entry.status == "error"
         assert delivery.record is None
     finally:
-        post.close()
+        worker.close()
 
 
 def test_an_outpost_that_cannot_work_says_why(uninterrupted):
-    post = outpost(uninterrupted, policy="randum")
+    worker = remote_worker(uninterrupted, policy="randum")
     try:
-        assert "randum" in post.prepare({})["problem"]
+        assert "randum" in worker.prepare({})["problem"]
     finally:
-        post.close()
+        worker.close()
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_chunks_are_played_whole_and_asked_for_once(tmp_path):
 def test_a_policy_that_raises_ends_its_trial_and_the_run_goes_on(tmp_path):
     def act(seen):
         if seen.step == 4:
-            raise KeyError("left hand")
+            raise KeyError("left gripper")
         return STILL
 
     with ExternalRun(plan(trials=2), tmp_path / "run") as run:
@@ -69,7 +69,7 @@ def test_a_policy_that_raises_ends_its_trial_and_the_run_goes_on(tmp_path):
     assert len(entries) == 4
     for record in RunFolder.open(tmp_path / "run").records():
         assert record.outcome.termination == "policy_error"
-        assert record.outcome.error == "KeyError: 'left hand'"
+        assert record.outcome.error == "KeyError: 'left gripper'"
         assert len(record.time) == 5
 
 

@@ -178,13 +178,13 @@ def test_what_is_wrong_with_a_question_is_said_in_one_line(expert_server, change
 # ------------------------------------------------------------------------------------- clients that name no trial
 
 
-def sentences():
+def instructions():
     said = [c.instruction.text for t in all_tasks() for c in t.training]
     return {text: next(c for t in all_tasks() for c in t.training if c.instruction.text == text) for text in said}
 
 
 def test_a_prompt_is_looked_up_among_the_training_conditions(expert_server):
-    text, condition = next(iter(sentences().items()))
+    text, condition = next(iter(instructions().items()))
     trial = TrialId(condition.task, condition.name, 0)
     message = {"prompt": text, "observation/state": np.zeros(8, np.float32)}
     message["observation/image"] = message["observation/wrist_image"] = np.zeros((224, 224, 3), np.uint8)
@@ -196,7 +196,7 @@ def test_a_prompt_is_looked_up_among_the_training_conditions(expert_server):
 
 
 def test_a_changed_prompt_is_a_new_episode(expert_server):
-    one, two = list(sentences())[:2]
+    one, two = list(instructions())[:2]
     with Client(expert_server) as client:
         first = client.ask({"prompt": one})
         client.ask({"prompt": two})

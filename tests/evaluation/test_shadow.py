@@ -22,7 +22,7 @@ from betterbench.tasks import TrialId
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 STEPS = 60
-"""Long enough for the hand to come down to the first object."""
+"""Long enough for the gripper to come down to the first object."""
 
 
 def watch(policy: str, steps: int):

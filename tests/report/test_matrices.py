@@ -14,9 +14,9 @@ from factory import diagnosis, trial
 
 from betterbench.diagnosis import Label
 from betterbench.interventions.resolve import resolve_condition
+from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.latex import table_to_latex
 from betterbench.report.matrices import PAPER, matrices_of, plain_matrix
-from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import to_csv
 from betterbench.tasks import all_tasks
 from betterbench.tasks.condition import TargetRegion as At

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json as json_module
+import json
 import os
 from importlib import resources
 from pathlib import Path
@@ -13,6 +13,7 @@ from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.calibration import CalibrationProgress
+    from betterbench.diagnosis.confusion import Calibration
 
 
 def calibrate_command(
@@ -50,33 +51,39 @@ def calibrate_command(
     from betterbench.calibration import calibrate, calibration_policies
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.calibration import print_calibration
-    from betterbench.diagnosis.confusion import PACKAGED
-    from betterbench.recording import write_durably
-    from betterbench.report.calibration_page import write_calibration_page
     from betterbench.tasks import suite_tasks
 
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
-        raise InvalidInputError(
-            "--write-package", "it replaces the calibration of the whole suite", "Leave out --tasks and --policies"
-        )
+        problem = "it replaces the calibration of the whole suite"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
     prepare_robot("panda")
-    shares = {"trials": trials, "probe_trials": probe_trials}
-    planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, **shares)
+    planned = calibration_policies(
+        policies=policies, strengths=strengths, seed=seed, trials=trials, probe_trials=probe_trials
+    )
     with progress_bar("calibrate", 0) as (bar, task):
 
         def told(progress: CalibrationProgress) -> None:
             bar.update(task, completed=progress.done, total=progress.planned, note=progress.policy)
 
         found = calibrate(planned, out, tasks=tasks, workers=workers or os.cpu_count() or 1, on_progress=told)
-    text = (json_module.dumps(found.to_json(), indent=1) + "\n").encode()
-    write_durably(out / "calibration.json", text)
-    page = write_calibration_page(found, out)
-    if write_package:
-        with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
-            write_durably(folder / PACKAGED, text)
-            say(f"packaged calibration: {folder / PACKAGED}")
+    page = _store(found, out, write_package=write_package)
     if json:
         print_json(found.to_json())
         return
     print_calibration(found)
     OUT.print(f"page        {page}\nmatrix      {out / 'confusion.png'}", markup=False, soft_wrap=True)
+
+
+def _store(found: Calibration, out: Path, *, write_package: bool) -> Path:
+    """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
+    from betterbench.diagnosis.confusion import PACKAGED
+    from betterbench.recording import write_durably
+    from betterbench.report.calibration_page import write_calibration_page
+
+    text = (json.dumps(found.to_json(), indent=1) + "\n").encode()
+    write_durably(out / "calibration.json", text)
+    if write_package:
+        with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
+            write_durably(folder / PACKAGED, text)
+            say(f"packaged calibration: {folder / PACKAGED}")
+    return write_calibration_page(found, out)

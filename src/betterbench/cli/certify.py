@@ -11,6 +11,7 @@ from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.certification.certificate import Certificate
     from betterbench.certification.runner import CertificationProgress
 
 
@@ -43,19 +44,16 @@ def certify_command(
         write_package: Also write the compact certificate that ships with the suite; for its maintainers.
         json: Print the certificate as one JSON document at the end.
     """
-    from betterbench.certification.coverage import PACKAGED
-    from betterbench.certification.runner import certify, write_coverage
+    from betterbench.certification.runner import certify
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.evaluation import make_plan
-    from betterbench.report.certificate_page import write_certificate_page
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
     if write_package and tasks and set(tasks) != set(of_suite):
-        raise InvalidInputError(
-            "--write-package", "it replaces the certificate of the whole suite", "Leave out --tasks"
-        )
+        problem = "it replaces the certificate of the whole suite"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks")
     prepare_robot("panda")
     plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
@@ -69,12 +67,21 @@ def certify_command(
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
         certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, on_progress=told)
-    page = write_certificate_page(certificate, out / "certificate.html")
-    if write_package:
-        with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
-            say(f"packaged certificate: {write_coverage(certificate, folder / PACKAGED)}")
+    page = _store(certificate, out, write_package=write_package)
     if json:
         print_json(certificate.to_json())
         return
     print_certificate(certificate)
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
+
+
+def _store(certificate: Certificate, out: Path, *, write_package: bool) -> Path:
+    """Write the page of a certificate, whose path is returned, and its compact form into the package if wanted."""
+    from betterbench.certification.coverage import PACKAGED
+    from betterbench.certification.runner import write_coverage
+    from betterbench.report.certificate_page import write_certificate_page
+
+    if write_package:
+        with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
+            say(f"packaged certificate: {write_coverage(certificate, folder / PACKAGED)}")
+    return write_certificate_page(certificate, out / "certificate.html")

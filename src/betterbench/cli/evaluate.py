@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,10 +16,57 @@ from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.evaluation import Plan, Progress
+    from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
 
 LOG_EVERY_S = 60.0
 """How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialOptions:
+    """Trials and conventions of a run.
+
+    Attributes:
+        suite: Suite to take the tasks from.
+        tasks: Tasks to run; all of the suite if none is named.
+        variations: Variations to run; all if none is named.
+        trials: Trials per variation.
+        seed: First seed.
+        action_space: Action space of the policy.
+        observation: Observation preset: default, official or state_only.
+        quality: Render preset: fast, standard or high.
+    """
+
+    suite: str = "better60"
+    tasks: tuple[str, ...] = ()
+    variations: tuple[str, ...] = ()
+    trials: int = 20
+    seed: int = 0
+    action_space: str = "ee_delta"
+    observation: str = "default"
+    quality: str = "standard"
+
+
+@dataclass(frozen=True, slots=True)
+class RayOptions:
+    """Placing of a run on a Ray cluster, with --engine ray.
+
+    Attributes:
+        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
+        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or with act_batch); 1 if not given.
+        replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
+    """
+
+    ray_address: str | None = None
+    replicas: int | None = None
+    replica_gpus: float | None = None
+
+    def cluster(self) -> Cluster:
+        """Return where the run is placed."""
+        from betterbench.evaluation.ray_engine.cluster import Cluster
+
+        return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
 
 
 def evaluate_command(
@@ -27,21 +74,12 @@ def evaluate_command(
     policy: str | None = None,
     out: Path | None = None,
     from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
-    suite: str = "better60",
-    tasks: tuple[str, ...] = (),
-    variations: tuple[str, ...] = (),
-    trials: int = 20,
-    seed: int = 0,
+    chosen: Annotated[TrialOptions, tyro.conf.arg(name="")] = TrialOptions(),
     workers: int | None = None,
     envs: int | None = None,
     engine: Literal["local", "ray"] = "local",
-    ray_address: str | None = None,
-    replicas: int | None = None,
-    replica_gpus: float | None = None,
+    ray: Annotated[RayOptions, tyro.conf.arg(name="")] = RayOptions(),
     policy_timeout: float = 300.0,
-    action_space: str = "ee_delta",
-    observation: str = "default",
-    quality: str = "standard",
     certificate: Path | None = None,
     uncertified: bool = False,
     allow_other_versions: bool = False,
@@ -59,21 +97,12 @@ def evaluate_command(
         policy: Address of the policy (see better list policies); with --from, one other than that of the run.
         out: Folder of the run; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
-        suite: Suite to take the tasks from.
-        tasks: Tasks to run; all of the suite if none is named.
-        variations: Variations to run; all if none is named.
-        trials: Trials per variation.
-        seed: First seed.
+        chosen: The trials and the conventions.
         workers: Worker processes; one per processor if not given.
         envs: Environments of each worker, which hide the policy's latency; chosen by its kind if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
-        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
-        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or with act_batch); 1 if not given.
-        replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
+        ray: Where a run on a Ray cluster is placed.
         policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
-        action_space: Action space of the policy.
-        observation: Observation preset: default, official or state_only.
-        quality: Render preset: fast, standard or high.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run although versions differ that results depend on.
@@ -81,13 +110,11 @@ def evaluate_command(
         json: Print one JSON document at the end.
     """
     from betterbench.evaluation.planning.power import what_trials_show
-    from betterbench.evaluation.ray_engine.cluster import Cluster
 
     if engine == "local":
-        placing = {"replicas": replicas, "replica_gpus": replica_gpus, "ray_address": ray_address}
-        _refuse(placing, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}")
-    chosen = {"suite": suite, "tasks": tasks, "variations": variations, "trials": trials, "seed": seed}
-    chosen |= {"action_space": action_space, "observation": observation, "quality": quality}
+        _refuse_changed(
+            ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
+        )
     plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions)
     if not uncertified:
         require_certified(plan, certificate)
@@ -98,15 +125,15 @@ def evaluate_command(
         workers=workers,
         envs=envs,
         engine=engine,
-        cluster=Cluster(ray_address, 1 if replicas is None else replicas, replica_gpus),
+        cluster=ray.cluster(),
         policy_timeout_s=policy_timeout,
         allow_changed_policy=allow_changed_policy,
         repeats=from_run if policy is None else None,
     )
-    _print_counts(run, json=json)
+    _print_counts(run, {t.task for t in plan.trials}, json=json)
 
 
-def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, allow_other_versions: bool) -> Plan:
+def _plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool) -> Plan:
     """Return the plan of the options, or that of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
@@ -116,23 +143,22 @@ def _plan(policy: str | None, from_run: Path | None, chosen: dict[str, Any], *, 
         raise InvalidInputError(
             "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
         )
-    of_suite = suite_tasks(chosen["suite"])  # also where --tasks names others, so that a mistyped suite is reported
+    of_suite = suite_tasks(chosen.suite)  # also where --tasks names others, so that a mistyped suite is reported
     if from_run is not None:
-        defaults = inspect.signature(evaluate_command).parameters
-        changed = {name: value for name, value in chosen.items() if value != defaults[name].default}
-        _refuse(changed, "--from repeats a run as it was", "Leave out {option}, or --from")
+        _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")
         return repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions)
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
-    options = {name: value for name, value in chosen.items() if name != "suite"}
-    return make_plan(policy, **{**options, "tasks": chosen["tasks"] or of_suite})
+    options = asdict(chosen)
+    del options["suite"]
+    return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
 
-def _refuse(given: Mapping[str, object], problem: str, cure: str) -> None:
-    """Refuse the first of some options that is given."""
-    for name, value in given.items():
-        if value is not None:
-            option = f"--{name.replace('_', '-')}"
+def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
+    """Refuse the first option that is not at its default."""
+    for field in fields(given):
+        if getattr(given, field.name) != field.default:
+            option = f"--{field.name.replace('_', '-')}"
             raise InvalidInputError(option, problem, cure.format(option=option))
 
 
@@ -211,10 +237,11 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
     return run
 
 
-def _print_counts(run: RunFolder, *, json: bool) -> None:
+def _print_counts(run: RunFolder, tasks: set[str], *, json: bool) -> None:
     """Print how many trials succeeded and how many broke down."""
     from betterbench.evaluation.running.summary import run_counts
     from betterbench.statistics import Rate, percent
+    from betterbench.tasks.user_files import options_for
 
     counts = run_counts(run)
     if json:
@@ -229,4 +256,4 @@ def _print_counts(run: RunFolder, *, json: bool) -> None:
     broken = counts["errors"]["k"]
     if broken:
         OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
-    OUT.print(f"run         {run.path}\nnext        better report {run.path}", markup=False)
+    OUT.print(f"run         {run.path}\nnext        better report {run.path}{options_for(tasks)}", markup=False)

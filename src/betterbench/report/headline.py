@@ -21,7 +21,7 @@ WEAK_SHARE = 0.5
 by its success; what it attempts first can still be judged."""
 
 
-PLACE_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
+SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 """Labels of rules that send the gripper to a slot, whatever stands there."""
 
 
@@ -46,7 +46,7 @@ class Failure:
     @property
     def share(self) -> str:
         """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials")."""
-        more = f"; its rule also took {plural(self.look_alikes, 'look-alike')} from a trained place"
+        more = f"; its rule also took {plural(self.look_alikes, 'look-alike')} from a trained slot"
         percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
         text = f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
         return text + (more if self.look_alikes else "")
@@ -122,7 +122,7 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
     """Return how many look-alikes the rule of a label explains where they outnumber its own trials, else 0."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
-    if label not in PLACE_RULES or len(taken) <= count:
+    if label not in SLOT_RULES or len(taken) <= count:
         return 0
     return sum("slot" in trial.evidence.shared for trial in taken)
 
@@ -131,7 +131,7 @@ def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
     A policy that goes where a rule sends it takes what stands there, look-alikes included. Where such a rule is proven
-    and most look-alikes that were taken stood in a trained place of the target, the rule explains them and is named.
+    and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named.
     """
     kinds = Counter(trial.kind for trial in trials if trial.kind is not Kind.NONE)
     if not kinds:
@@ -143,9 +143,9 @@ def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
     main = min(labels, key=lambda label: (-labels[label], ranks.index(label)))
     if main is not Label.SEMANTIC_FEATURE_COLLAPSE:
         return main
-    in_place = sum("slot" in t.evidence.shared for t in trials if t.label is main)
-    rule = max(PLACE_RULES, key=lambda label: labels[label])
-    explained = 3 * in_place >= 2 * labels[main] and 2 * labels[rule] >= labels[main]
+    in_slot = sum("slot" in t.evidence.shared for t in trials if t.label is main)
+    rule = max(SLOT_RULES, key=lambda label: labels[label])
+    explained = 3 * in_slot >= 2 * labels[main] and 2 * labels[rule] >= labels[main]
     return rule if explained else main
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.interventions.resolve import resolve_condition
-from betterbench.report.matrix_place import CellPosition, Horizon, State, known_conditions, position_of
+from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.table import Scalar, Table
 from betterbench.statistics import Rate
 from betterbench.tasks import Condition, Expected
@@ -125,9 +125,9 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
         setting = resolve_condition(*name.split("/"))
-        place = position_of(setting.condition, training=setting.axis is None)
-        if place is not None:
-            groups.setdefault(place, []).append(_source(name, setting.condition, members))
+        position = position_of(setting.condition, training=setting.axis is None)
+        if position is not None:
+            groups.setdefault(position, []).append(_source(name, setting.condition, members))
     return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
 
 
@@ -176,19 +176,19 @@ def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequenc
     return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
 
 
-def _cell(place: CellPosition, sources: Sequence[MatrixSource], paper: str) -> Cell:
+def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -> Cell:
     """Return one cell."""
     success = Rate(sum(s.success.k for s in sources), sum(s.success.n for s in sources))
     labels: Counter[Label] = Counter()
     for source in sources:
         labels.update(dict(source.labels))
-    note = "" if sources else _why_empty(place)
-    return Cell(place.row, place.column, tuple(sources), success, _ranked(labels), note, paper)
+    note = "" if sources else _why_empty(position)
+    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper)
 
 
-def _why_empty(place: CellPosition) -> str:
+def _why_empty(position: CellPosition) -> str:
     """Return why a run has no trial in a cell."""
-    known = known_conditions().get(place, ())
+    known = known_conditions().get(position, ())
     if not known:
         return "No condition of the registered tasks begins so."
     more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""

@@ -108,7 +108,7 @@ def segments_of(trials: list[TrialDiagnosis]) -> tuple[Segment, ...]:
 
 
 def suite_rank(task: str, variation: str) -> tuple[int, str]:
-    """Return the place of a variation in its task's table; names that the suite does not know come last, sorted."""
+    """Return the rank of a variation in its task's table; names that the suite does not know come last, sorted."""
     known = task_of(task)
     names = [v.name for v in known.variations] if known is not None else []
     return (names.index(variation) if variation in names else len(names), variation)

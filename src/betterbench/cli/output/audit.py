@@ -57,7 +57,7 @@ def _verdict(finding: AuditFinding) -> str:
 
 def _line(finding: AuditFinding) -> str:
     """Return a finding as one line of markup."""
-    place = ", ".join(part for part in (finding.row, finding.cell) if part)
+    where = ", ".join(part for part in (finding.row, finding.cell) if part)
     told = finding.support is not None or finding.recomputed in ("", finding.printed)
     recomputed = "" if told else f", recomputed {finding.recomputed}"
-    return f"[bold]{escape(place)}[/]: printed {escape(finding.printed)}{escape(recomputed)}. {escape(finding.why)}"
+    return f"[bold]{escape(where)}[/]: printed {escape(finding.printed)}{escape(recomputed)}. {escape(finding.why)}"

@@ -56,7 +56,7 @@ _PLAN = TypeAdapter(_Plan)
 
 
 def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions: bool = False) -> Plan:
-    """Return the plan of a run, for running the same trials again, by ``policy`` if one is named.
+    """Return the plan of a run, to repeat its trials, seeds and conventions with its policy or with another one.
 
     ``path`` is ``run.json`` of the run, or its folder.
 

@@ -181,7 +181,7 @@ def broken_entry(trial: Trial, reason: str) -> JournalEntry:
 
 
 @contextmanager
-def on_disk(place: Path) -> Iterator[None]:
+def on_disk(path: Path) -> Iterator[None]:
     """Turn an error of a full, broken or protected disk into a StorageError; further trials would fail alike."""
     try:
         yield
@@ -189,7 +189,7 @@ def on_disk(place: Path) -> Iterator[None]:
         if problem.errno not in _LASTING:
             raise
         raise StorageError(
-            f"{place}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
+            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
         ) from problem
 
 

@@ -42,13 +42,13 @@ def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
     """
     goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
     if len(goals) == 1:
-        place = CellPosition(Horizon.SHORT, _target_state(condition, goals[0]), _distractor_state(condition, goals[0]))
+        cell = CellPosition(Horizon.SHORT, _target_state(condition, goals[0]), _distractor_state(condition, goals[0]))
     elif len(goals) == 2:
-        place = CellPosition(Horizon.LONG, _target_state(condition, goals[0]), _target_state(condition, goals[1]))
+        cell = CellPosition(Horizon.LONG, _target_state(condition, goals[0]), _target_state(condition, goals[1]))
     else:
         return None
-    standard = place.row is State.TABLE and place.column is State.TABLE
-    return None if standard and not training else place
+    standard = cell.row is State.TABLE and cell.column is State.TABLE
+    return None if standard and not training else cell
 
 
 @cache
@@ -58,10 +58,10 @@ def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
     for task in all_tasks():
         for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
             setting = resolve_condition(task.id, name)
-            place = position_of(setting.condition, training=setting.axis is None)
-            if place is not None:
-                found.setdefault(place, []).append(f"{task.id}/{name}")
-    return {place: tuple(ids) for place, ids in found.items()}
+            cell = position_of(setting.condition, training=setting.axis is None)
+            if cell is not None:
+                found.setdefault(cell, []).append(f"{task.id}/{name}")
+    return {cell: tuple(ids) for cell, ids in found.items()}
 
 
 def _is_pick(condition: Condition, goal: Subgoal) -> bool:
@@ -79,8 +79,7 @@ def _target_state(condition: Condition, goal: Subgoal) -> State:
 
 def _distractor_state(condition: Condition, goal: Subgoal) -> State:
     """Return where the other objects are at the start: on the table if one of them is."""
-    places = set(condition.preplaced.values())
-    supports = {goal.target, *(place.target for place in places)}
+    supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
     targets = condition.resolve(goal.reference)
     others = [
         o.name
@@ -94,5 +93,5 @@ def _distractor_state(condition: Condition, goal: Subgoal) -> State:
 
 def _is_at(condition: Condition, name: str, target: str) -> bool:
     """Return whether an object already rests at a target."""
-    place = condition.preplaced.get(name)
-    return place is not None and place.target == target
+    placed = condition.preplaced.get(name)
+    return placed is not None and placed.target == target
