@@ -137,7 +137,7 @@ def test_the_cure_works(mine, tmp_path):
 
 REMOTE = """
 import pathlib, sys
-from betterbench.evaluation.ray_engine.cluster import RemoteWorker
+from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.tasks.user_files import TaskFile
 

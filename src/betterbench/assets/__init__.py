@@ -4,14 +4,4 @@ from betterbench.assets import procedural  # noqa: F401  (imported for what it r
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
 from betterbench.assets.authoring.registry import build, categories, colors, looks
 
-__all__ = [
-    "Asset",
-    "CollisionPart",
-    "Grasp",
-    "Texture",
-    "VisualPart",
-    "build",
-    "categories",
-    "colors",
-    "looks",
-]
+__all__ = ["Asset", "CollisionPart", "Grasp", "Texture", "VisualPart", "build", "categories", "colors", "looks"]

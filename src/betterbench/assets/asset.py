@@ -1,7 +1,5 @@
 """The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,13 +32,11 @@ class VisualPart:
     """One colored mesh of an asset.
 
     Attributes:
-        name: Name within the asset.
         vertices: (n, 3) float32 positions in the object frame [m].
         faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
         rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
         specular: Strength of highlights in [0, 1].
         shininess: Sharpness of highlights in [0, 1].
-        texture: Optional picture.
         smooth: True to share normals across faces (round things), False for crisp edges.
     """
 
@@ -108,17 +104,12 @@ class Asset:
         color: Color word a person would use.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").
         description: One sentence of free text, used for retrieval.
-        tags: Search words.
         size_m: Extents of the bounding box [m].
-        mass_kg: Mass [kg].
         center_of_mass: In the object frame [m].
-        inertia: Principal-frame-free inertia about the center of mass (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
         visual: Colored meshes; at most 600 faces in all.
         collision: Convex geometries; at most about 12.
-        grasps: Ways to take it.
         regions: Named places on it (opening, ring, handle, top).
-        source: Where it comes from.
-        license: License identifier.
         parameters: The numbers that the generator chose, for the record.
     """
 
@@ -169,17 +160,13 @@ class Asset:
     def content_hash(self) -> str:
         """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
         digest = hashlib.sha256()
-        digest.update(
-            repr((self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)).encode()
-        )
-        digest.update(repr(self.regions).encode())
+        numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
+        digest.update(repr(numbers).encode() + repr(self.regions).encode())
         for part in self.visual:
             digest.update(repr((part.name, part.rgba, part.specular, part.shininess, part.smooth)).encode())
-            digest.update(part.vertices.tobytes())
-            digest.update(part.faces.tobytes())
+            digest.update(part.vertices.tobytes() + part.faces.tobytes())
             if part.texture is not None:
-                digest.update(part.texture.pixels.tobytes())
-                digest.update(part.texture.uv.tobytes())
+                digest.update(part.texture.pixels.tobytes() + part.texture.uv.tobytes())
         for shape in self.collision:
             digest.update(repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode())
             if shape.vertices is not None:

@@ -22,14 +22,10 @@ _chance = functools.lru_cache(maxsize=256)(chance_p)
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Rates of a choice among several differ from guessing.
+    """Rates of a choice among ``choices`` things, of ``trials`` trials each, differ from guessing.
 
-    Attributes:
-        trials: Trials behind each cell.
-        choices: Number of things to choose from.
-        guess: Row that prints the rate of a guess, or an empty text.
-        rows: Rows that are tested; all but the guess if none is named.
-        columns: Columns that are tested; all if none is named.
+    ``guess`` is the row that prints the rate of a guess, or empty. Without ``rows`` all but the guess are tested,
+    without ``columns`` all.
     """
 
     trials: WholeNumber

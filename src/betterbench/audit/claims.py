@@ -64,10 +64,8 @@ class Claim:
     """The text says that one cell differs from another of the same column.
 
     Attributes:
-        claim: The claim in a few words.
         first: Row that counts positive.
         second: Row that counts negative.
-        column: The column.
         trials: Trials behind both cells, or 0 to recover them from the parts.
         parts: Columns of the parts whose sizes add up to the trials.
     """

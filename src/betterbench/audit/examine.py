@@ -53,11 +53,7 @@ class Audit:
 
 
 def audit_source(source: PaperSource) -> Audit:
-    """Check everything that the tables of a source promise.
-
-    Raises:
-        UnknownNameError: If a rule speaks of a table, row or column that does not exist.
-    """
+    """Check all that the tables promise; raise UnknownNameError if a rule names an unknown table, row or column."""
     paper = source.by_name
     return Audit(source.name, tuple(audit_table(table, rules, paper) for table, rules in source.tables))
 

@@ -29,10 +29,8 @@ class ClaimSupport:
     """What the trials behind a claim can carry.
 
     Attributes:
-        test: Name of the exact test.
         p_value: Its two-sided p-value.
         p_holm: The same, corrected for all claims of the rule.
-        trials: Trials on each side.
         low_pp: Lower end of the 95 % interval [percent or percentage points].
         high_pp: Upper end of the interval.
         p_fisher: P-value of Fisher's exact test of two rates, for comparison; None where there is one rate only.
@@ -52,14 +50,9 @@ class AuditFinding:
     """What one check says about one number, or about one claim.
 
     Attributes:
-        table: Name of the table.
         rule: Name of the rule that was checked ("grid", "mean").
         row: Row it is about; empty for the table as a whole.
         cell: Column it is about, or the claim in a few words.
-        printed: What stands in the table.
-        recomputed: What comes out.
-        verdict: What follows.
-        why: One sentence.
         covers: Numbers that the check reads: a misprint in any of them may change the verdict.
         unnoticed: How many wrong single digits of these numbers would pass the check.
         misprints: How many wrong single digits these numbers could have.

@@ -15,13 +15,7 @@ from betterbench.audit.table import AuditedTable, blindness, decimals
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Each cell is a share of the same number of trials.
-
-    Attributes:
-        trials: Number of trials behind each cell.
-        rows: Rows it is promised for; all if none is named.
-        columns: Columns it is promised for; all if none is named.
-    """
+    """Each cell of the rows and columns, all if none is named, is a share of the same number of trials."""
 
     trials: WholeNumber
     rows: RowNames = ()

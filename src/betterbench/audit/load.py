@@ -105,12 +105,7 @@ def paper_tables() -> PaperSource:
 
 
 def load_tables(path: Path) -> PaperSource:
-    """Return the tables of a JSON file of the form of the packaged one.
-
-    Raises:
-        InvalidInputError: If it cannot be read or a field is wrong.
-        UnknownNameError: If a rule is unknown.
-    """
+    """Return the tables of a JSON file of the form of the packaged one; raises what :func:`read_source` raises."""
     try:
         text = read_bounded(path, max_bytes=MOST_BYTES, cure="Give a JSON file, or split it").decode("utf-8")
     except UnicodeDecodeError as error:
@@ -121,9 +116,7 @@ def load_tables(path: Path) -> PaperSource:
 def read_source(text: str, where: str) -> PaperSource:
     """Return the tables that a JSON text holds.
 
-    Raises:
-        InvalidInputError: If it is not JSON or a field is wrong.
-        UnknownNameError: If a rule is unknown.
+    Raises InvalidInputError if it is not JSON or a field is wrong, UnknownNameError if a rule is unknown.
     """
     try:
         # Decimals keep the digits as printed, which pydantic's own reader of JSON does not.

@@ -139,13 +139,9 @@ class Pooled:
 
 @functools.lru_cache(maxsize=256)
 def recover_sizes(rows: tuple[PooledRow, ...]) -> Sizes | None:
-    """Return the sizes of the parts that reproduce most rows, the smallest of several that do.
+    """Return the sizes of the parts that reproduce most rows, the smallest of several; None below half of the rows.
 
-    Args:
-        rows: The rows that print all parts and the overall rate. Equal rows count once.
-
-    Returns:
-        The sizes, or None if none reproduces at least half of the rows.
+    ``rows`` are those that print all parts and the overall rate. Equal rows count once.
     """
     distinct = tuple(dict.fromkeys(rows))
     if not distinct:

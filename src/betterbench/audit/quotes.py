@@ -23,11 +23,7 @@ class Quoted:
     at_column: NonEmptyText
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield the finding about the quotation.
-
-        Raises:
-            UnknownNameError: If the table quoted, its row or its column does not exist.
-        """
+        """Yield the finding about the quotation; raise UnknownNameError if what is quoted does not exist."""
         if self.table not in paper:
             raise UnknownNameError("table", self.table, paper)
         printed, source = table.cell(self.row, self.column), paper[self.table].cell(self.at_row, self.at_column)

@@ -22,7 +22,6 @@ class Combination:
     """One number is a weighted sum of others.
 
     Attributes:
-        kind: Name of the rule ("mean", "sum", "delta", "total").
         rounded: True if the parts were rounded before they were printed, so that the result may differ a little.
         unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
     """
@@ -39,15 +38,7 @@ class Combination:
         target: tuple[TableCell, Decimal],
         parts: Mapping[TableCell, tuple[Fraction, Decimal]],
     ) -> AuditFinding:
-        """Return the finding about one result.
-
-        Args:
-            table: The table.
-            row: RowName the finding is about.
-            cell: ColumnName the finding is about.
-            target: Place of the result, and the result as printed.
-            parts: Weight and printed number of each part.
-        """
+        """Return the finding about one result, ``target`` as (place, printed), from each part's (weight, printed)."""
         place, printed = target
         terms = tuple(parts.values())
         value, digits = self.value(terms), decimals(printed)
@@ -101,10 +92,8 @@ def _half_a_digit(number: Decimal) -> Fraction:
 class _RowCombination:
     """In each row, one column is a combination of others; the name of the rule is that of the class.
 
-    Attributes:
-        target: Column of the result.
-        rows: Rows it is promised for; all if none is named.
-        rounded_parts: True if the parts were rounded before they were printed.
+    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
+    rows.
     """
 
     target: ColumnName
@@ -177,8 +166,6 @@ class Total:
     """In each column, one row is the sum of all others.
 
     Attributes:
-        row: Row of the total.
-        column: The column.
         rounded_parts: True if the parts were rounded before they were printed.
         unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
     """

@@ -15,14 +15,7 @@ DIGITS = "0123456789"
 
 @dataclass(frozen=True, slots=True)
 class AuditedTable:
-    """One table.
-
-    Attributes:
-        name: Name ("coffee_case").
-        title: What it shows, in a few words.
-        columns: Names of its columns.
-        rows: Names of its rows, each with one number per column; None where the table prints none.
-    """
+    """One table; its rows have one number per column, None where the table prints none."""
 
     name: str
     title: str
@@ -35,11 +28,7 @@ class AuditedTable:
         return tuple(name for name, _ in self.rows)
 
     def cell(self, row: str, column: str) -> Decimal | None:
-        """Return a number as printed, or None if the cell is empty.
-
-        Raises:
-            UnknownNameError: If there is no such row or column.
-        """
+        """Return a number as printed, None for an empty cell; raise UnknownNameError for an unknown row or column."""
         if column not in self.columns:
             raise UnknownNameError(f"column of {self.name}", column, self.columns)
         for name, numbers in self.rows:
@@ -68,12 +57,7 @@ class AuditRule(Protocol):
     """Something that a table promises about its numbers."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
-        """Yield what checking the rule finds.
-
-        Args:
-            table: The table that makes the promise.
-            paper: All tables by name, for promises about other tables.
-        """
+        """Yield what checking the rule finds in a table; ``paper`` has all tables, for rules that need others."""
 
 
 def decimals(number: Decimal) -> int:
@@ -101,9 +85,7 @@ def one_digit_apart(first: Decimal, second: Decimal) -> bool:
 def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
     """Return how many single wrong digits a check would not notice, of how many there could be.
 
-    Args:
-        numbers: The numbers that the check reads.
-        holds: Whether the check still holds when the number at a position is replaced by another.
+    ``holds`` tells whether the check still holds when the number at a position is replaced by another.
     """
     tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
     return sum(tried), len(tried)

@@ -28,12 +28,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """The finding on one clause.
-
-    Attributes:
-        passed: True if it holds.
-        text: Why not, or what has to be said about it; empty where there is nothing to say.
-    """
+    """Whether one clause holds, with a text about it: why not, what has to be said, or nothing."""
 
     passed: bool
     text: str = ""
@@ -45,13 +40,9 @@ class TrialCertificate:
     """What the examination of one trial found.
 
     Attributes:
-        task: Task id.
         condition: Name of the variation or of the training condition.
-        training: True for a training condition.
-        seed: Seed.
         clauses: Finding per clause, "a" to "e".
         steps: Control steps that the expert used.
-        step_limit: Control steps allowed.
         penetration_mm: Deepest overlap of an object with anything in the initial state [mm], 0 if nothing overlaps.
         drift_mm: Farthest that an object moved by itself in the first 0.2 s [mm].
         joint_margin_rad: Least distance of an arm joint to its limit in the grasps that clause (d) planned [rad]; None
@@ -105,14 +96,7 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """What a certificate depends on besides the seeds.
-
-    Attributes:
-        package: Version of betterbench.
-        suite: Version of the suite, which decides the random streams.
-        engine: Version of MuJoCo.
-        tasks: Version of every task examined.
-    """
+    """What a certificate depends on besides the seeds; the suite's version decides the random streams."""
 
     package: str
     suite: str
@@ -126,13 +110,10 @@ class Certificate:
     """A finished certificate.
 
     Attributes:
-        versions: What it depends on.
         platform: Machine and operating system it was made on.
         trials: All trials, in the order of the plan.
         wall_s: Wall time of all sessions together [s].
         workers: Worker processes of the last session.
-        schema_version: Version of this form.
-        form: Tells the file from others.
     """
 
     versions: CertificateVersions
@@ -185,19 +166,11 @@ class Summary:
     """The trials of one condition, and the worst of each margin.
 
     Attributes:
-        task: Task id.
-        condition: Name of the variation or of the training condition.
-        training: True for a training condition.
         n: Trials.
         passed: Trials on which all clauses hold.
         clauses: Trials on which each clause holds.
         steps_share: Largest share of the step limit that the expert used, among trials that it solved; None where it
             solved none, or had to be watched until the limit.
-        penetration_mm: Deepest overlap [mm].
-        drift_mm: Farthest drift [mm].
-        joint_margin_rad: Least distance to a joint limit [rad], or None.
-        support_slack_mm: Least distance to the border of a jitter region [mm], or None.
-        expert_s: Mean wall time of the expert [s].
         notes: What was said about clauses, each once, with a seed on which it was said.
     """
 

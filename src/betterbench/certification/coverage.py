@@ -30,10 +30,7 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 class Gap(NamedTuple):
     """The first trial that a certificate does not vouch for, and why.
 
-    Attributes:
-        trial: The trial.
-        reason: Why not.
-        refused: True if it was examined under the versions in use and fell short: examining it again changes nothing.
+    ``refused`` is true if it was examined under the versions in use and fell short: examining it again changes nothing.
     """
 
     trial: TrialId
@@ -60,13 +57,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Which seeds of which conditions are certified, and under which versions.
-
-    Attributes:
-        versions: What the certificate depends on.
-        conditions: Seeds by condition ("fast_food/L1").
-        form: Tells the file from others.
-    """
+    """Which seeds of which conditions ("fast_food/L1") are certified, and under which versions."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]
@@ -167,14 +158,7 @@ def packaged_coverage() -> Coverage:
 
 
 def load_coverage(path: Path) -> Coverage:
-    """Read a certificate or its compact form.
-
-    Args:
-        path: A ``certificate.json`` of ``better certify``, its folder, or a compact certificate.
-
-    Raises:
-        InvalidInputError: If there is none or it cannot be read.
-    """
+    """Read a ``certificate.json``, its folder or a coverage; raise InvalidInputError if it cannot be read."""
     return _load(path / "certificate.json" if path.is_dir() else path, str(path))
 
 
@@ -194,14 +178,9 @@ def _load(file: Traversable | Path, where: str) -> Coverage:
 
 
 def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
-    """Return what to do about a trial that is not certified.
+    """Return what to do about a trial that is not certified, for a run that begins at the seed ``first``.
 
-    Args:
-        gap: The first trial that is not covered.
-        tasks: Tasks to certify, all that the run holds, because one certificate has to cover the run; none for the
-            whole suite.
-        first: First seed of the run.
-        trials: Trials per variation of the run.
+    ``tasks`` are all that the run holds, because one certificate has to cover the run; none for the whole suite.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"

@@ -60,11 +60,7 @@ class _Episode:
 
 
 def examine(trial: TrialId) -> TrialCertificate:
-    """Return what is found on one trial; whatever fails is in it, nothing is raised for it.
-
-    Raises:
-        UnknownNameError: If there is no such task or condition.
-    """
+    """Return what is found on one trial, failures included; raise UnknownNameError for an unknown task or condition."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
@@ -173,11 +169,7 @@ def _shut_targets(condition: Condition) -> tuple[str, ...]:
 
 
 def _reachable(scene: Scene, condition: Condition, state: WorldState) -> tuple[dict[str, str | None], float | None]:
-    """Plan a grasp of everything asked for, from the start.
-
-    Returns:
-        Per object why no grasp was planned, or None where one was; and the least joint margin of the grasps [rad].
-    """
+    """Plan a grasp of each object asked for; return why none was planned (or None) and the least joint margin [rad]."""
     planner, ik = Planner(scene), ArmIK(scene.compiled.robot)
     low, high = np.asarray(scene.compiled.robot.joint_low), np.asarray(scene.compiled.robot.joint_high)
     reasons: dict[str, str | None] = {}

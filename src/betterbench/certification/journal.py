@@ -45,10 +45,6 @@ class CertificationJournal(LineJournal):
 
     Trials that were examined for another version of their task are examined again.
 
-    Args:
-        folder: Folder of the certificate; it is made if missing.
-        versions: CertificateVersions in use.
-
     Raises:
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If a line is corrupt.

@@ -13,16 +13,10 @@ _NAMED = 5
 
 
 def require_coverage(coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int) -> str:
-    """Check that a certificate covers every planned trial.
+    """Check that a certificate covers every planned trial, and return a sentence about those the expert did not solve.
 
-    Args:
-        coverage: What the certificate covers.
-        trials: The trials.
-        seed: First seed of the run, for the cure.
-        trials_per_variation: Trials per variation of the run, for the cure.
-
-    Returns:
-        A sentence about the trials that the expert did not solve; empty if it solved all.
+    The sentence is empty if it solved all. ``seed``, the first of the run, and ``trials_per_variation`` are for the
+    cure.
 
     Raises:
         InvalidInputError: If a trial is not covered; the text names the first one and the cure.

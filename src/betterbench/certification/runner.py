@@ -63,7 +63,6 @@ def certify(
         WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If the journal is corrupt.
-        UnknownNameError: If a task or condition is unknown.
     """
     if not trials:
         raise InvalidInputError("trials", "there is nothing to certify", "Name at least one trial")
@@ -105,11 +104,7 @@ def write_json(path: Path, form: object) -> None:
 
 
 def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]:
-    """Yield findings as they come; the trials of a pool that breaks are examined again, each alone.
-
-    Raises:
-        WorkerError: If worker processes keep dying.
-    """
+    """Yield findings as they come; the trials of a pool that breaks are examined again, each alone."""
     if workers == 1 or len(trials) <= 1:
         yield from map(examine, trials)
         return
@@ -129,13 +124,7 @@ def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]
 def _pooled(
     ledger: RetryLedger[TrialId], pending: dict[Future[TrialCertificate], TrialId], workers: int
 ) -> Iterator[TrialCertificate]:
-    """Yield the findings of one pool: of all suspects, one after the other, or of all waiting trials.
-
-    Args:
-        ledger: The trials.
-        pending: Filled with the trials that the pool holds, at most two per worker.
-        workers: Worker processes for waiting trials.
-    """
+    """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=_prepare_worker) as pool:

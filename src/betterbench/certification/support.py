@@ -33,13 +33,7 @@ LONGEST_CHAIN = 8
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """An object taken from where it stood.
-
-    Attributes:
-        object: Its name.
-        kind: Its kind.
-        pose: Pose ``T_world_object`` in which it last stood at rest before the gripper touched it.
-    """
+    """An object taken from ``pose`` (``T_world_object``), in which it last stood at rest before the gripper's touch."""
 
     object: str
     kind: str
@@ -48,17 +42,13 @@ class Pick:
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """An object let go.
+    """An object let go, and the pose of what stands in the slot below it.
 
     Attributes:
-        object: Its name.
         relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
-        target_kind: Kind of the target.
-        place: TargetRegion of the target, where it offers several.
+        region: TargetRegion of the target, where it offers several.
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
         level: Number of things below, down to the slot; the mount of a drawer does not count.
-        base_pose: Pose of what stands in that slot.
-        base_fixed: True if that cannot move.
         pose: Pose ``T_world_object`` at rest.
     """
 
@@ -87,12 +77,9 @@ Primitive = Pick | Put | DrawerMove
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the regime says to one primitive.
+    """What the regime says to one primitive: what was done, why it is outside the trained (or None), and the slack.
 
-    Attributes:
-        text: What was done, one phrase.
-        problem: Why it is outside the trained, or None.
-        slack_m: Distance to the border of the jitter region [m], negative outside; None where there is none.
+    The slack is the distance to the border of the jitter region [m], negative outside; None where there is none.
     """
 
     text: str
@@ -182,17 +169,7 @@ def _in_fingers(state: WorldState, name: str) -> bool:
 
 
 def _ground(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Follow what an object rests on or is mounted in, down to what stands in a slot.
-
-    Args:
-        condition: The condition in force.
-        name: Name of the object.
-        resting_on: What lies on, or in, what.
-
-    Returns:
-        The slot, or None; the number of things from that slot up to the object, itself included, mounts not counted;
-        and the name of what stands in the slot.
-    """
+    """Return the slot (or None) below an object, the number of things up to it without mounts, and what is in it."""
     level = 1
     for _ in range(LONGEST_CHAIN):
         mount = condition.object(name).mount
@@ -211,11 +188,8 @@ class TrainedSupport:
     """The support of a task's training regime.
 
     Attributes:
-        pick_slots: Slots that something was picked from.
-        grasped: Kinds of object that were picked.
         targets: Relation, kind of target and place of every put.
         spots: Slot, relation, place and level of every put: where in the world things were let go.
-        slides: Kind of drawer and slot of its cabinet.
     """
 
     pick_slots: tuple[Slot, ...] = ()

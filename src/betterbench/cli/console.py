@@ -43,10 +43,7 @@ def say(text: str) -> None:
 def progress_bar(what: str, total: int, *, estimate: bool = True) -> Iterator[tuple[Progress, Any]]:
     """Show a bar on standard error while long work runs.
 
-    Args:
-        what: What is done.
-        total: How many steps it has.
-        estimate: Whether to show the time taken and the time left; False where the note needs the space and says so.
+    Without ``estimate``, the time taken and the time left give way to the note, which says them.
     """
     from rich.progress import (
         BarColumn,

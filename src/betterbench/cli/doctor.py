@@ -62,11 +62,7 @@ def doctor_command(
 
 
 def _check_machine(*, json: bool) -> None:
-    """Print what works on this machine.
-
-    Raises:
-        BetterError: If something does not.
-    """
+    """Print what works on this machine; BetterError if something does not."""
     from betterbench.cli.checks import run_checks
 
     checks = run_checks()

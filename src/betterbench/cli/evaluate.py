@@ -139,12 +139,7 @@ def _refuse(given: Mapping[str, object], problem: str, cure: str) -> None:
 def require_certified(plan: Plan, certificate: Path | None) -> None:
     """Check that a certificate covers every trial of a plan, and name those that the expert did not solve.
 
-    Args:
-        plan: The plan.
-        certificate: Certificate or its folder; None for the one that ships with the suite.
-
-    Raises:
-        InvalidInputError: If a trial is not covered; the text names the first one and the cure.
+    Without a path, it is the certificate that ships with the suite.
     """
     from betterbench.certification import load_coverage, packaged_coverage
     from betterbench.certification.refusal import require_coverage
@@ -181,10 +176,7 @@ def prepare_robot(name: str) -> None:
 def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
     """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
 
-    Args:
-        plan: The plan.
-        out: Folder of the run.
-        options: Further options of :func:`betterbench.evaluation.evaluate`; one worker per processor if not given.
+    The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
     """
     from betterbench.cli.tally import RunTally, service_text
     from betterbench.evaluation import evaluate

@@ -20,13 +20,7 @@ from betterbench.errors import BetterError
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb of the command line.
-
-    Attributes:
-        function: Module within this package, and name of the function.
-        summary: One line for the overview.
-        takes_tasks: Whether it deals with tasks, which a user's own files may define.
-    """
+    """A verb; ``function`` is "module:name" within this package, ``takes_tasks`` whether users' files may matter."""
 
     function: str
     summary: str
@@ -61,14 +55,7 @@ EXIT_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb.
-
-    Args:
-        arguments: Command line without the program's name; that of the process if not given.
-
-    Returns:
-        Exit status: 0, or 2 where the input was wrong.
-    """
+    """Run one verb, and return the exit status: 0, or 2 where the input was wrong."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")

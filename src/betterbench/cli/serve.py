@@ -84,12 +84,7 @@ def serve_command(
 
 
 def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
-    """Return the trial that the options name, or None if they name none.
-
-    Raises:
-        InvalidInputError: If a condition or a seed is named without its task.
-        UnknownNameError: If there is no such task.
-    """
+    """Return the trial that the options name, or None; a condition or seed without a task is an InvalidInputError."""
     if task is None:
         for option, value in (("--condition", condition), ("--seed", seed)):
             if value is not None:
@@ -101,11 +96,7 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 
 def _require_expert(policy: str) -> None:
-    """Check that the server chooses the length of a policy's chunks; an unknown address is refused later.
-
-    Raises:
-        InvalidInputError: If the policy chooses the length of its chunks itself.
-    """
+    """Raise InvalidInputError if a policy chooses the length of its chunks itself; an unknown one is refused later."""
     from betterbench.evaluation.trials import policy_factory as known
 
     observes = known.needs_no_thread(policy) or known.is_remote(policy) or known.is_in_process_model(policy)
@@ -116,12 +107,7 @@ def _require_expert(policy: str) -> None:
 
 
 def _batch_policy(policy: str) -> BatchPolicy:
-    """Make a policy that answers several observations at once.
-
-    Raises:
-        InvalidInputError: If it takes no batches.
-        BetterError: If it cannot be made.
-    """
+    """Make a policy that answers several observations at once; InvalidInputError if it takes no batches."""
     from betterbench.evaluation.trials.policy_factory import close_policy, make_policy, needs_no_thread
     from betterbench.interface import BatchPolicy
 

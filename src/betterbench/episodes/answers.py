@@ -79,11 +79,7 @@ class PolicyBoundary:
     def __exit__(
         self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Raise PolicyError if the policy failed.
-
-        Raises:
-            PolicyError: If it did.
-        """
+        """Raise PolicyError if the policy failed."""
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
             raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
 

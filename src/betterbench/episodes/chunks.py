@@ -28,15 +28,7 @@ class Chunks:
     def __init__(
         self, scene: Scene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
-        """Prepare for one episode.
-
-        Args:
-            scene: The scene.
-            observer: Makes observations; None to show the state.
-            execution: How chunks are played.
-            limit: Step limit of the episode.
-            began: When the episode began, on the clock of ``time.perf_counter`` [s].
-        """
+        """Prepare for one episode, which began at ``began`` on the clock of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
         self._queue: deque[np.ndarray] = deque()
         self._asked = False
@@ -55,11 +47,7 @@ class Chunks:
         yield from self._pause(Question(start))
 
     def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
-        """Return the action to play now.
-
-        Raises:
-            InvalidActionError: If an answer is not an array of actions.
-        """
+        """Return the action to play now; InvalidActionError if an answer is not an array of actions."""
         queue = self._queue
         if self._execution.ensemble is not None:
             return (yield from self._mean(state))
@@ -187,12 +175,10 @@ def checked_chunk(answer: np.ndarray, space: ActionSpace) -> np.ndarray:
 
 
 def weighted_mean(actions: np.ndarray, rate: float, space: ActionSpace) -> np.ndarray:
-    """Return the mean of several predictions for one step, shape (dim,).
+    """Return the mean of (n, dim) predictions for one step, the oldest first; shape (dim,).
 
-    Args:
-        actions: (n, dim) predictions, the oldest first.
-        rate: Rate m of the weights exp(-m i), with i = 0 for the oldest.
-        space: Action space; a quaternion and its negative are one rotation, so their signs are made equal first.
+    The weights are exp(-m i) for the rate m, with i = 0 for the oldest. A quaternion and its negative are one rotation,
+    so their signs are made equal first.
     """
     if "qw" in space.components:
         first = space.components.index("qw")

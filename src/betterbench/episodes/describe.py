@@ -13,16 +13,7 @@ from betterbench.tasks import SUITE_VERSION, GoalTracker
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """What a run knows of a trial beside its scene.
-
-    Attributes:
-        policy: Address of the policy.
-        variation: Name of the variation, or None on a training condition.
-        axis: Axis of the variation, or None.
-        base_condition: Training condition the variation is derived from, or None.
-        interventions: The operations as text.
-        camera_preset: Name of the observation preset, or None where no image is rendered.
-    """
+    """What a run knows of a trial beside its scene; None where it is a training condition or no image is rendered."""
 
     policy: str
     variation: str | None = None

@@ -72,15 +72,7 @@ def run_episode(
 ) -> EpisodeResult:
     """Run one episode from reset to its end, with a policy that answers in this thread.
 
-    Args:
-        scene: The scene; it is reset first, and its premise is checked.
-        policy: The policy. With an observer it is asked for ``act``, without one for ``act_on_state``.
-        context: What the run knows of the trial.
-        observer: Makes observations; None for a privileged policy.
-        on_step: Called with the number of each control step.
-
-    Returns:
-        The record and the wall-clock figures.
+    With an observer the policy is asked for ``act``, without one for ``act_on_state``.
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.
@@ -124,20 +116,9 @@ def episode_steps(
 ) -> Steps:
     """Run one episode from reset to its end, and stop wherever the policy has to answer first.
 
-    So one thread can interleave many episodes. The result does not depend on how long an answer takes.
-
-    Args:
-        scene: The scene; it is reset first, and its premise is checked.
-        context: What the run knows of the trial.
-        observer: Makes observations; None for a privileged policy, which is shown the state.
-        execution: How the chunks of the policy are played.
-        on_step: Called with the number of each control step.
-
-    Yields:
-        A question, or None where the reply to the last one is needed now.
-
-    Returns:
-        The record and the wall-clock figures.
+    So one thread can interleave many episodes. The result does not depend on how long an answer takes. Without an
+    observer the policy is shown the privileged state. Yields a question, or None where the reply to the last one is
+    needed now.
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.

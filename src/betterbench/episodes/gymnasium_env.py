@@ -106,21 +106,13 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._scene = Scene(self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality)
         state = self._scene.reset()
         self._tracker = GoalTracker(
-            self._condition,
-            self._scene.info,
-            template=self._task.template,
-            control_rate_hz=self._scene.control_rate_hz,
+            self._condition, self._scene.info, template=self._task.template, control_rate_hz=self._scene.control_rate_hz
         )
         truth = self._tracker.update(state)
         return self._observe(state), self._info(state, truth, trial)
 
     def step(self, action: np.ndarray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Execute one action for one control step.
-
-        Raises:
-            InvalidInputError: If the environment was not reset.
-            InvalidActionError: If the action cannot be executed.
-        """
+        """Execute one action for one control step."""
         scene, tracker = self._scene, self._tracker
         if scene is None or tracker is None:
             raise InvalidInputError("step", "the environment was not reset", "Call reset first")

@@ -66,13 +66,7 @@ class LazySyncVectorEnv(_LazyVectorEnv, SyncVectorEnv[dict[str, Any], np.ndarray
 
 
 class LazyAsyncVectorEnv(_LazyVectorEnv, AsyncVectorEnv[dict[str, Any], np.ndarray]):  # type: ignore[misc] # narrower close_extras
-    """Environments in processes of their own.
-
-    Args:
-        make: One factory per environment.
-        group: Group to which the vector environment belongs.
-        stand_ins: Objects in this process for each of the environments in others, for code that reads ``envs``.
-    """
+    """Environments in processes of their own; ``stand_ins`` in this process are for code that reads ``envs``."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv, *, stand_ins: Sequence[object] = ()) -> None:
         super().__init__(make, group)

@@ -31,11 +31,7 @@ def ee_state(seen: Observation) -> np.ndarray:
 
 
 def joint_state(seen: Observation) -> np.ndarray:
-    """Return the joints.
-
-    Returns:
-        (8,) float32: arm joint positions [rad] and the distance of the finger pads [m].
-    """
+    """Return the joints, (8,) float32: arm joint positions [rad] and the distance of the finger pads [m]."""
     return np.array([*seen.joint_positions, seen.gripper_width], dtype=np.float32)
 
 

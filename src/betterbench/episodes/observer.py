@@ -29,11 +29,7 @@ class Observer:
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
     def look(self, scene: Scene) -> Views:
-        """Return the images of the current state, by camera.
-
-        Raises:
-            MissingDependencyError: If images are asked for and no off-screen OpenGL works here.
-        """
+        """Return the images of the current state, by camera; MissingDependencyError without off-screen OpenGL."""
         if not self.spec.cameras:
             return {}
         images = self._renderer(scene).render_views(
@@ -42,11 +38,7 @@ class Observer:
         return dict(zip(self._names, images, strict=True))
 
     def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already.
-
-        Raises:
-            MissingDependencyError: If images are asked for and no off-screen OpenGL works here.
-        """
+        """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
         if views is None:
             views = self.look(scene)
         return Observation(

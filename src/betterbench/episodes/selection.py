@@ -11,12 +11,8 @@ from betterbench.tasks import get_task, suite_tasks
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:
     """Return the conditions that a list of names selects, each once, as pairs of task and condition.
 
-    Args:
-        names: Tasks, which select all their conditions, and conditions as "task/condition"; all of better60 if None
-            or empty. One text may hold several, separated by commas.
-
-    Raises:
-        UnknownNameError: If a task or condition is unknown.
+    A task selects all its conditions, "task/condition" one; one text may hold several, separated by commas. Without
+    names, all of better60 are selected. A name that is unknown raises UnknownNameError.
     """
     listed = [n.strip() for n in (names.split(",") if isinstance(names, str) else names or ())]
     found: dict[tuple[str, str], None] = {}

@@ -54,11 +54,7 @@ class ActionSpace:
     convention: str
 
     def __post_init__(self) -> None:
-        """Check the bounds and the number of entries.
-
-        Raises:
-            InvalidInputError: If a part has another number of entries than components, or a bound is not finite.
-        """
+        """Raise InvalidInputError if a part has another number of entries than components, or a bound is not finite."""
         where = f"action space {self.name!r}"
         for part in ("units", "low", "high", "scale"):
             if len(getattr(self, part)) != len(self.components):
@@ -135,11 +131,7 @@ class ActionSpace:
 
     @classmethod
     def from_json(cls, form: Mapping[str, Any]) -> ActionSpace:
-        """Read the JSON form.
-
-        Raises:
-            InvalidInputError: If a field is missing, unknown or of the wrong type.
-        """
+        """Read the JSON form; InvalidInputError if a field is missing, unknown or of the wrong type."""
         try:
             texts = {name: tuple(str(v) for v in form[name]) for name in ("components", "units")}
             numbers = {name: tuple(float(v) for v in form[name]) for name in ("low", "high", "scale")}
@@ -225,11 +217,7 @@ ACTION_SPACES: dict[str, ActionSpace] = {
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name.
-
-    Raises:
-        UnknownNameError: If there is no action space of this name.
-    """
+    """Return a registered action space by name."""
     try:
         return ACTION_SPACES[name]
     except KeyError:

@@ -13,13 +13,7 @@ from betterbench.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """One camera of an observation.
-
-    Attributes:
-        name: Camera in the scene ("front", "wrist", "left_shoulder", "right_shoulder").
-        width: Image width [pixel].
-        height: Image height [pixel].
-    """
+    """One camera of an observation: its name in the scene, and the size of its image [pixel]."""
 
     name: str
     width: int = 256
@@ -31,8 +25,6 @@ class ObservationSpec:
     """Which images an observation holds, and whether depth and masks come with them.
 
     Attributes:
-        name: Name of the preset.
-        cameras: Cameras, in order.
         depth: True to add depth images [m].
         masks: True to add instance masks. Both are privileged and are refused for real policies unless asked for.
     """
@@ -68,9 +60,6 @@ def observation_spec(name: str) -> ObservationSpec:
     The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's
     own release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see) and
     "state_only" (proprioception and the instruction alone).
-
-    Raises:
-        UnknownNameError: If there is no such preset.
     """
     try:
         return _PRESETS[name]

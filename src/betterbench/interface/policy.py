@@ -35,11 +35,7 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidInputError: If one is out of range, or two exclude each other.
-        """
+        """Raise InvalidInputError if a number is out of range, or two exclude each other."""
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
                 "horizon", f"{self.horizon} is out of range", "The execution horizon must be at least 1"
@@ -61,7 +57,6 @@ class EpisodeStart:
     """What a policy is told when an episode begins: nothing that tells a test condition from a training condition.
 
     Attributes:
-        instruction: What the robot is asked to do.
         episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
         action_space: Name of the action space in force ("ee_delta").
     """
@@ -101,12 +96,7 @@ class PolicyInfo:
     heavy: bool = False
 
     def __post_init__(self) -> None:
-        """Check the types, because users write their own.
-
-        Raises:
-            InvalidInputError: If something is of the wrong type.
-            UnknownNameError: If there is no such action space.
-        """
+        """Check the types, because users write their own; InvalidInputError and UnknownNameError say what is wrong."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__

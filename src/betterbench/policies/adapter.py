@@ -31,7 +31,6 @@ class InstructionRule:
     """Where the instruction goes.
 
     Attributes:
-        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
     """
 
@@ -45,16 +44,10 @@ class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
 
     Attributes:
-        name: Name of the preset it comes from, or of the file.
-        views: What it sees.
-        states: What it feels.
-        instruction: Where the instruction goes.
-        answer: How its answers are read.
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
             origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
         gripper_opening_m: Distance of the pads that counts as fully open [m].
-        control_rate_hz: Control rate of the run [Hz].
         episode_key: Where our own servers are told how the episode began, or None.
     """
 
@@ -94,8 +87,7 @@ class Adapter:
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
         """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
 
-        Raises:
-            PolicyError: If the run does not render a camera that is needed.
+        Raises PolicyError if the run does not render a camera that is needed.
         """
         shown = {}
         for rule in self.views:
@@ -114,13 +106,8 @@ class Adapter:
     ) -> dict[str, Any]:
         """Return the message that asks a policy for actions; an entry is nested where its key has several names.
 
-        Args:
-            observation: What is seen now.
-            start: How the episode began; used only where the adapter has an ``episode_key``.
-            trial: The trial, for a server that simulates it itself (a served expert); None for every other server.
-
-        Raises:
-            PolicyError: If the run does not render a camera that is needed.
+        The trial is for a server that simulates it itself (a served expert); ``start`` is used only with an
+        ``episode_key``. Raises PolicyError if the run does not render a camera that is needed.
         """
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
@@ -141,8 +128,7 @@ class Adapter:
     def actions(self, reply: object, observation: Observation) -> np.ndarray:
         """Return the actions that a reply means, (horizon, dim) float64 in the action space ``answer.space``.
 
-        Raises:
-            PolicyError: If the reply cannot be read; the text names the key and what it holds.
+        Raises a PolicyError that names the key and what it holds, if the reply cannot be read.
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
@@ -159,13 +145,9 @@ class Adapter:
         return message
 
     def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
-        """Return the adapter with other cameras under some of its keys.
+        """Return the adapter with other cameras under some of its keys; nested keys are joined by "/".
 
-        Args:
-            cameras: Name of our camera by the policy's key, nested keys joined by "/".
-
-        Raises:
-            UnknownNameError: If the adapter has no such key.
+        Raises UnknownNameError if the adapter has no such key.
         """
         known = {"/".join(rule.key): rule for rule in self.views}
         for key in cameras:
@@ -175,11 +157,10 @@ class Adapter:
         return replace(self, views=changed)
 
     def in_space(self, space: str) -> Adapter:
-        """Return the adapter with answers in another of our action spaces.
+        """Return the adapter with answers in another action space.
 
-        Raises:
-            UnknownNameError: If there is no such action space.
-            InvalidInputError: If its columns do not make such an action.
+        Raises UnknownNameError if there is none of that name, InvalidInputError if its columns do not make such an
+        action.
         """
         return replace(self, answer=replace(self.answer, space=space))
 
@@ -192,9 +173,8 @@ class Adapter:
     def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
         """Read the JSON form.
 
-        Raises:
-            InvalidInputError: If a field is missing, unknown or malformed.
-            UnknownNameError: If it names an action space that does not exist.
+        Raises InvalidInputError if a field is missing, unknown or malformed, UnknownNameError for an unknown action
+        space.
         """
         return read_form(_ADAPTER, _longer(form), where=where, cure=_CURE)
 

@@ -56,14 +56,7 @@ OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """Where a policy is and how it is to be used.
-
-    Attributes:
-        text: The address as it was given.
-        scheme: What speaks there ("openpi").
-        target: Server ("localhost:8000") or checkpoint.
-        options: Options by name; :meth:`parse` has checked the names.
-    """
+    """Where a policy is ("openpi", "localhost:8000") and how it is used; :meth:`parse` has checked the options."""
 
     text: str
     scheme: str
@@ -141,11 +134,7 @@ class PolicyAddress:
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
 
     def execution(self) -> Execution:
-        """Return how the chunks of the policy are played.
-
-        Raises:
-            InvalidInputError: If an option is not a number, or the numbers do not go together.
-        """
+        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way."""
         return Execution(
             horizon=self.whole("horizon") if "horizon" in self.options else None,
             ahead=self.whole("ahead", 0),

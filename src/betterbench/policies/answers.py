@@ -33,7 +33,6 @@ class AnswerPart:
 
     Attributes:
         key: Where they stand in the reply. Parts with the same key follow each other in its columns.
-        kind: What they mean.
         size: How many columns; None for what the kind needs.
     """
 
@@ -48,16 +47,12 @@ class AnswerRule:
     """How an answer is read.
 
     Attributes:
-        space: Which of our action spaces it means.
-        parts: Its columns.
-        rotation: Format of its rotations.
         frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
         translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for meters.
         rotation_unit_rad: What 1 of a delta's rotation vector or angles amounts to [rad].
         joint_unit_rad: What 1 of a joint step amounts to [rad].
         step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
             None if one answer is one step, whatever the rate.
-        gripper: What the gripper's number means.
     """
 
     space: str = "ee_delta"
@@ -137,18 +132,10 @@ class AnswerRule:
         ee_offset_m: tuple[float, ...],
         control_rate_hz: float,
     ) -> np.ndarray:
-        """Return the actions that a reply means.
+        """Return the actions that a reply means, (horizon, dim) float64 in our action space.
 
         Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
-
-        Args:
-            reply: What the policy answered.
-            observation: What it was asked about.
-            ee_offset_m: What was added to the end effector's position [m]; taken off an absolute one.
-            control_rate_hz: Control rate of the run [Hz].
-
-        Returns:
-            (horizon, dim) float64 in our action space.
+        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one.
 
         Raises:
             PolicyError: If the reply has no such arrays, or a rotation in it is none.
@@ -257,11 +244,7 @@ class AnswerRule:
     def write(
         self, actions: np.ndarray, observation: Observation, *, ee_offset_m: tuple[float, ...], control_rate_hz: float
     ) -> dict[tuple[str, ...], np.ndarray]:
-        """Return what a policy with this layout would answer to mean these actions: the inverse of :meth:`read`.
-
-        Returns:
-            Per key of the reply its array (horizon, columns), float64.
-        """
+        """Return the reply that means these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
         given = np.asarray(actions, dtype=np.float64)
         scale, pace = np.array(action_space(self.space).scale[:-1]), self._pace(control_rate_hz)
         body, gripper = given[:, :-1], given[:, -1:]
@@ -310,11 +293,7 @@ class AnswerRule:
 
 
 def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
-    """Return what stands under a key of a reply.
-
-    Raises:
-        PolicyError: If there is nothing; the text names what there is.
-    """
+    """Return what stands under a key of a reply; raise a PolicyError that names what there is if there is nothing."""
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:

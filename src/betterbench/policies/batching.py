@@ -45,13 +45,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
     def ask(self, question: QuestionT, *, timeout_s: float | None = None) -> AnswerT:
         """Return the answer to a question; what the answering function raised for it is raised here.
 
-        Args:
-            question: The question.
-            timeout_s: How long it may take [s], the wait behind other questions included; None for as long as it takes.
-
-        Raises:
-            TimeoutError: If no answer came in time. The call that answers cannot be ended.
-            RuntimeError: If the collector is closed.
+        The time [s] includes the wait behind other questions. Raises TimeoutError if no answer came in time (the call
+        that answers cannot be ended) and RuntimeError if the collector is closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
@@ -68,11 +63,7 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         return pending.answer  # type: ignore[return-value]
 
     def close(self, *, timeout_s: float | None = None) -> bool:
-        """AnswerT what waits, then end the thread.
-
-        Returns:
-            Whether the thread has ended; a call that hangs cannot be ended.
-        """
+        """Answer what waits, end the thread and return whether it has ended; a call that hangs cannot be ended."""
         self._closed = True
         self._waiting.put(None)
         self._thread.join(timeout_s)

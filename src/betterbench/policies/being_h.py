@@ -79,14 +79,8 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
     The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk. They have to be those of
-    the control steps that begin now, so the old chunk is moved up by the steps that have passed, and filled up with its
-    last row, which the server does not look at.
-
-    Args:
-        asked_at: Control step of the question that brought the old chunk.
-        chunk: The old chunk, (..., horizon, dim) in the policy's own action space.
-        step: Control step of this question.
-        delay: Control steps that pass while the policy computes.
+    the control steps that begin now, so the old chunk, (..., horizon, dim) in the policy's own action space, is moved
+    up by the steps that have passed, and filled up with its last row, which the server does not look at.
     """
     passed = step - asked_at
     if not delay or passed < 0 or chunk.shape[-2] - passed < delay:
@@ -96,11 +90,7 @@ def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, dela
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:
-    """Return the whole chunk as an array; the server takes no lists, in which it sends them.
-
-    Raises:
-        PolicyError: If it is not a chunk of numbers.
-    """
+    """Return the whole chunk as an array; the server sends lists but takes none."""
     try:
         array: np.ndarray = np.asarray(chunk, dtype=np.float32)
     except (TypeError, ValueError):

@@ -35,13 +35,7 @@ NOISE_TYPES = ("smolvla", "pi0", "pi05")
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What a checkpoint declares.
-
-    Attributes:
-        images: Per key of an image its (height, width) [pixel].
-        states: Per key of a vector its size.
-        action: Numbers of an action.
-    """
+    """What a checkpoint declares: (height, width) of images and sizes of state vectors by key, numbers of an action."""
 
     images: Mapping[str, tuple[int, int]]
     states: Mapping[str, int]
@@ -51,8 +45,7 @@ class Features:
     def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
         """Read the configuration of a policy.
 
-        Raises:
-            InvalidInputError: If it wants what no observation holds, or answers something else than an action.
+        Raises InvalidInputError if it wants what no observation holds, or answers something else than an action.
         """
         images, states = {}, {}
         for key, feature in (config.input_features or {}).items():
@@ -79,23 +72,11 @@ class Features:
 class Checkpoint:
     """The loaded weights with their processors, which several policies in one process share.
 
-    Attributes:
-        type: Type of the policy ("act").
-        config: Its configuration, of LeRobot's own class.
-        features: What it declares.
-        device: Where it computes.
-        versions: Versions of what it runs on.
-        fingerprint: SHA-256 of its configuration, weights and processors.
-        lock: Held while it computes.
+    ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held while it computes.
     """
 
     def __init__(self, path: str, device: str | None, where: str) -> None:
-        """Load it; nothing is loaded twice if :func:`load_checkpoint` is used.
-
-        Args:
-            path: Local folder or id on the hub.
-            device: Where to compute ("cpu", "cuda:0"); None to choose.
-            where: What to call the policy in an error.
+        """Load a folder or a hub id (:func:`load_checkpoint` loads nothing twice) onto a device; None to choose one.
 
         Raises:
             MissingDependencyError: If LeRobot, or what this type of policy needs, is not installed.
@@ -221,14 +202,9 @@ _LOADING = threading.Lock()
 
 
 def load_checkpoint(address: PolicyAddress) -> Checkpoint:
-    """Return a checkpoint; the same object for everyone in this process who asks for it while somebody has it.
+    """Return the checkpoint of "lerobot:CHECKPOINT", the same object for all in this process while somebody has it.
 
-    Args:
-        address: "lerobot:CHECKPOINT", a folder or an id on the hub, with the option ``device``.
-
-    Raises:
-        MissingDependencyError: If LeRobot is not installed.
-        InvalidInputError: If there is no such checkpoint, or it cannot be used.
+    Raises what :class:`Checkpoint` raises.
     """
     where = f"policy {address}"
     _import("torch")

@@ -64,8 +64,7 @@ class ConnectionLimits:
     def of(cls, address: PolicyAddress, *, seed: int = 0) -> ConnectionLimits:
         """Return the limits that an address asks for.
 
-        Raises:
-            InvalidInputError: If an option is not a number, or the deadline is zero.
+        Raises InvalidInputError if an option is not a number, or the deadline is zero.
         """
         usual = cls()
         limits = cls(
@@ -98,11 +97,8 @@ class PolicyConnection(Generic[Connection]):
     def __init__(self, where: str, dial: Callable[[float], Connection], limits: ConnectionLimits) -> None:
         """Prepare; nothing is dialed yet.
 
-        Args:
-            where: What to call the server in messages.
-            dial: Makes a connection, handshake included, within the given time [s]. It raises OSError when that is
-                worth trying again, and a BetterError when it is not.
-            limits: How long it is waited for, and how often it is asked again.
+        ``dial`` makes a connection, handshake included, within the given time [s]. It raises OSError when that is worth
+        trying again, and a BetterError when it is not.
         """
         self._where, self._dial, self._limits = where, dial, limits
         self._draw = np.random.default_rng(limits.seed)
@@ -224,8 +220,7 @@ class PolicyConnection(Generic[Connection]):
 def api_key(address: PolicyAddress, option: str = "api_key_env") -> str | None:
     """Return the key that an address asks to show, from the environment; keys do not belong into addresses.
 
-    Raises:
-        InvalidInputError: If the variable is not set, or holds what cannot stand in a header.
+    Raises InvalidInputError if the variable is not set, or holds what cannot stand in a header.
     """
     name = address.options.get(option)
     if name is None:

@@ -19,11 +19,6 @@ _LONGEST_ERROR = 500
 class EndpointServer:
     """A socket over which the server has answered a ping.
 
-    Args:
-        address: Address of the server.
-        token: Token to show, or None.
-        timeout_s: Longest time until the server has answered [s].
-
     Raises:
         OSError: If the server is not there, or not ready.
         HandshakeError: If it refuses the token, speaks another protocol or declares other conventions.
@@ -65,9 +60,7 @@ class EndpointServer:
     def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float) -> Any:  # noqa: ANN401 - as decoded
         """Return the decoded answer to a question, which must come within a time [s].
 
-        Raises:
-            OSError: If no answer came.
-            PolicyError: If it is an error of the server's, or cannot be read.
+        Raises OSError if no answer came, PolicyError if it is an error of the server's, or cannot be read.
         """
         question: dict[str, Any] = {"endpoint": endpoint}
         if data is not None:

@@ -131,11 +131,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         return flat if self._layout == "n1.5" else {"observation": flat, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
-        """Return the arrays of a reply by their bare names, each (count, horizon, dim).
-
-        Raises:
-            PolicyError: If it holds something else.
-        """
+        """Return the arrays of a reply by their bare names, each (count, horizon, dim)."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
             raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} and no actions.")

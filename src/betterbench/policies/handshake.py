@@ -24,12 +24,6 @@ class Declaration:
     """What one side says about its conventions; what it leaves out is not compared.
 
     Attributes:
-        who: What to call this side in messages.
-        preset: Name of the layout of observations.
-        action_space: Name of the action space.
-        action_dim: Numbers of an action.
-        action_low: Smallest value of each number.
-        action_high: Largest value of each number.
         action_scale: What one unit of each number amounts to.
         action_convention: Frame, reference and polarity in words.
         position: Format of translations or positions ("delta_xyz").
@@ -144,8 +138,7 @@ def read_server(who: str, form: object) -> Declaration:
 def read_execution(who: str, form: object) -> Execution | None:
     """Read how one of our own servers says that its chunks are played, or None if it does not say.
 
-    Raises:
-        HandshakeError: If it is malformed.
+    Raises HandshakeError if it is malformed.
     """
     told = form.get("execution") if isinstance(form, Mapping) else None
     if told is None:
@@ -163,11 +156,7 @@ def read_execution(who: str, form: object) -> Execution | None:
 
 
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
-    """Stop when two sides differ in anything that both declare.
-
-    Raises:
-        HandshakeError: If they differ; the text names both sides' values of everything in which they do.
-    """
+    """Raise a HandshakeError with both sides' values of everything that both declare and in which they differ."""
     found = []
     for entry in fields(Declaration):
         if entry.name in ("who", "cameras"):

@@ -32,10 +32,8 @@ class ImageRule:
     An image is turned, then mirrored, then cropped, then fitted.
 
     Attributes:
-        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
         camera: Which of our cameras shows it, or ``*`` for each of them.
         width: Width that the policy wants [pixel]; None to leave the image as large as it is.
-        height: Likewise the height.
         fit: How an image of another aspect fits.
         keep: Share of the area that a crop around the center keeps, before fitting; policies trained with random crops
             were evaluated with 0.9 (OpenVLA) or 0.95.

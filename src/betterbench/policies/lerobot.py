@@ -149,14 +149,8 @@ class LerobotStepPolicy(AdaptedPolicy):
 def load_lerobot(address: PolicyAddress) -> Policy:
     """Return the policy of a checkpoint, which takes batches if it answers chunks from one observation.
 
-    Args:
-        address: "lerobot:CHECKPOINT", with the options ``device`` and ``state`` ("ee" or "joints").
-
-    Raises:
-        MissingDependencyError: If LeRobot is not installed.
-        InvalidInputError: If there is no such checkpoint, or it leaves something open.
-        HandshakeError: If the adapter of the address gives something else than the checkpoint wants.
-        UnknownNameError: If a name in the address does not exist.
+    Raises what :class:`Checkpoint` and :func:`derive_adapter` raise, and HandshakeError if the adapter of the address
+    gives something else than the checkpoint wants.
     """
     checkpoint = load_checkpoint(address)
     remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
@@ -166,11 +160,7 @@ def load_lerobot(address: PolicyAddress) -> Policy:
 
 
 def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
-    """Return the adapter that follows from what a checkpoint declares.
-
-    Args:
-        address: Address of the policy: ``state``, ``action_space`` and ``camera.KEY`` decide what is open.
-        features: What the checkpoint declares.
+    """Return the adapter that follows from a checkpoint, and from the address's state, action_space and camera.KEY.
 
     Raises:
         InvalidInputError: If something stays open; the text names the option that decides it.
@@ -208,11 +198,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
 
 
 def compare_features(adapter: Adapter, features: Features, where: str) -> None:
-    """Compare what an adapter gives and reads with what a checkpoint declares.
-
-    Raises:
-        HandshakeError: If they differ; the text names both.
-    """
+    """Raise a HandshakeError that names both sides if an adapter and a checkpoint declare different things."""
     wanted = {
         **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
         **{key: f"{size} numbers" for key, size in features.states.items()},

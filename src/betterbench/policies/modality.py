@@ -20,11 +20,7 @@ class Modalities:
 
     Attributes:
         video: Names of the images it wants; None if it does not say. Likewise the others.
-        state: Names of the state vectors it wants.
-        language: Names under which it wants the instruction.
-        action: Names of what it answers.
         steps: Per modality in ``SEEN`` the control steps of each sample relative to now, the last one 0.
-        horizon: Actions of a chunk, or None if it does not say.
     """
 
     video: tuple[str, ...] | None = None
@@ -38,8 +34,7 @@ class Modalities:
     def read(cls, reply: object, where: str) -> Modalities:
         """Read what ``get_modality_config`` answered.
 
-        Raises:
-            HandshakeError: If it is something else, or asks for what no client can know.
+        Raises HandshakeError if it is something else, or asks for what no client can know.
         """
         if not isinstance(reply, Mapping) or not all(isinstance(v, ModalityConfig) for v in reply.values()):
             raise HandshakeError(f"{where} answers get_modality_config with something else than modality configs.")
@@ -64,12 +59,9 @@ class Modalities:
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:
-        """Compare with what an adapter gives and reads.
+        """Raise a HandshakeError that names both sides of each modality in which the adapter differs.
 
         The name under which the instruction stands is not a convention: the server's is used.
-
-        Raises:
-            HandshakeError: If they differ; the text names both for each modality that does.
         """
         given = {
             "video": [name_of(rule.key) for rule in adapter.views],

@@ -104,11 +104,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, metadata: Mapping[Any, Any]) -> None:
-        """Choose the adapter at the first handshake, and compare conventions at each.
-
-        Raises:
-            HandshakeError: If they differ.
-        """
+        """Choose the adapter at the first handshake, and compare conventions at each."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
         self._execution = read_execution(self._where, declared) or Execution()

@@ -16,13 +16,9 @@ from betterbench.interface import Policy, PolicyInfo
 
 
 def load_plugin(address: str) -> Policy:
-    """Return an instance of a class that a user wrote.
+    """Return an instance of a class that a user wrote ("module:Class" or "file.py:Class"), made without arguments.
 
-    Args:
-        address: "module:Class" or "file.py:Class"; the class is called without arguments.
-
-    Raises:
-        InvalidInputError: If the module, the class or one of the methods is missing.
+    Raises InvalidInputError if the module, the class or one of the methods is missing.
     """
     where, separator, name = address.rpartition(":")
     if not separator or not where or not name:

@@ -165,15 +165,10 @@ def preset(name: str) -> Adapter:
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
-    """Return the adapter that an address asks for.
+    """Return the adapter that an address asks for, or the default if it names neither a preset nor a file.
 
-    Args:
-        address: Address with ``preset`` or ``adapter`` and what differs from them.
-        default: The adapter if it names neither; None where none is safe.
-
-    Raises:
-        InvalidInputError: If it names both or neither, or an option is malformed.
-        UnknownNameError: If a name in it does not exist.
+    Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, and
+    UnknownNameError if a name in it does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:

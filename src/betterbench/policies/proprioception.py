@@ -53,8 +53,6 @@ class StateRule:
     """One vector of the robot's state.
 
     Attributes:
-        key: Where it stands in the request: a name, or the names on the way to it in nested maps.
-        parts: What it holds, in order.
         dtype: Type of its numbers.
         scalar: True to send a plain number instead of an array; for one part of one number.
     """
@@ -80,15 +78,10 @@ class StateRule:
     def read(
         self, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
     ) -> np.ndarray | float | int:
-        """Return the state of an observation.
+        """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
 
-        Args:
-            observation: What is seen now.
-            ee_offset_m: Added to the position of the end effector, for policies with another origin [m].
-            gripper_opening_m: Distance of the pads that counts as fully open [m].
-
-        Returns:
-            (size,) array of the type that the policy wants, or a number for a scalar.
+        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
+        ``gripper_opening_m`` counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:

@@ -30,14 +30,10 @@ def describe_remote_policy(
 ) -> PolicyInfo:
     """Return what a client says about its policy; it is stored with the run.
 
-    Args:
-        address: Address of the policy.
-        adapter: How it is spoken to.
-        declared: What the server said about itself.
-        needs_images: False if the server says that it looks at no image; None to tell from the adapter. A camera
-            that the adapter names is sent, and so rendered, all the same.
-        says_actions: False if the server declares nothing about its actions. Unless the address does, what they are
-            taken for stands in the metadata as "assumed", and is told before a run.
+    ``needs_images`` is False if the server says that it looks at no image, None to tell from the adapter. A camera that
+    the adapter names is sent, and so rendered, all the same. ``says_actions`` is False if the server declares nothing
+    about its actions: unless the address does, what they are taken for stands in the metadata as "assumed", and is told
+    before a run.
     """
     named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
     metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
@@ -81,12 +77,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """A policy with one adapter from its beginning, which compares itself with a run.
-
-    Attributes:
-        adapter: What the policy is shown and how its answers are read.
-        server: What the other side declares.
-    """
+    """A policy with one adapter from its beginning, which compares itself with a run."""
 
     adapter: Adapter
     server: Declaration
@@ -97,16 +88,7 @@ class AdaptedPolicy:
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
-        """Compare the conventions of a run with the policy's, before the run starts.
-
-        Args:
-            space: Action space of the run.
-            observation: What the run renders.
-            rate_hz: Control rate of the run [Hz].
-
-        Raises:
-            HandshakeError: If they differ; the text names both sides.
-        """
+        """Compare the conventions of a run with the policy's; raise a HandshakeError that names both if they differ."""
         adapter, theirs = self.adapter, self._compared
         ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
         compare_declarations(ours, theirs)
@@ -135,9 +117,6 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     What a client raises when it is made is said at :func:`betterbench.policies.connect.connect`. Its ``act`` raises
     PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be reached.
-
-    Attributes:
-        info: What the policy says about itself.
     """
 
     info: PolicyInfo
@@ -145,10 +124,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
         """Prepare; a subclass opens the connection when it is ready to compare conventions.
 
-        Args:
-            address: Address of the server.
-            adapter: What the policy is shown, until the handshake decides otherwise.
-            seed: Seed of the jitter between attempts.
+        The seed is that of the jitter between attempts.
         """
         self._address, self._where = address, address.server_name
         self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")

@@ -18,11 +18,7 @@ class Replay:
     """
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
-        """Load the actions.
-
-        Raises:
-            InvalidInputError: If the run has neither record, or no folder was named.
-        """
+        """Load the actions; raise InvalidInputError if the run has neither record, or no folder was named."""
         if not folder:
             raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
         run = RunFolder.open(Path(folder))

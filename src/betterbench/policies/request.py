@@ -31,7 +31,6 @@ class Request:
     """One question of a client.
 
     Attributes:
-        instruction: The instruction.
         step: Control steps since reset, or None where the client does not say.
         start: How the episode began, or None where the client does not say.
         trial: The trial, where the client names it, which only a served expert asks for.

@@ -26,14 +26,7 @@ class RequestClient:
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
-        """Connect.
-
-        ZeroMQ connects in the background and says nothing when nobody is there, so it is found out first whether
-        anybody listens.
-
-        Raises:
-            OSError: If nobody listens there.
-        """
+        """Connect; raise OSError if nobody listens, which ZeroMQ does not tell: it connects in the background."""
         self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
             socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
@@ -59,9 +52,8 @@ class RequestClient:
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
 
-        Raises:
-            OSError: If no answer came in time, or the server went away while it was waited for.
-            PolicyError: If the answer is not a single frame.
+        Raises OSError if no answer came in time, or the server went away, PolicyError if the answer is not a single
+        frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:

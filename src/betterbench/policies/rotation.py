@@ -76,8 +76,7 @@ def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
 def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
     """Return the quaternion (w, x, y, z), w >= 0, of a rotation in a policy's format.
 
-    Raises:
-        ValueError: If the numbers describe no rotation (a quaternion of zeros, parallel columns).
+    Raises ValueError if the numbers describe no rotation (a quaternion of zeros, parallel columns).
     """
     if form == "quaternion_wxyz":
         return normalize(values)
@@ -133,11 +132,7 @@ def from_matrix(matrix: np.ndarray) -> Quaternion:
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix whose first two columns point as the two vectors, as nearly as the first allows.
-
-    Raises:
-        ValueError: If they are parallel or zero.
-    """
+    """Return the rotation matrix whose first two columns point as the two vectors, as nearly as the first allows."""
     length = float(np.linalg.norm(first))
     if length < 1e-9:
         raise ValueError("a rotation matrix with a column of zeros describes no rotation")

@@ -44,8 +44,7 @@ class Session(Protocol):
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
 
-        Raises:
-            BetterError: If the request cannot be answered; its text travels to the client as it is.
+        Raises BetterError if the request cannot be answered; its text travels to the client as it is.
         """
 
     def close(self) -> None:
@@ -65,18 +64,9 @@ class PolicyServer:
         api_key: str | None = None,
         on_stop: Callable[[], None] | None = None,
     ) -> None:
-        """Bind the socket; nobody is answered before :meth:`start`.
+        """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
 
-        Args:
-            make_session: Makes what answers one connection.
-            metadata: What the server declares to every client that connects.
-            host: Interface to listen on.
-            port: Port to listen on; 0 for any free one.
-            api_key: Key that clients have to show, or None.
-            on_stop: Called once when all connections have ended.
-
-        Raises:
-            InvalidInputError: If it is not possible to listen there.
+        ``on_stop`` is called once when all connections have ended. Raises InvalidInputError if it cannot listen there.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._greeting = encode_openpi(dict(metadata))

@@ -128,9 +128,7 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
 def write_torch(value: object) -> bytes:
     """Return a value as torch saves it.
 
-    Raises:
-        MissingDependencyError: If torch is not installed.
-        InvalidInputError: If it cannot be saved.
+    Raises MissingDependencyError without torch, InvalidInputError if it cannot be saved.
     """
     torch = import_torch()
     buffer = io.BytesIO()
@@ -144,9 +142,7 @@ def write_torch(value: object) -> bytes:
 def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
     """Return what torch has saved: maps with text keys, lists, texts, numbers and NumPy arrays, and nothing else.
 
-    Raises:
-        MissingDependencyError: If torch is not installed.
-        PolicyError: If it is malformed or too large, or names anything to be called.
+    Raises MissingDependencyError without torch, PolicyError if it is malformed, too large or names anything to call.
     """
     torch = import_torch()
     try:
@@ -166,11 +162,7 @@ def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anythin
 
 
 def _survey(data: bytes) -> None:
-    """Look at the archive before torch does: nothing in it may be compressed, so that it cannot grow.
-
-    Raises:
-        ValueError: If it is no such archive, or too large.
-    """
+    """Look at the archive before torch does: nothing in it may be compressed, so that it cannot grow."""
     if len(data) > MAX_FRAME_BYTES:
         raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
     if not data.startswith(_ZIP):

@@ -121,11 +121,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         return connection
 
     def _agree(self, hello: Mapping[Any, Any]) -> None:
-        """Shape the adapter by what the server asks for, and compare conventions.
-
-        Raises:
-            HandshakeError: If they differ.
-        """
+        """Shape the adapter by what the server asks for, and compare conventions."""
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
@@ -162,14 +158,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     def _reply(
         self, connection: WebSocket, sent: int, end: float, *, expected: _MessageKind = "action"
     ) -> Mapping[Any, Any]:
-        """Return the payload of the answer to a message.
-
-        Errors have the number of the message they are about: one about the start of the episode comes before.
-
-        Raises:
-            OSError: If none comes in time.
-            PolicyError: If it is an error or no message.
-        """
+        """Return the payload of the answer to message number ``sent``; errors about earlier messages come before."""
         for _ in range(_MOST_STRAYS):
             frame = connection.receive(end - time.monotonic())
             message = decode_vla_eval(frame) if isinstance(frame, bytes) else None
@@ -192,14 +181,9 @@ class VlaEvalClient(ServerClient[WebSocket]):
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:
     """Return the adapter without what a server does not ask for.
 
-    The harness sends the wrist camera and the state to servers that ask for them, and some servers take all that they
-    are sent; so nothing is sent unasked, unless the address chose what is sent.
-
-    Args:
-        adapter: The adapter.
-        who: What to call the server in messages.
-        hello: What it said: it asks by ``observation_params``, or by naming a component in its ``observation_spec``.
-        chosen: True if the address names the adapter: then all of it is sent that the server does not decline.
+    The harness sends the wrist camera and the state to servers that ask for them, by ``observation_params`` or by
+    naming a component in ``observation_spec``, and some servers take all that they are sent; so nothing is sent
+    unasked. If the address chose the adapter, all of it is sent that the server does not decline.
 
     Raises:
         HandshakeError: If its specs are malformed, or it asks for absolute actions and the adapter reads deltas.
@@ -226,9 +210,6 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
     As in the harness, a format ``raw`` promises nothing, and ranges are not conventions: its own constant for rotation
     vectors allows +-3.15 for numbers that are scaled to +-1. Names of images are its users' business, since servers
     take them in order; how many there are is compared.
-
-    Returns:
-        Its side and ours.
 
     Raises:
         HandshakeError: If its specs are malformed, or it answers joints and the adapter reads something else.

@@ -29,9 +29,8 @@ class WebSocket:
     ) -> None:
         """Connect.
 
-        Raises:
-            OSError: If the server is not there or not ready.
-            HandshakeError: If it refuses the key, or is not a websocket server.
+        Raises OSError if the server is not there or not ready, HandshakeError if it refuses the key, or is not a
+        websocket server.
         """
         host, port = address.server()
         name = f"[{host}]" if ":" in host else host
@@ -69,11 +68,7 @@ class WebSocket:
             raise ConnectionError(f"the server there is not a websocket server ({error})") from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
-        """Send one binary message.
-
-        Raises:
-            OSError: If the connection broke, or the server took no bytes for as long as the deadline.
-        """
+        """Send one binary message; raise OSError if the connection broke, or no bytes were taken until the deadline."""
         # A server that stops reading fills the buffers, and a blocking send knows no deadline of its own.
         seconds = max(0.001, timeout_s)
         limit = struct.pack("ll", math.floor(seconds), math.floor(1e6 * (seconds % 1.0)))
@@ -86,12 +81,7 @@ class WebSocket:
             raise self._broken(error) from error
 
     def receive(self, timeout_s: float) -> bytes | str:
-        """Return the next message.
-
-        Raises:
-            OSError: If the connection broke or the time is over.
-            PolicyError: If the message is larger than is taken.
-        """
+        """Return the next message; raise OSError if none comes in time, PolicyError if it is too large."""
         try:
             return self._socket.recv(timeout=max(0.0, timeout_s))
         except TimeoutError as error:
@@ -101,11 +91,7 @@ class WebSocket:
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
-        """Close the connection if what is said first over it fails.
-
-        Args:
-            silence: What to say of a server that takes a connection and then answers nothing.
-        """
+        """Close the connection if its first exchange fails; ``silence`` is said of a server that answers nothing."""
         try:
             yield
         except TimeoutError as error:
@@ -123,8 +109,7 @@ class WebSocket:
     def _broken(self, error: ConnectionClosed) -> OSError:
         """Return the error of a broken connection.
 
-        Raises:
-            PolicyError: If it was this side that closed it, because a message was too large.
+        Raises PolicyError if it was this side that closed it, because a message was too large.
         """
         if error.sent is not None and error.sent.code == _TOO_LARGE:
             raise PolicyError(f"{self._where} sent a message of more than {self._max_bytes} bytes.") from error

@@ -71,21 +71,14 @@ class ModalityConfig:
 def encode_openpi(value: object) -> bytes:
     """Return the frame of a value in openpi's dialect.
 
-    Args:
-        value: Maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts.
-
-    Raises:
-        InvalidInputError: If it holds something else.
+    Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Anything else
+    raises an InvalidInputError.
     """
     return _encode(value, _mark_openpi)
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's dialect; its arrays are read-only.
-
-    Raises:
-        PolicyError: If the frame is malformed, too large or holds what no server needs to send.
-    """
+    """Return the value of a frame in openpi's dialect, with read-only arrays; raise PolicyError if it is malformed."""
     return _decode(data, "openpi", _read_openpi)
 
 
@@ -116,14 +109,9 @@ def _read_openpi(form: dict[Any, Any]) -> object:
 
 
 def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
-    """Return the frame of a value in the dialect of vla-evaluation-harness.
+    """Return the frame of a value in the dialect of vla-evaluation-harness, which has no arrays of texts.
 
-    Args:
-        value: Maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers or booleans.
-        images: How uint8 arrays of shape (height, width, 3 or 4) are sent.
-
-    Raises:
-        InvalidInputError: If it holds something else.
+    ``images`` says how uint8 arrays of shape (height, width, 3 or 4) are sent. Raises what :func:`encode_openpi` does.
     """
 
     def mark(thing: object) -> object:
@@ -135,11 +123,7 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
 
 
 def decode_vla_eval(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in the dialect of vla-evaluation-harness; its arrays are read-only.
-
-    Raises:
-        PolicyError: If the frame is malformed, too large or holds what no server needs to send.
-    """
+    """Return the value of a frame in the dialect of vla-evaluation-harness; see :func:`decode_openpi`."""
     return _decode(data, "vla-eval", _read_vla_eval)
 
 
@@ -153,11 +137,9 @@ def _mark_vla_eval(thing: object) -> object:
 
 
 def _read_vla_eval(form: dict[Any, Any]) -> object:
-    if "__image__" in form:
-        if form.get("format") == "raw":
-            return _array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
+    if "__image__" in form and form.get("format") != "raw":
         return _image(form)
-    if "__ndarray__" in form:
+    if "__image__" in form or "__ndarray__" in form:
         return _array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
     return form
 
@@ -195,23 +177,12 @@ def _image(form: dict[Any, Any]) -> np.ndarray:
 
 
 def encode_gr00t(value: object) -> bytes:
-    """Return the frame of a value in GR00T's dialect.
-
-    Args:
-        value: Maps, lists, texts, bytes, numbers, None, modality configs and NumPy arrays of numbers or booleans.
-
-    Raises:
-        InvalidInputError: If it holds something else.
-    """
+    """Return the frame of a value in GR00T's dialect, which has modality configs too; see :func:`encode_openpi`."""
     return _encode(value, _mark_gr00t)
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in GR00T's dialect; its arrays are read-only.
-
-    Raises:
-        PolicyError: If the frame is malformed, too large or holds what no server needs to send.
-    """
+    """Return the value of a frame in GR00T's dialect; see :func:`decode_openpi`."""
     return _decode(data, "GR00T", _read_gr00t)
 
 

@@ -28,9 +28,6 @@ class RecordBuilder:
     Appending copies the simulator's arrays and keeps the state, which is a frozen value; all conversion waits for
     :meth:`finish`, so a control step pays a few microseconds.
 
-    Args:
-        metadata: Which trial this is.
-
     Raises:
         InvalidInputError: If the metadata cannot be written as JSON or has another schema version.
     """
@@ -69,18 +66,9 @@ class RecordBuilder:
     ) -> None:
         """Append one row: the state at reset first, then the state after each action.
 
-        Args:
-            state: Privileged state; ``state.step`` is the number of rows so far.
-            qpos: Generalized positions, shape (nq,); copied.
-            qvel: Generalized velocities, shape (nv,); copied.
-            ctrl: Actuator commands, shape (nu,); copied.
-            act: Actuator activations, shape (na,), which belong to the physical state; copied.
-            action: Action asked by the policy, shape (dim,); None at reset and only there.
-            applied: Action after clipping, shape (dim,); None at reset and only there.
-            predicates: Truth of each predicate, in the order of the metadata.
-            subgoals: Truth of each subgoal, in the order of the metadata.
-            goal: Truth of the goal.
-            forbidden: Whether something forbidden happens.
+        The arrays are copied: ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,), which
+        belong to the physical state. ``action`` as the policy asked for it and ``applied`` after clipping, both (dim,),
+        are None at reset and only there. ``predicates`` and ``subgoals`` are in the order of the metadata.
 
         Raises:
             InvalidInputError: If the step is out of order, an array changes its shape or a truth value is missing.
@@ -126,13 +114,10 @@ class RecordBuilder:
         clipped_actions: int = 0,
         invalid_actions: int = 0,
     ) -> Record:
-        """Return the record of the episode.
+        """Return the record of the episode; the arguments are those of :class:`Outcome`.
 
-        The arguments are those of :class:`Outcome`.
-
-        Raises:
-            InvalidInputError: If nothing was appended, a state does not list the scene's objects or the outcome
-                contradicts itself.
+        Raises InvalidInputError if nothing was appended, a state does not list the scene's objects or the outcome
+        contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
@@ -162,11 +147,7 @@ class RecordBuilder:
         )
 
     def _state_columns(self) -> dict[str, npt.NDArray[np.float64]]:
-        """Return the columns of numbers that the states give, by name.
-
-        Raises:
-            InvalidInputError: If a state does not list what the first one lists.
-        """
+        """Return the columns of numbers that the states give, by name; all states have to list the same."""
         states, n = self._states, len(self._info.objects)
         joints = len(states[0].joint_positions)
         sources: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -195,11 +176,7 @@ class RecordBuilder:
         return columns
 
     def _held(self) -> npt.NDArray[np.int16]:
-        """Return the index of the held object in every row, or -1.
-
-        Raises:
-            InvalidInputError: If a state holds what is not an object of the scene.
-        """
+        """Return the index of the held object in every row, or -1."""
         index = {o.name: i for i, o in enumerate(self._info.objects)}
         held = [-1 if s.held is None else index.get(s.held, -2) for s in self._states]
         if -2 in held:
@@ -215,11 +192,7 @@ class RecordBuilder:
         self._info = state.info  # the next comparison is by identity
 
     def _check_shapes(self, shapes: tuple[tuple[int, ...], ...]) -> None:
-        """Make room for rows of the first shapes, and refuse others later.
-
-        Raises:
-            InvalidInputError: If an array is not flat or has another shape than is due.
-        """
+        """Make room for rows of the first shapes, and refuse others later."""
         due = self._shapes or (*shapes[:4], self._no_action.shape, self._no_action.shape)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, due, strict=True):
             if len(shape) != 1:

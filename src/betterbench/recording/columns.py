@@ -19,10 +19,9 @@ WIDTH_NAMES = ("nq", "nv", "na", "nu", "joints", "action", "objects", "predicate
 
 
 class Column(NamedTuple):
-    """One column of a record.
+    """One column of a record, named like its field and its Parquet column.
 
     Attributes:
-        name: Name of the field of a record and of the Parquet column.
         kind: Type of each number.
         width: Name of the width, or None for one number per row.
         tail: Numbers per item of the width (3 for a position).
@@ -160,18 +159,9 @@ def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, 
 
 
 def from_table(table: pa.Table, widths: Widths, bodies: int) -> tuple[dict[str, npt.NDArray[np.generic]], Contacts]:
-    """Return a record's columns from their Parquet form.
+    """Return a record's columns by name, and the contacts, from a table that matches ``arrow_schema(widths)``.
 
-    Args:
-        table: Table that matches ``arrow_schema(widths)``.
-        widths: Numbers per row.
-        bodies: Number of body names that contacts may point to.
-
-    Returns:
-        Arrays by column name, and the contacts.
-
-    Raises:
-        RecordError: If an index points to nothing.
+    Raises RecordError if an index points to nothing.
     """
     rows = table.num_rows
     arrays: dict[str, npt.NDArray[np.generic]] = {}

@@ -23,10 +23,7 @@ class JournalEntry:
     """One finished trial.
 
     Attributes:
-        task: Task id.
         condition: Name of the condition within the task ("train1", "L3").
-        variation: Name of the variation, or None on a training condition.
-        seed: Seed of the trial.
         status: "done" when its record is on disk, "error" when it has to be run again.
         message: What broke, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
@@ -66,10 +63,7 @@ _LINE_CURE = "Restore the line, or delete it to run its trial again"
 
 
 class Journal(LineJournal):
-    """The journal of a run, open for appending by one process at a time.
-
-    Args:
-        path: The file ``journal.jsonl``; it is made if missing.
+    """The journal of a run (``journal.jsonl``), open for appending by one process at a time.
 
     Raises:
         RunConflictError: If another process appends to it.
@@ -113,13 +107,10 @@ class Journal(LineJournal):
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
-    """Read a journal without changing it, also while a run appends to it.
+    """Read a journal without changing it, also while a run appends to it; an unfinished last line is left out.
 
-    Returns:
-        The last entry of every trial, in order of first appearance; an unfinished last line is left out.
-
-    Raises:
-        RecordError: If a line is corrupt, or a trial is finished twice.
+    Returns the last entry of every trial, in order of first appearance. Raises RecordError if a line is corrupt, or a
+    trial is finished twice.
     """
     return tuple(_last_entries(path, complete_lines(path)[0]).values())
 

@@ -21,14 +21,9 @@ LOCK_NAME = ".lock"
 class LineJournal:
     """A file of JSON lines, open for appending by one process at a time.
 
-    Opening locks the folder, hands all complete lines to :meth:`_take_in` and cuts off a last line that a killed
-    process left unfinished. Each line that is appended is on disk when :meth:`_append_line` returns.
-
-    Args:
-        path: The file; it is made if missing.
-
-    Raises:
-        RunConflictError: If another process holds the lock.
+    Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
+    :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
+    disk when :meth:`_append_line` returns.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,12 +53,7 @@ class LineJournal:
         raise NotImplementedError
 
     def _append_line(self, form: object) -> None:
-        """Append a JSON value and force it to disk.
-
-        Raises:
-            OSError: If the disk is full; the file is then as it was before.
-            ValueError: If the journal is closed.
-        """
+        """Append a JSON value and force it to disk; if that raises an OSError, the file is as it was before."""
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)

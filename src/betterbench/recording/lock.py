@@ -19,8 +19,7 @@ _PAUSE_S = 0.02  # somebody who asks whether a run is going holds the lock for l
 def is_locked(path: Path) -> bool:
     """Tell whether a living process holds the lock of a run, without getting into its way.
 
-    Args:
-        path: The lock file. A lock that is held on another machine is seen where the file system shares locks.
+    A lock that is held on another machine is seen where the file system shares locks.
     """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -41,13 +40,7 @@ class RunLock:
     """An exclusive lock on a run folder that dies with the process that took it.
 
     The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
-    the lock is held do not keep it alive.
-
-    Args:
-        path: The lock file; it is made if missing.
-
-    Raises:
-        RunConflictError: If somebody else holds the lock.
+    the lock is held do not keep it alive. Raises RunConflictError if somebody else holds the lock.
     """
 
     def __init__(self, path: Path) -> None:
@@ -87,11 +80,7 @@ class RunLock:
 
 
 def _lock_exclusively(handle: int) -> None:
-    """Take the lock, and try again a few times: a reader may just be asking whether it is held.
-
-    Raises:
-        BlockingIOError: If somebody holds it.
-    """
+    """Take the lock, and try again a few times: a reader may just be asking whether it is held."""
     for left in reversed(range(_TRIES)):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -31,7 +31,6 @@ class Outcome:
     """How an episode ended.
 
     Attributes:
-        termination: Why it ended.
         success: Whether the trial counts as a success under its expected behavior.
         error: What went wrong, for "policy_error" and "interrupted".
         clipped_actions: Actions that had to be clipped to the bounds of the action space.
@@ -64,30 +63,20 @@ class RecordMetadata:
     """What is known about an episode before it starts.
 
     Attributes:
-        task: Task id.
-        task_version: Version of the task.
         suite_version: Version of the suite, which also seeds its random streams.
-        package_version: Version of betterbench that wrote the record.
         condition: Name of the condition within the task ("train1", "L3").
         variation: Name of the variation ("L3"), or None on a training condition.
         axis: Axis of the variation, or None on a training condition.
         base_condition: Training condition a variation is derived from; the same seed of it is the twin.
         interventions: The operations as text, in order.
-        seed: Seed of the trial.
-        policy: Address of the policy.
-        instruction: What the policy was asked to do.
         expected: What a correct policy does ("succeed", "refuse", "stay_still").
-        action_space: Name of the action space.
         action_components: Name of each number of an action.
-        control_rate_hz: Control steps per second [Hz].
         camera_preset: Name of the observation preset, or None when no image was rendered.
         render_quality: Name of the render preset, or None likewise.
         engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        scene: The unchanging truth about the scene.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
-        schema_version: Version of the record format.
     """
 
     task: str
@@ -129,8 +118,7 @@ class RecordMetadata:
 def dump_json(form: object) -> bytes:
     """Return the one byte sequence that stands for a JSON value: sorted keys, no spaces, no NaN.
 
-    Raises:
-        InvalidInputError: If the value holds something that JSON cannot say.
+    Raises InvalidInputError if the value holds something that JSON cannot say.
     """
     try:
         text = json.dumps(form, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

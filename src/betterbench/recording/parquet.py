@@ -88,12 +88,7 @@ _DOCUMENT, _VERSION, _OUTCOME = TypeAdapter(_Document), TypeAdapter(_VersionOnly
 def write_record(record: Record, path: Path) -> None:
     """Write a record; the same record gives the same bytes on one installation.
 
-    Args:
-        record: What to write.
-        path: Final place; a file that stands there is replaced at once, never half.
-
-    Raises:
-        OSError: If the place cannot be written.
+    A file that stands there is replaced at once, never half. Raises OSError if the place cannot be written.
     """
     write_durably(path, record_bytes(record))
 
@@ -124,14 +119,7 @@ def record_bytes(record: Record) -> bytes:
 
 
 def seal(data: bytes) -> bytes:
-    """Return a record's file with the digest of its content put in place of the zeros.
-
-    Args:
-        data: Parquet file with one seal, whatever its digest.
-
-    Raises:
-        RecordError: If the file has no seal.
-    """
+    """Return a record's file with the digest of its content put into its one seal; RecordError if it has no seal."""
     start, end = _seal_span(data)
     blank = data[:start] + _NO_DIGEST + data[end:]
     return data[:start] + hashlib.sha256(blank).hexdigest().encode("ascii") + data[end:]
@@ -148,13 +136,9 @@ def _seal_span(data: bytes) -> tuple[int, int]:
 
 
 def read_record(path: Path) -> Record:
-    """Read a record, bit for bit the one that was written.
+    """Read a record, bit for bit the one that was written; the file may come from a stranger.
 
-    Args:
-        path: A file that :func:`write_record` wrote; it may come from a stranger.
-
-    Raises:
-        RecordError: If the file is missing, damaged, not a record, too large or of another schema version.
+    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version.
     """
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path))) as file:
         document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE)
@@ -175,12 +159,7 @@ def read_outcome(path: Path) -> Outcome:
 
 
 def _intact(path: Path) -> bytes:
-    """Return the content of a record's file.
-
-    Raises:
-        RecordError: If it is too large or damaged.
-        OSError: If it cannot be read.
-    """
+    """Return the content of a record's file; raise RecordError if it is too large or damaged."""
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
         raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record")
@@ -208,12 +187,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
-    """Return the JSON document of a file, whose schema version is the one that is read here.
-
-    Raises:
-        RecordError: If there is none, or it has another version.
-        InvalidInputError: If it gives no version.
-    """
+    """Return the JSON document of a file, whose schema version is the one that is read here."""
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(
@@ -229,11 +203,7 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
 
 
 def _check_columns(file: pq.ParquetFile, expected: pa.Schema) -> None:
-    """Refuse a file with other columns than its metadata says, without rows, or that unpacks to too much.
-
-    Raises:
-        RecordError: If it is such a file.
-    """
+    """Refuse a file with other columns than its metadata says, without rows, or that unpacks to too much."""
     actual = file.schema_arrow
     if not actual.equals(expected):
         names = sorted(set(expected.names) ^ set(actual.names)) or [

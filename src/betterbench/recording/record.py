@@ -29,10 +29,6 @@ class Record:
     of objects. All poses are in the world frame; the arrays are read-only.
 
     Attributes:
-        metadata: Which trial this is, and under which versions.
-        outcome: How it ended.
-        bodies: Names that contacts point to.
-        time: (T,) simulated time since reset [s].
         qpos: (T, nq) generalized positions of the simulator.
         qvel: (T, nv) generalized velocities of the simulator.
         act: (T, na) actuator activations: the joint references that the servos integrate.
@@ -54,7 +50,6 @@ class Record:
         held: (T,) index of the held object, or -1.
         predicates: (T, p) truth of each predicate of ``metadata.predicate_names``.
         subgoals: (T, g) truth of each subgoal of ``metadata.subgoal_names``.
-        goal: (T,) truth of the goal.
         forbidden: (T,) whether something forbidden happens.
         contacts: Touching pairs of all rows.
     """
@@ -133,11 +128,7 @@ class Record:
         )
 
     def state(self, row: int) -> WorldState:
-        """Return the state of one row; a negative row counts from the end.
-
-        Raises:
-            IndexError: If there is no such row.
-        """
+        """Return the state of one row; a negative row counts from the end, an unknown one raises an IndexError."""
         rows = len(self)
         if not -rows <= row < rows:
             msg = f"row {row} of a record with {rows} rows"

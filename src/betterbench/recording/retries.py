@@ -25,13 +25,7 @@ class RetryLedger(Generic[Item]):
     """
 
     def __init__(self, items: Iterable[Item], *, workers: str, cure: str) -> None:
-        """Begin with all items waiting.
-
-        Args:
-            items: What is to be done, in order.
-            workers: What the workers are called in messages ("worker processes").
-            cure: What to do when workers keep dying, a sentence for the error message.
-        """
+        """Begin with all items waiting; ``workers`` ("worker processes") and ``cure`` are for the messages."""
         self._workers, self._cure = workers, cure
         self._waiting = deque(items)
         self._suspects: deque[Item] = deque()
@@ -70,17 +64,9 @@ class RetryLedger(Generic[Item]):
         self._in_a_row = 0
 
     def worker_died(self, items: Sequence[Item], how: str) -> list[Item]:
-        """Queue the items of a worker that died again, each to run alone.
+        """Queue the items of a worker that died again, each to run alone; return those with which too many died.
 
-        Args:
-            items: What the worker held.
-            how: How it died, for messages.
-
-        Returns:
-            The items that are given up, because too many workers died with them.
-
-        Raises:
-            WorkerError: If too many workers died one after the other.
+        Raises WorkerError if too many workers died one after the other.
         """
         self._in_a_row += 1
         self._deaths.update(items)
@@ -93,9 +79,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return why an item is given up, in one line.
-
-        Args:
-            how: How the last worker died.
-        """
+        """Return why an item is given up, in one line that says how the last worker died."""
         return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"

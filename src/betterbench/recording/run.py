@@ -46,10 +46,8 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """A folder that holds one run.
 
-    Attributes:
-        path: The folder.
-        plan: What was asked for: everything that two runs must share to be the same run.
-        context: What is good to know and may differ on resuming: machine, policy handshake.
+    ``plan`` is everything that two runs must share to be the same run; ``context`` is good to know and may differ on
+    resuming: machine, policy handshake.
     """
 
     path: Path
@@ -97,9 +95,8 @@ class RunFolder:
     def open(cls, path: Path) -> RunFolder:
         """Open an existing run for reading.
 
-        Raises:
-            RecordError: If the folder holds no run, a corrupt one or one of another version, or its tasks are defined
-                by a user's file that is not loaded.
+        Raises RecordError if the folder holds no run, a corrupt one or one of another version, or its tasks are defined
+        by a user's file that is not loaded.
         """
         if not (path / "run.json").is_file():
             raise RecordError(f"{path}: holds no run (no run.json). Give the folder that `--out` named.")
@@ -130,9 +127,7 @@ class RunFolder:
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
         """Write what became known about the run later into its context, and return the run.
 
-        Raises:
-            RunConflictError: If a process is writing to the run.
-            InvalidInputError: If a change is not JSON.
+        Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
         """
         form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": {**self.context, **changes}}
         form = json.loads(dump_json(form))
@@ -141,12 +136,7 @@ class RunFolder:
         return RunFolder(self.path, form["plan"], form["context"])
 
     def journal(self) -> Journal:
-        """Open the journal for appending; this locks the folder until it is closed.
-
-        Raises:
-            RunConflictError: If another process writes to the run.
-            RecordError: If the journal is corrupt.
-        """
+        """Open the journal for appending, which locks the folder until it is closed; raises what Journal does."""
         return Journal(self.journal_path)
 
     def entries(self) -> tuple[JournalEntry, ...]:
@@ -156,8 +146,7 @@ class RunFolder:
     def record_path(self, task: str, condition: str, seed: int) -> Path:
         """Return the place of a trial's record.
 
-        Raises:
-            InvalidInputError: If a name could leave the folder or the seed is negative.
+        Raises InvalidInputError if a name could leave the folder or the seed is negative.
         """
         return self._inside("records", task, condition, f"{_seed(seed)}.parquet")
 
@@ -166,11 +155,7 @@ class RunFolder:
         return self._inside("videos", task, condition, f"{_seed(seed)}_{_safe_name('camera', camera)}.mp4")
 
     def scene_path(self, scene_hash: str) -> Path:
-        """Return the place of a stored scene.
-
-        Raises:
-            InvalidInputError: If it is not a hash in lower-case hexadecimal digits.
-        """
+        """Return the place of a stored scene; raise InvalidInputError if it is no hash in lower-case hexadecimal."""
         if not _HASH.fullmatch(scene_hash):
             raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
         return self._inside("scenes", f"{scene_hash}.zip")
@@ -183,11 +168,7 @@ class RunFolder:
         return path
 
     def read_record(self, task: str, condition: str, seed: int) -> Record:
-        """Read a trial's record.
-
-        Raises:
-            RecordError: If it is missing or unreadable, or is the record of another trial.
-        """
+        """Read a trial's record; raise RecordError if it is missing, unreadable or the record of another trial."""
         path = self.record_path(task, condition, seed)
         record = read_record(path)
         m = record.metadata
@@ -199,32 +180,20 @@ class RunFolder:
         return record
 
     def records(self) -> Iterator[Record]:
-        """Yield the record of every trial that the journal calls done, in the order of the journal.
-
-        Raises:
-            RecordError: If a record is missing or unreadable.
-        """
+        """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
-        """Store a scene once; the same files give the same bytes.
-
-        Raises:
-            InvalidInputError: If a name could leave the archive's folder or the scene is too large.
-        """
+        """Store a scene once; raises what :func:`~betterbench.recording.scene_archive.write_scene` raises."""
         path = self.scene_path(scene_hash)
         if not path.exists():
             write_scene(path, files)
         return path
 
     def load_scene(self, scene_hash: str) -> dict[str, bytes]:
-        """Return the files of a stored scene by name, without writing any of them.
-
-        Raises:
-            RecordError: If the scene is missing, damaged or too large, or a name could leave a folder.
-        """
+        """Return the files of a stored scene by name, without writing any of them; raises what ``read_scene`` does."""
         return read_scene(self.scene_path(scene_hash))
 
     def _inside(self, top: str, *names: str) -> Path:

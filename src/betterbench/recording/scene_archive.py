@@ -25,8 +25,7 @@ _READ_BLOCK = 1 << 20
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
     """Store the files of a scene; the same files give the same bytes.
 
-    Raises:
-        InvalidInputError: If a name could leave the archive's folder or the scene is too large.
+    Raises InvalidInputError if a name could leave the archive's folder or the scene is too large.
     """
     for name in files:
         problem = _member_problem(name)
@@ -50,8 +49,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
 def read_scene(path: Path) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing any of them.
 
-    Raises:
-        RecordError: If the scene is missing, damaged or too large, or a name could leave a folder.
+    Raises RecordError if the scene is missing, damaged or too large, or a name could leave a folder.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -73,11 +71,7 @@ def _member_problem(name: str) -> str | None:
 
 
 def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
-    """Return the content of an archive within the limits.
-
-    Raises:
-        RecordError: If it exceeds them, or holds a name that could lead out of a folder or stands there twice.
-    """
+    """Return the content of an archive within the limits; refuse names that leave a folder or stand there twice."""
     members = archive.infolist()
     too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
     if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:

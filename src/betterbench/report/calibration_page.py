@@ -14,12 +14,7 @@ from betterbench.report.html import data_uri, environment, write
 from betterbench.statistics import Rate, percent
 from betterbench.statistics.wording import listed
 
-KINDS = {
-    Kind.NONE: "right",
-    Kind.REASONING: "reasoning",
-    Kind.EXECUTION: "execution",
-    Kind.SYSTEM: "system",
-}
+KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
 
 
 def write_calibration_page(calibration: Calibration, out: Path) -> Path:
@@ -90,12 +85,7 @@ def calibration_markdown(calibration: Calibration) -> str:
         f"{rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
         f"{rate_text(calibration.crossed_rate)} of those that failed for either."
     )
-    lines = [
-        verdict,
-        "",
-        "| true label | kind | found (recall) | right when given (precision) |",
-        "|---|---|---|---|",
-    ]
+    lines = [verdict, "", "| true label | kind | found (recall) | right when given (precision) |", "|---|---|---|---|"]
     lines += [
         f"| `{s.label.value}` | {KINDS[s.label.kind]} | {rate_text(s.recall)} | {rate_text(s.precision)} |"
         for s in calibration.scores()
@@ -107,10 +97,7 @@ def calibration_markdown(calibration: Calibration) -> str:
         lines += ["", _probe_sentence(calibration.probes, found), ""]
         alone = redundant(calibration.probes)
         if alone:
-            lines += [
-                f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.",
-                "",
-            ]
+            lines += [f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.", ""]
         if found:
             lines += ["| probe | variation | solved | by guessing | p |", "|---|---|---|---|---|"]
             lines += [

@@ -105,7 +105,6 @@ class Chart:
 
     Attributes:
         name: File name without its ending.
-        caption: What is shown, one or two sentences.
         scale: Horizontal scale of bars; stacks fill their width.
         key: Class and name of every style that needs a legend.
     """
@@ -121,10 +120,8 @@ class Chart:
 def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str:
     """Return a chart as one SVG element, in which every text is escaped.
 
-    Args:
-        chart: The chart.
-        narrow: Whether labels stand above the bars, for a phone.
-        style: Style sheet to carry along with a white ground, for a file; the page has its own style sheet.
+    If ``narrow``, labels stand above the bars, for a phone. A file carries its ``style`` sheet along with a white
+    ground; the page has its own style sheet.
     """
     width = NARROW_PX if narrow else WIDE_PX
     name = f"{chart.name}-{'narrow' if narrow else 'wide'}{'' if style is None else '-file'}"

@@ -47,8 +47,7 @@ class Frame:
 class Film:
     """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
 
-    Attributes:
-        evidence_s: Beginning and end of the span that shows the evidence [s]; frames inside it are marked.
+    ``evidence_s`` is the beginning and end of the span that shows the evidence [s]; frames inside it are marked.
     """
 
     policy: str
@@ -66,13 +65,9 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial that is worth a film, and the moments to render, each with its caption.
+    """A trial that is worth a film, and the moments to render [s], strictly increasing, each with its caption.
 
-    Attributes:
-        twin: Key of the twin, or None if the run has no record of it.
-        times_s: Moments of the trial [s], strictly increasing.
-        twin_times_s: Moments of the twin [s], strictly increasing.
-        evidence_s: Beginning and end of the span that shows the evidence [s].
+    ``twin`` is None if the run has no record of it; ``evidence_s`` is the span that shows the evidence [s].
     """
 
     policy: str
@@ -97,9 +92,6 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
     one trial: the one whose evidence comes at the median time, preferably one whose twin succeeded. Reasoning failures
     come first, then execution failures, then solved trials; within these the commonest pairs. Trials without a record
     cannot be shown.
-
-    Raises:
-        InvalidInputError: If the limit is negative.
     """
     if limit < 0:
         raise InvalidInputError("limit", f"{limit} is not a number of trials", "Give 0 or more")

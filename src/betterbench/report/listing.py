@@ -30,12 +30,7 @@ class StringTable:
 
 
 def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> dict[str, Any]:
-    """Return the data of the trial list; page.js names the columns of a trial.
-
-    Args:
-        diagnoses: The runs.
-        films: Number of each film on the page, by its key.
-    """
+    """Return the data of the trial list; ``films`` numbers the films by key. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
     return {

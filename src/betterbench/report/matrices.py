@@ -86,7 +86,6 @@ class Matrix:
     """One of the paper's diagnostic matrices, filled from a run.
 
     Attributes:
-        name: File name without its ending.
         caption: What rows and columns are.
         axes: What the rows and what the columns tell the state of.
         cells: Three rows of three cells, in the order of :class:`State`.

@@ -115,11 +115,7 @@ def suite_rank(task: str, variation: str) -> tuple[int, str]:
 
 
 def _variation_row(
-    diagnosis: RunDiagnosis,
-    task: str,
-    name: str,
-    trials: list[TrialDiagnosis],
-    twins: dict[str, TrialDiagnosis],
+    diagnosis: RunDiagnosis, task: str, name: str, trials: list[TrialDiagnosis], twins: dict[str, TrialDiagnosis]
 ) -> ConditionRow:
     """Return the row of one variation."""
     known = _variation(task, name)

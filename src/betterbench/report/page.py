@@ -92,15 +92,8 @@ def write_report(
     """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
-    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``.
-
-    Args:
-        diagnoses: One diagnosis per policy; the order is the order on the page.
-        out: Folder of the report; it is made if need be.
-        films: Films to show, by :func:`~betterbench.report.film.film_key`; those of unknown trials are refused.
-        latex: Whether to write the tables as LaTeX too.
-        machine: What to say about the machine, by name ("processor", "renderer").
-        trust: How far the scenes and the labels can be trusted, by name ("Certificate", "Calibration").
+    wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
+    ``machine`` and ``trust`` are texts by name ("processor", "Calibration").
 
     Raises:
         InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
@@ -187,11 +180,7 @@ def _matrices(diagnoses: Sequence[RunDiagnosis]) -> list[Matrix]:
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
-    """Return the films with frames and their trials, failures first.
-
-    Raises:
-        InvalidInputError: If a film belongs to no trial of the report.
-    """
+    """Return the films with frames and their trials, failures first."""
     trials = {(d.policy, t.key): t for d in diagnoses for t in d.trials}
     shown: list[ShownFilm] = []
     for film in films.values():

@@ -23,14 +23,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """How one policy did on the variations of a task.
-
-    Attributes:
-        training: Success rate of the training trials that the variations are derived from.
-        segments: Outcomes of the variation trials.
-        failure: The leading failure mode, or None.
-        findings: What its trials prove together about this task.
-    """
+    """How one policy did on the variations of a task, and on the training trials that they are derived from."""
 
     policy: str
     training: Figure

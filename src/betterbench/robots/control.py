@@ -67,11 +67,7 @@ joint at most, so it binds only where the arm is blocked or far from its referen
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """What a controller remembers between two actions, beyond the simulator's own state.
-
-    The commanded pose ``T_base_tcp``, the commanded joint angles [rad] and the commanded distance of the finger pads
-    [m].
-    """
+    """What a controller remembers between actions: the commanded ``T_base_tcp``, joints [rad] and pad distance [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -81,15 +77,10 @@ class ControllerState:
 class ArmController:
     """Turns actions of one action space into servo references, once per control step.
 
-    Args:
-        model: Compiled model that contains the robot with its base at the world origin.
-        spec: The robot.
-        action_space: Meaning of the actions; default ``ee_delta``.
-        prefix: What the scene put before the robot's names when it attached the robot.
+    The robot's base is at the world origin; ``prefix`` is what the scene put before the robot's names.
 
-    Raises:
-        UnknownNameError: If the action space is none this controller drives.
-        InvalidInputError: If the model lacks a part of the robot or the time step does not divide the control period.
+    Raises InvalidInputError if it does not drive the action space, the model lacks a part of the robot or the time step
+    does not divide the control period.
     """
 
     def __init__(
@@ -182,16 +173,10 @@ class ArmController:
         data.ctrl[self._gripper] = self._width
 
     def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
-        """Set the controls of the next control step.
+        """Set the controls of the next control step in ``data`` and return the action as applied.
 
-        Args:
-            data: State to read the measured joints from and to set ``ctrl`` in.
-            action: One action, shape (dim,).
-            measured: ``T_base_tcp`` at the present joint angles, if the caller knows it; else it is computed.
-
-        Returns:
-            The action as applied: float64 and inside the bounds, shape (dim,). Applying it instead of ``action`` gives
-            the same bits.
+        ``measured`` is ``T_base_tcp`` at the present joint angles, if the caller knows it. The action returned is
+        float64 and inside the bounds, shape (dim,); applying it instead of the one given gives the same bits.
 
         Raises:
             InvalidActionError: If the action has the wrong shape or type, or a number that is not finite.
@@ -216,11 +201,7 @@ class ArmController:
         return ControllerState(self._pose, tuple(self._joints.tolist()), self._width)
 
     def restore(self, state: ControllerState) -> None:
-        """Put back what :meth:`state` returned; the simulator's state is restored separately.
-
-        Raises:
-            InvalidInputError: If the state belongs to another robot.
-        """
+        """Put back what :meth:`state` returned; raise InvalidInputError if it belongs to another robot."""
         if len(state.joints) != self.ik.home.size:
             raise InvalidInputError(
                 "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
@@ -282,11 +263,7 @@ class ArmController:
         return self._width
 
     def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
-        """Check that the robot stands where its kinematics assume it.
-
-        Raises:
-            InvalidInputError: If the base is not at the world origin or is turned.
-        """
+        """Check that the robot stands where its kinematics assume it: at the world origin, not turned."""
         body = model.body(prefix + self.spec.arm_bodies[0]).id
         base = Pose()
         while body:

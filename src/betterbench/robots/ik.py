@@ -134,24 +134,12 @@ class ArmIK:
         return self._tcp()
 
     def solve(
-        self,
-        q: np.ndarray,
-        target: Pose,
-        *,
-        around: np.ndarray | None = None,
-        lead_rad: float = 0.0,
+        self, q: np.ndarray, target: Pose, *, around: np.ndarray | None = None, lead_rad: float = 0.0
     ) -> np.ndarray:
-        """Return the joint angles one control step later on the way from ``q`` to a pose.
+        """Return the joint angles, shape (n,) [rad], one control step later on the way from ``q`` to ``T_base_tcp``.
 
-        Args:
-            q: Present reference, shape (n,) [rad].
-            target: ``T_base_tcp`` to move to; approached as fast as the velocity limits allow.
-            around: Angles that the result must stay near, shape (n,) [rad]; None for no such bound.
-            lead_rad: Largest distance of the result from ``around`` [rad].
-
-        Returns:
-            New joint angles, shape (n,) [rad], within position and velocity limits (or, from outside the limits, as
-            near to them as one step allows).
+        The result stays within ``lead_rad`` of ``around``, if given, and within position and velocity limits (or, from
+        outside the limits, as near to them as one step allows).
         """
         # Plain floats and MuJoCo's own small loops: between two physics steps the caches are cold, and each array
         # operation costs three times what it does in a benchmark of its own.
@@ -200,21 +188,10 @@ class ArmIK:
         iterations: int = 60,
         restarts: bool = True,
     ) -> IKResult:
-        """Return joint angles that reach a pose, near ``q`` if possible.
+        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best of all.
 
-        Args:
-            q: Joint angles to start from, shape (n,) [rad].
-            target: ``T_base_tcp`` to reach.
-            position_tolerance_m: Distance that counts as reached [m].
-            rotation_tolerance_rad: Rotation that counts as reached [rad].
-            iterations: Largest number of iterations per start.
-            restarts: Whether to try again from fixed postures around home when ``q`` leads nowhere.
-
-        Returns:
-            The first start that converged, or the best of all.
-
-        Raises:
-            InvalidInputError: If ``q`` has the wrong shape or is not finite.
+        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` goes on from fixed postures around home; it
+        takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not finite.
         """
         start = np.asarray(q, dtype=np.float64)
         if start.shape != self.home.shape or not np.isfinite(start).all():
@@ -295,10 +272,7 @@ class ArmIK:
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: list[float], low: list[float], high: list[float], target: Pose) -> list[float]:
-        """Return the joint angles [rad] after one iteration of a control step, with the Jacobian prepared before.
-
-        ``q`` are the joint angles set last; the result lies between ``low`` and ``high``.
-        """
+        """Return the joint angles [rad] after one iteration from ``q`` with the Jacobian prepared before."""
         x, y, z, rx, ry, rz = self._world_error(target)
         turn = ORIENTATION_COST * ORIENTATION_COST
         self._error[:] = (x, y, z, turn * rx, turn * ry, turn * rz)
@@ -331,16 +305,9 @@ class ArmIK:
         return hessian, jacobian, error
 
     def _step(
-        self,
-        q: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        problem: tuple[np.ndarray, np.ndarray, np.ndarray],
+        self, q: np.ndarray, low: np.ndarray, high: np.ndarray, problem: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> np.ndarray:
-        """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds.
-
-        ``problem`` is what :meth:`_linearise` returned, possibly with a newer error.
-        """
+        """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds."""
         hessian, jacobian, error = problem
         gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)
         return self._bounded_step(q, low, high, hessian, gradient)
@@ -375,11 +342,7 @@ def _cost(result: IKResult) -> float:
 
 @functools.cache
 def _arm_model(spec: RobotSpec) -> tuple[mujoco.MjModel, int]:
-    """Return the model of the arm alone, with fingers fixed, and the number of its tool site.
-
-    Raises:
-        InvalidInputError: If the model's joints are not the arm joints in their order.
-    """
+    """Return the model of the arm alone, with fingers fixed, and the number of its tool site."""
     description = build_robot_spec(spec.name, visuals=False)
     for group in (description.actuators, description.tendons, description.equalities, description.excludes):
         for element in list(group):

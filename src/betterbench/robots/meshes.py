@@ -63,11 +63,7 @@ PaintRule = Callable[[str, int], str]
 
 
 def mesh_folder() -> Path:
-    """Return the folder of the visual STL files without importing the package that holds them.
-
-    Raises:
-        MissingDependencyError: If the package is not installed or lacks the files.
-    """
+    """Return the folder of the visual STL files; raise MissingDependencyError if they are not installed."""
     found = importlib.util.find_spec("gymnasium_robotics")
     folders = list(found.submodule_search_locations or ()) if found is not None else []
     for folder in folders:
@@ -89,15 +85,9 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache where possible.
 
-    Args:
-        shares: Per source file stem, its weight in the face budget (multiplies its surface).
-        paint: Sorts the connected parts of each file into paints.
-        faces: Largest number of triangles of all parts together.
-        cache_folder: Where to keep the result; by default the user's cache folder.
-        progress: Called for each link while the meshes are prepared; not called when the cache is used.
-
-    Raises:
-        MissingDependencyError: If a source file is missing.
+    ``shares`` gives by file stem the weight in the face budget (multiplies its surface), ``faces`` the largest number
+    of triangles of all parts together; ``paint`` sorts the connected parts of each file. ``progress`` is called for
+    each link unless the cache is used. Raises MissingDependencyError if a source file is missing.
     """
     folder = mesh_folder()
     sources: dict[str, bytes] = {}
@@ -159,11 +149,7 @@ def _prepare(
 
 
 def _connected(count: int, faces: np.ndarray) -> np.ndarray:
-    """Return per vertex the number of its connected part, shape (count,), of triangles of shape (F, 3).
-
-    Every vertex takes the smallest label around it until nothing changes; following labels to their own labels halves
-    the remaining distance each round.
-    """
+    """Return per vertex the number of its connected part, shape (count,), of triangles of shape (F, 3)."""
     labels = np.arange(count)
     while True:
         before = labels.copy()

@@ -19,14 +19,11 @@ class RobotSpec:
     """Everything that controllers, scenes and experts have to know about a robot.
 
     Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix on. Arm joints
-    are listed from base to flange and all per-joint tuples follow that order.
+    are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
 
     Attributes:
         name: Name in the register ("panda").
-        title: Name for people.
         source: Where kinematics, masses and meshes come from.
-        license: License of what is used.
-        arm_joints: Names of the arm joints.
         position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
@@ -36,10 +33,6 @@ class RobotSpec:
         hand_body: Body that carries the fingers.
         arm_bodies: Bodies of the arm without the gripper.
         tcp_site: Tool center point between the pads; z along the approach, y along the opening of the fingers.
-        home_joints: Ready pose [rad].
-        joint_low: Lower joint limits [rad].
-        joint_high: Upper joint limits [rad].
-        joint_velocity: Velocity limits [rad/s].
         joint_effort: Torque that the servos may use [N m].
         gripper_opening_m: Largest distance of the pads [m].
         pad_size_m: Width and height of a pad's face [m].
@@ -80,11 +73,7 @@ class RobotSpec:
     reach_m: float
 
     def __post_init__(self) -> None:
-        """Check that the per-joint tuples agree.
-
-        Raises:
-            InvalidInputError: If a tuple has another length than there are joints, or home is outside the limits.
-        """
+        """Check that the per-joint tuples agree and that home is inside the limits."""
         n = len(self.arm_joints)
         per_joint = ("position_actuators", "velocity_actuators", "home_joints", "joint_low", "joint_high")
         for field in (*per_joint, "joint_velocity", "joint_effort"):
@@ -108,10 +97,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return what a contact of this body is recorded as, or None for a body that is not part of the robot.
-
-        The body is named as in the robot's own model, without the prefix of the scene.
-        """
+        """Return what a contact of this body is recorded as; None if it is not a part. The name is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:
@@ -158,14 +144,8 @@ def robot(name: str) -> RobotSpec:
 def build_robot_spec(name: str = "panda", *, visuals: bool = True, progress: Progress | None = None) -> mujoco.MjSpec:
     """Return a fresh MuJoCo description of a robot, based at the origin, to be attached to a scene or compiled alone.
 
-    Args:
-        name: Name of the robot.
-        visuals: Whether to load the visual meshes; physics is the same without.
-        progress: Called during the one-time preparation of the meshes.
-
-    Raises:
-        UnknownNameError: If no robot of this name is registered.
-        MissingDependencyError: If the package that holds the meshes is not installed.
+    Physics is the same without visual meshes. Raises UnknownNameError for an unknown robot, MissingDependencyError if
+    the package that holds the meshes is not installed.
     """
     robot(name)
     return _ROBOTS[name][1](visuals=visuals, progress=progress)

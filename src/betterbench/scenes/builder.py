@@ -50,9 +50,7 @@ class CompiledScene:
     """A compiled model and the meaning of its parts. It is shared by every scene with the same assets.
 
     Attributes:
-        model: The compiled model.
         content_hash: Hash of everything that went into it (hex, 16 characters).
-        robot: The robot.
         bodies: Body id per object, in scene order.
         qpos_addresses: First index into qpos per object, -1 for fixed ones.
         dof_addresses: First index into qvel per object, -1 for fixed ones.
@@ -92,12 +90,9 @@ def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
-    """Return where a slot's occupant stands in a trial: nominal place plus the slot's own jitter.
+    """Return where a slot's occupant stands in a trial: position on the table [m] and heading [rad].
 
     The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
-
-    Returns:
-        Position on the table [m] and heading [rad].
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
@@ -133,11 +128,7 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is drawn out at the start [m].
-
-    Raises:
-        InvalidInputError: If that is more than its travel.
-    """
+    """Return how far a drawer is drawn out at the start [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
@@ -161,16 +152,8 @@ def preplaced_pose(
 ) -> Pose:
     """Return where an object rests that is at its target from the start, well inside the tolerance of the goal.
 
-    Args:
-        task: The task.
-        seed: Seed of the trial.
-        asset: The object.
-        target: What it rests in or on: a container, a ring, a hole, a plate, or the layer below it in a stack.
-        T_world_target: Where that is.
-        region: Target region, where the target offers several.
-
-    Raises:
-        InvalidInputError: If nothing can be pre-placed in the relation that the task asks for.
+    The target is a container, a ring, a hole, a plate, or the layer below it in a stack. Raises InvalidInputError if
+    nothing can be pre-placed in the relation that the task asks for.
     """
     relation = relation_named(task.template.relation)
     if relation.preplace is None:

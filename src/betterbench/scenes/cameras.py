@@ -19,17 +19,11 @@ MAX_SIDE_PX = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraMatrices:
-    """A pinhole camera in the conventions of OpenCV.
+    """A pinhole camera in the conventions of OpenCV: its (3, 3) intrinsic matrix ``K`` [pixel], pose and size [pixel].
 
     The camera frame has x to the right of the image, y down and z forward along the optical axis. Pixel (u, v) counts
     columns from the left and rows from the top, and whole numbers are the centers of pixels: the image spans u from
     -0.5 to width - 0.5.
-
-    Attributes:
-        K: (3, 3) intrinsic matrix [pixel].
-        T_world_camera: Pose of the camera frame in the world.
-        width: Image width [pixel].
-        height: Image height [pixel].
     """
 
     K: np.ndarray
@@ -38,17 +32,11 @@ class CameraMatrices:
     height: int
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Project points into the image.
-
-        Args:
-            points: (n, 3) points in the world frame [m].
+        """Project points (n, 3) [m] of the world frame into the image; raise InvalidInputError for another shape.
 
         Returns:
             (n, 2) float64 pixels (u, v), which may lie outside the image, and (n,) depths along the optical axis
             [m]. A point that is not in front of the camera has a depth of at most 0 and the pixel (nan, nan).
-
-        Raises:
-            InvalidInputError: If the points have another shape.
         """
         array = np.asarray(points, dtype=np.float64)
         if array.ndim != 2 or array.shape[1] != 3:
@@ -63,16 +51,9 @@ class CameraMatrices:
         return pixels, depth
 
     def unproject(self, depth: np.ndarray) -> np.ndarray:
-        """Return the points that a depth image shows.
+        """Return the points that a depth image [m] shows: (height, width, 3) float64 in the world frame [m].
 
-        Args:
-            depth: (height, width) distances along the optical axis [m].
-
-        Returns:
-            (height, width, 3) float64 points in the world frame [m]; not finite where the depth is infinite.
-
-        Raises:
-            InvalidInputError: If the image has another size.
+        They are not finite where the depth is infinite. Raises InvalidInputError if the image has another size.
         """
         if depth.shape != (self.height, self.width):
             raise InvalidInputError("depth", f"has shape {depth.shape}", f"Give {(self.height, self.width)}")
@@ -89,9 +70,7 @@ def camera_matrices(
 ) -> CameraMatrices:
     """Return intrinsics and pose of a camera of the model in a state with positions up to date.
 
-    Raises:
-        UnknownNameError: If the model has no such camera.
-        InvalidInputError: If the size is out of range.
+    Raises UnknownNameError if the model has no such camera, InvalidInputError if the size is out of range.
     """
     check_size(width, height)
     number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))

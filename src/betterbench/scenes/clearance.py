@@ -19,13 +19,10 @@ class Clearance:
     """Tells what the robot, and an object in its gripper, would touch. It never changes the scene it was made from."""
 
     def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
-        """Copy the scene's model.
+        """Copy the scene's model; the robot has to keep ``margin_m`` from everything.
 
-        Args:
-            scene: The scene to plan in.
-            margin_m: Free distance that the robot has to keep from everything [m].
-            penetration_m: Overlap of the held object with others that still counts as free [m]; it has to be above the
-                depth of a resting contact.
+        ``penetration_m`` is the overlap of the held object with others that still counts as free; it has to be above
+        the depth of a resting contact.
         """
         self._compiled = scene.compiled
         self._labels = scene.body_names
@@ -61,14 +58,9 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return what would be touched: one text "a-b" per pair, none if the configuration is free.
+        """Return what would be touched with these joint angles [rad]: one text "a-b" per pair, none if all is free.
 
-        Args:
-            joints: (7,) arm joint angles [rad].
-            finger_width_m: Distance of the finger pads [m].
-            held: Name of an object that moves with the gripper, or None.
-            held_pose: Pose ``T_world_object`` of the held object.
-            ignore: Objects that the robot may touch.
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
         """
         data = self._data
         data.qpos[self._arm] = joints

@@ -45,13 +45,8 @@ class Culling:
         """Take geoms out of the scene that a camera does not see, and return whether it may see the sky.
 
         Only meshes with many faces are looked at, and only for cameras that ride on a body: one that stands in the
-        world looks at all of the table, and nearly nothing could be left out.
-
-        Args:
-            data: State that the scene was filled from.
-            camera: Number of the camera.
-            aspect: Width of the image by its height.
-            geoms: True to take geoms out; not for images with shadows, which may fall into the view from outside.
+        world looks at all of the table, and nearly nothing could be left out. ``aspect`` is the image's width by its
+        height; ``geoms`` is False to take none out, for images with shadows, which may fall into the view from outside.
         """
         if self._scene.ngeom != self._filled:
             self._learn()

@@ -47,14 +47,11 @@ class Closable(Protocol):
 
 @functools.cache
 def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end that images are made with: "egl", "osmesa" or "glfw".
+    """Return the off-screen OpenGL back end that images are made with ("egl", "osmesa", "glfw"), None without one.
 
     The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
     is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
     :func:`renderer_fingerprint` tries them.
-
-    Returns:
-        The name, or None if rendering is switched off or no library is installed.
     """
     asked = os.environ.get("MUJOCO_GL", "").strip().lower()
     if asked in {"egl", "osmesa", "glfw"}:
@@ -72,11 +69,8 @@ def gl_backend() -> str | None:
 def renderer_fingerprint() -> dict[str, str]:
     """Return what decides about pixels besides the scene: images of two machines are equal if this is.
 
-    Returns:
-        ``backend``, ``vendor``, ``renderer`` and ``version`` of OpenGL, and ``mujoco``'s version.
-
-    Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
+    It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
+    MissingDependencyError if no off-screen OpenGL works here.
     """
     make_current()
     gl = importlib.import_module("OpenGL.GL")
@@ -141,11 +135,7 @@ def _egl_current_context() -> Callable[[], int | None]:
 
 
 def _create_context() -> _GLContext:
-    """Create an OpenGL context with the chosen back end.
-
-    Raises:
-        MissingDependencyError: If there is none, or it does not work.
-    """
+    """Create an OpenGL context with the chosen back end, or raise a MissingDependencyError."""
     backend = gl_backend()
     if backend is None:
         raise MissingDependencyError(

@@ -42,14 +42,10 @@ def rail_of(asset: Asset) -> DrawerRail:
 def add_asset(
     spec: mujoco.MjSpec, name: str, asset: Asset, *, pose: Pose | None = None, slide: DrawerRail | None = None
 ) -> mujoco.MjsBody:
-    """Add an asset to a model and return its new body.
+    """Add an asset to a model and return its new body; meshes, materials and geometries are named after the body.
 
-    Args:
-        spec: The model to add it to.
-        name: Name of its body; meshes, materials and geometries are named after it.
-        asset: The asset.
-        pose: Fixed pose ``T_world_object``, or None for an object that moves freely.
-        slide: For an object that slides from ``pose``, how it does.
+    ``pose`` is its fixed ``T_world_object``, or None for an object that moves freely; ``slide`` says how one slides
+    from it.
     """
     body = spec.worldbody.add_body(name=name)
     if pose is None:
@@ -94,11 +90,7 @@ def _add_visuals(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, asset: As
             mesh.usertexcoord = np.asarray(part.texture.uv, dtype=np.float64).ravel()
             height, width, _ = part.texture.pixels.shape
             texture = spec.add_texture(
-                name=full,
-                type=mujoco.mjtTexture.mjTEXTURE_2D,
-                width=width,
-                height=height,
-                nchannel=3,
+                name=full, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
             )
             # MuJoCo takes the first row of the data for v = 0; an asset's image starts at the top.
             texture.data = np.ascontiguousarray(part.texture.pixels[::-1]).tobytes()

@@ -61,13 +61,8 @@ class Renderer:
     """Draws views of one model. It may be used as a context manager; :meth:`close` frees its buffers.
 
     Creating one uploads the model's meshes and textures (5 to 50 ms here; the first in a process also makes the OpenGL
-    context, 0.1 to 0.3 s), so it is worth keeping as long as its model.
-
-    Args:
-        model: Compiled model. Poses, colors and materials may change between images; meshes and textures may not.
-        width: Default image width [pixel].
-        height: Default image height [pixel].
-        quality: What the images are made with, whatever the model's own visual settings say.
+    context, 0.1 to 0.3 s), so it is worth keeping as long as its model. Poses, colors and materials may change between
+    images; meshes and textures may not. The quality counts, whatever the model's own visual settings say.
 
     Raises:
         MissingDependencyError: If no off-screen OpenGL works here.
@@ -146,12 +141,8 @@ class Renderer:
     ) -> list[Images]:
         """Draw several views of one state, which takes a little less time than one after the other.
 
-        Args:
-            data: State to show; positions must be up to date (``mj_forward`` or a step).
-            views: Camera, image width and image height [pixel] of each.
-            rgb: True to get colors.
-            depth: True to get distances.
-            masks: True to get body numbers.
+        Positions must be up to date (``mj_forward`` or a step). A view is a camera, an image width and a height
+        [pixel].
 
         Raises:
             UnknownNameError: If the model has no such camera.
@@ -270,11 +261,7 @@ class Renderer:
         return False
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
-        """Return the (height, width) int32 body number of each pixel of a geometry pass, turned upright.
-
-        Args:
-            colors: (height, width, 3) uint8 segment numbers plus one, low byte first, as they were read.
-        """
+        """Return upright (height, width) int32 body numbers of a geometry pass: segments plus one, low byte first."""
         upright = as_upright(colors)
         segments = upright[:, :, 0].astype(np.int32)
         if self._scene.ngeom >= 0xFF:
@@ -302,12 +289,7 @@ class Renderer:
         return table
 
     def _meters(self, raw: np.ndarray) -> np.ndarray:
-        """Return upright (height, width) distances along the optical axis [m], infinite where nothing was drawn.
-
-        Args:
-            raw: (height, width) float32 values of the reversed depth buffer as they were read: 1 at the near and 0 at
-                the far plane.
-        """
+        """Return upright distances along the optical axis [m] of a depth buffer: 1 at the near, 0 at the far plane."""
         near, far = self._near_m, self._far_m
         upright = as_upright(raw)
         distances: np.ndarray = np.multiply(upright, np.float32(far - near))

@@ -39,17 +39,7 @@ class Scene:
         robot_name: str = "panda",
         control_rate_hz: float = CONTROL_RATE_HZ,
     ) -> None:
-        """Build and compile the scene, then reset it.
-
-        Args:
-            task: The task.
-            condition: The condition to set up.
-            seed: Seed of the trial; it decides looks and jitter.
-            action_space: Action space that :meth:`step` takes.
-            quality: Render quality; it is part of the model.
-            robot_name: Name of the robot.
-            control_rate_hz: Control rate [Hz]; a control step is a whole number of physics steps of 2 ms.
-        """
+        """Build and compile the scene, then reset it; a control step is a whole number of physics steps of 2 ms."""
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
         self.action_space = action_space
         self.placements = place_objects(task, condition, seed)
@@ -140,11 +130,7 @@ class Scene:
     def reset(self, *, check_premise: bool = True) -> WorldState:
         """Put everything back to the start of the trial and return the state.
 
-        Args:
-            check_premise: True to refuse a scene that does not show what its instruction presupposes.
-
-        Raises:
-            PremiseError: If the premise does not hold.
+        With ``check_premise``, raises a PremiseError if the scene does not show what its instruction presupposes.
         """
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self._home_qpos
@@ -168,8 +154,7 @@ class Scene:
     def step(self, action: np.ndarray) -> np.ndarray:
         """Execute one action for one control step and return it as it was applied, after clipping.
 
-        Raises:
-            InvalidActionError: If the action is not finite or has the wrong shape.
+        Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
         applied = self.controller.apply(self.data, action, measured=self._tool_pose())
         mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
@@ -244,15 +229,10 @@ class Scene:
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the numbers of all pairs of labels, and the names of a pair by its number.
+    """Return the numbers of all pairs of labels, -1 for a pair that does not count, and the names by number.
 
-    Args:
-        labels: All labels: objects, gripper, arm, table, floor.
-        relevant: Labels below this one are objects or parts of the gripper; pairs without any of them do not count.
-
-    Returns:
-        Number of the pair (a, b), the same as of (b, a), or -1 if it does not count; the last row and the last column
-        are for geometries without a label. Numbers are in the order of the labels.
+    Labels below ``relevant`` are objects or parts of the gripper; pairs without any of them do not count. The last row
+    and the last column are for geometries without a label. Numbers are in the order of the labels.
     """
     n = len(labels)
     numbers = [[-1] * (n + 1) for _ in range(n + 1)]

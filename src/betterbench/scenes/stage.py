@@ -69,8 +69,6 @@ class Quality:
     Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 
     Attributes:
-        name: Name of the preset.
-        shadows: True to let the key light cast shadows.
         shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
         samples: Samples per pixel of the multisampled buffer; 0 for none.
     """
@@ -160,15 +158,9 @@ LOOKS: tuple[Look, ...] = (
 def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
     """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
-    The caller attaches the robot, adds objects and compiles. The description shares nothing with other calls, and two
-    calls with equal arguments describe the same model.
-
-    Args:
-        quality: Written into the model's visual settings, so that other viewers show it as the renderer does.
-        look: Number of an entry in :data:`LOOKS`.
-
-    Raises:
-        InvalidInputError: If there is no such look.
+    The caller attaches the robot, adds objects and compiles. Calls with equal arguments describe the same model and
+    share nothing. The quality is written into the visual settings, so that other viewers show it as the renderer does.
+    Raises InvalidInputError if there is no such entry in :data:`LOOKS`.
     """
     if not 0 <= look < len(LOOKS):
         known = ", ".join(f"{number} {entry.name}" for number, entry in enumerate(LOOKS))
@@ -325,24 +317,9 @@ def _add_cameras(spec: mujoco.MjSpec) -> None:
 
 
 def _add_camera(
-    body: mujoco.MjsBody,
-    name: str,
-    position: Vector,
-    target: Vector,
-    *,
-    up: Vector = (0.0, 0.0, 1.0),
-    fovy_deg: float,
+    body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
 ) -> mujoco.MjsCamera:
-    """Add a fixed camera that looks at a point.
-
-    Args:
-        body: Body that carries the camera.
-        name: Name of the camera.
-        position: Optical center in the body frame [m].
-        target: Point in the body frame that appears in the middle of the image [m].
-        up: Direction in the body frame that points upward in the image; not parallel to the line of sight.
-        fovy_deg: Vertical field of view [degree], the unit that MuJoCo keeps whatever the compiler's angle unit.
-    """
+    """Add a fixed camera at a position [m] that looks at a target [m]; ``up`` points upward in the image."""
     backward = np.asarray(position) - np.asarray(target)
     backward = backward / np.linalg.norm(backward)
     right = np.cross(np.asarray(up), backward)

@@ -26,8 +26,7 @@ def scene_files(model: mujoco.MjModel, content_hash: str) -> dict[str, bytes]:
 def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
     """Return the model of a stored scene, from what :func:`scene_files` returned.
 
-    Raises:
-        RecordError: If a file is missing or malformed, or another version of MuJoCo wrote it.
+    Raises RecordError if a file is missing or malformed, or another version of MuJoCo wrote it.
     """
     try:
         index = json.loads(files[INDEX_FILE])
@@ -58,17 +57,7 @@ class StoredView:
         self._renderer = Renderer(model, width=width, height=height, quality=quality)
 
     def draw(self, qpos: np.ndarray, camera: str, *, depth: bool = False, masks: bool = False) -> Images:
-        """Return the view of one recorded state.
-
-        Args:
-            qpos: (nq,) generalized positions of the record.
-            camera: Name of the camera.
-            depth: True to get distances.
-            masks: True to get instance masks.
-
-        Raises:
-            RecordError: If the record belongs to another model.
-        """
+        """Return the view of one recorded state, (nq,); raise RecordError if the record belongs to another model."""
         if qpos.shape != (self._model.nq,):
             raise RecordError(
                 f"record: {qpos.shape[0]} positions do not fit a scene of {self._model.nq}; the scene is another one."

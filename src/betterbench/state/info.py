@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from betterbench.errors import RecordError, UnknownNameError, find_named
+from betterbench.errors import UnknownNameError, find_named
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
 
 
@@ -40,14 +39,10 @@ class ObjectInfo:
         name: Name in the scene ("burger_1"); it carries no meaning for any verdict.
         kind: What instructions call it ("burger"); two objects of one kind are interchangeable.
         asset: Identity of the asset ("burger#3").
-        category: Category of the asset ("burger", "can").
         color: Color word a person would use ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.
         role: "item", "distractor", "container" or "fixture".
-        fixed: True if the object cannot move.
-        mass_kg: Mass [kg].
         size_m: Extents of the bounding box in the object frame [m]; the origin is the center of its bottom face.
-        regions: Named regions of the asset.
         slot: Name of the slot the object starts at, or None.
     """
 
@@ -74,7 +69,6 @@ class SlotInfo:
     """A named start position on the table.
 
     Attributes:
-        name: Name of the slot.
         position: Center on the table [m], world frame.
         yaw: Nominal heading of what stands there [rad].
         trained_kinds: Kinds of object that stood here in the training distribution.
@@ -94,7 +88,6 @@ class SceneInfo:
 
     Attributes:
         objects: All objects, in the order in which states list them.
-        slots: All slots of the task.
         home_position: End-effector position at reset [m], world frame.
         gripper_opening_m: Largest distance of the finger pads [m].
     """
@@ -137,28 +130,3 @@ class SceneInfo:
         form = asdict(self)
         del form["_index"]
         return form
-
-    @classmethod
-    def from_json(cls, form: Mapping[str, Any]) -> SceneInfo:
-        """Read the JSON form; a missing or malformed field raises a RecordError."""
-        try:
-            objects = tuple(
-                ObjectInfo(
-                    **{
-                        **o,
-                        "size_m": tuple(o["size_m"]),
-                        "regions": tuple(
-                            Region(r["name"], tuple(r["position"]), tuple(r["half_size"]), tuple(r["quaternion"]))
-                            for r in o["regions"]
-                        ),
-                    }
-                )
-                for o in form["objects"]
-            )
-            slots = tuple(
-                SlotInfo(s["name"], tuple(s["position"]), s["yaw"], tuple(s["trained_kinds"]), tuple(s["picked_kinds"]))
-                for s in form["slots"]
-            )
-            return cls(objects, slots, tuple(form["home_position"]), float(form["gripper_opening_m"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordError(f"scene description: {error!r} is missing or malformed; record it again") from error

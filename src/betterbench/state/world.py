@@ -27,16 +27,13 @@ class Contact(NamedTuple):
 class WorldState:
     """The privileged state at one control step.
 
-    Objects are listed in the order of ``info.objects``. All values are in the world frame.
+    Objects are listed in the order of ``info.objects``. All values are in the world frame: positions [m], speeds [m/s]
+    and turning speeds [rad/s].
 
     Attributes:
-        info: The part that does not change.
         step: Number of control steps taken since reset.
         time_s: Simulated time since reset [s].
-        positions: Object positions [m].
         quaternions: Object rotations (w, x, y, z).
-        linear_speeds: Object speeds [m/s].
-        angular_speeds: Object turning speeds [rad/s].
         ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
         commanded_pose: Pose the controller is driving the tool center point to.
         finger_width_m: Distance of the finger pads [m].

@@ -1,23 +1,10 @@
 """What a task file is written with: typed values for objects, slots, instructions, conditions and operations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from betterbench.tasks.axes import Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot, TargetRegion
-from betterbench.tasks.operations import (
-    add,
-    chain,
-    draw_out,
-    instruct,
-    move,
-    preplace,
-    remove,
-    repeat,
-    replace,
-    swap,
-)
+from betterbench.tasks.operations import add, chain, draw_out, instruct, move, preplace, remove, repeat, replace, swap
 from betterbench.tasks.registry import task
 from betterbench.tasks.relations.beside import BESIDE, SIDES
 from betterbench.tasks.relations.closed import CLOSED
@@ -100,16 +87,10 @@ def subgoal(
     word: str,
     count: int = 1,
 ) -> Subgoal:
-    """Return one step of an instruction.
+    """Return one step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
 
-    Args:
-        name: Name of the step in records and reports.
-        relation: Relation that has to hold.
-        thing: Object, of whose kind any will do, or a reference by slot.
-        target: What it has to be related to.
-        region: Target region, where the target offers several.
-        word: Word of the instruction that picks out the object.
-        count: How many such objects must be there; the second of two equal steps has 2.
+    The ``thing`` is an object, of whose kind any will do, or a reference by slot; it has to be related to the target,
+    or to a region of it where it offers several.
     """
     reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
     return Subgoal(name, relation.name, reference, target.name, word, count, region)

@@ -17,9 +17,7 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 class TargetRegion:
     """Where on a target something belongs: in a container, a hole of a rack, a layer of a stack, the mount of a drawer.
 
-    Attributes:
-        target: Scene name of the target.
-        region: Name of the target region, "" where the target offers one alone.
+    The ``target`` is a name in the scene; the ``region`` is "" where the target offers one alone.
     """
 
     target: str
@@ -31,7 +29,6 @@ class Slot:
     """A named place on the table.
 
     Attributes:
-        name: Name of the slot.
         x: Center [m], world frame.
         y: Center [m], world frame.
         yaw: Nominal heading of what stands there [rad].
@@ -56,8 +53,6 @@ class ObjectSpec:
         kind: What instructions call it ("red mug").
         category: Category of its asset ("mug").
         color: Color of its asset, or None to let the generator choose.
-        role: Part it plays.
-        fixed: True if it cannot move.
         mount: For a drawer, the place of the cabinet that it slides in.
     """
 
@@ -75,11 +70,8 @@ class Condition:
     """One fully specified setting: layout, identities, initial state, instruction, goal and ordered subgoals.
 
     Attributes:
-        task: Task id.
         name: Name within the task ("train1", "L3").
-        objects: All objects.
         layout: Object name to slot name, for every object that starts on the table.
-        instruction: The text and what it asks for.
         preplaced: Object name to the place where it already rests.
         opened: Drawer name to the distance by which it is drawn out at the start [m]; drawers not named are shut.
         expected: What a right policy does.

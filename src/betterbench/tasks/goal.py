@@ -1,7 +1,5 @@
 """The goal of a condition, tracked over time: subgoals, order, exclusiveness, dwell and forbidden interactions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.geometry import distance
@@ -37,14 +35,7 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class _Watch:
-    """One target that is watched: which objects are at which of its places.
-
-    Attributes:
-        relation: The relation.
-        target: Name of the target.
-        subjects: Names of the objects that may be there.
-        places: Names of its places.
-    """
+    """One target that is watched: which of the subjects are at which of its places, all by name."""
 
     relation: Relation
     target: str
@@ -75,14 +66,7 @@ class GoalTracker:
     """Follows one episode. Feed it every state from reset on, in order; live and offline use are the same."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
-        """Prepare for an episode.
-
-        Args:
-            condition: The condition in force.
-            info: The scene.
-            template: The template of the task.
-            control_rate_hz: Control rate [Hz], by which the dwell is counted.
-        """
+        """Prepare for an episode; the dwell is counted by the control rate."""
         self._condition = condition
         self._exclusive, self._placing = template.exclusive, template.relation
         self._goals = condition.instruction.subgoals
@@ -222,12 +206,7 @@ class GoalTracker:
 
 
 def _watches(goals: tuple[Subgoal, ...], info: SceneInfo) -> tuple[_Watch, ...]:
-    """Return the targets that subgoals name, and after them the others of their kind: the wrong drawer is watched too.
-
-    Args:
-        goals: The subgoals.
-        info: The scene.
-    """
+    """Return the targets that subgoals name, then the others of their kind: the wrong drawer is watched too."""
     targets = dict.fromkeys((g.relation, g.target) for g in goals)
     for name, target in tuple(targets):
         like = info.object(target)

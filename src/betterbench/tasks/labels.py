@@ -26,10 +26,8 @@ _LABELS: dict[str, Label] = {}
 class Label(str):
     """The one outcome of a trial (suite, section 5): a text with a kind, one object per name.
 
-    The order of all labels decides between pieces of evidence of the same moment.
-
-    Args:
-        name: Name of a label that exists; :func:`new_label` makes another one.
+    The order of all labels decides between pieces of evidence of the same moment. Further labels are made by
+    :func:`new_label`.
 
     Raises:
         UnknownNameError: If there is no such label.
@@ -73,12 +71,7 @@ class Label(str):
 
 
 def new_label(name: str, kind: Kind, *, after: Label | None = None) -> Label:
-    """Return a new label.
-
-    Args:
-        name: Its name, words joined by underscores.
-        kind: What sort of outcome it is.
-        after: The label that it follows in the order; the last one if not given.
+    """Return a new label, which follows ``after`` in the order, or all others.
 
     Raises:
         InvalidInputError: If the name is taken.

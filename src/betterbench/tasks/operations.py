@@ -39,12 +39,9 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One operation with its arguments; equal arguments make equal operations.
+    """One operation with its arguments by name; equal arguments make equal operations.
 
-    Attributes:
-        name: Name of the operation ("swap").
-        arguments: Its arguments by name.
-        carry_out: Returns the changed condition and what was declared to change.
+    Carried out, it returns the changed condition and what was declared to change.
     """
 
     name: str

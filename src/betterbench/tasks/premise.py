@@ -1,13 +1,11 @@
 """The premise: what an instruction presupposes must be what the scene shows when an episode begins."""
 
-from __future__ import annotations
-
-from betterbench.geometry import distance, horizontal_distance
+from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.relations import RELATIONS, at_rest, relation, upright
-from betterbench.tasks.relations.closed import GAP
+from betterbench.tasks.relations.closed import GAP, opening_m
 
 SLOT_TOLERANCE_M = 0.04
 """Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
@@ -15,15 +13,7 @@ settling."""
 
 
 def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
-    """Return what the scene at reset does not show although the instruction presupposes it.
-
-    Args:
-        condition: The condition in force.
-        state: The state at reset.
-
-    Returns:
-        One sentence per broken premise; empty if all is well.
-    """
+    """Return what the scene at reset does not show although the instruction presupposes it, one sentence each."""
     problems: list[str] = []
     info = state.info
     for name, slot in condition.layout.items():
@@ -60,10 +50,7 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
 def _drawers_not_as_asked(condition: Condition, state: WorldState) -> list[str]:
     problems = []
     for spec in condition.objects:
-        if spec.mount is None:
-            continue
-        mount, opening = spec.mount, condition.opened.get(spec.name, 0.0)
-        shut = state.pose(mount.target).apply(state.info.object(mount.target).region(mount.region).position)
-        if abs(distance(state.pose(spec.name).position, shut) - opening) > GAP:
+        opening = condition.opened.get(spec.name, 0.0)
+        if spec.mount is not None and abs(opening_m(state, spec) - opening) > GAP:
             problems.append(f"{spec.name} is not drawn out by {opening:.3f} m")
     return problems

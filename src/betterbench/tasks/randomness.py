@@ -1,7 +1,5 @@
 """Named random streams, one generator per purpose: adding a camera moves no object, and twins share every draw."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np
@@ -10,18 +8,10 @@ SUITE_VERSION = "1.0"
 
 
 def stream(task: str, seed: int, purpose: str) -> np.random.Generator:
-    """Return the generator of one purpose.
+    """Return a fresh generator for one purpose ("slot:near", "look:mug"): PCG64 seeded with a SHA-256.
 
     The stream depends on the suite version, the task, the seed and the purpose and on nothing else: not on the
     condition, the policy, the order of trials or the number of workers.
-
-    Args:
-        task: Task id.
-        seed: Seed of the trial.
-        purpose: What the numbers are for ("slot:near", "look:mug").
-
-    Returns:
-        A fresh generator (PCG64 seeded with the SHA-256 of the four parts).
     """
     digest = hashlib.sha256(f"{SUITE_VERSION}|{task}|{seed}|{purpose}".encode()).digest()
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))

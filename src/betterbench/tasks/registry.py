@@ -1,7 +1,5 @@
 """The registry of tasks: a decorated function gives a task its command, its card and its tests."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import inspect
@@ -26,9 +24,8 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
     @functools.cache
     def complete() -> Task:
         made = explained()
-        training = tuple(
-            dataclasses.replace(c, task=name, name=f"train{i}") for i, c in enumerate(made.training, start=1)
-        )
+        numbered = enumerate(made.training, start=1)
+        training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
         description = (inspect.getdoc(build) or made.title).partition("\n")[0]
         return dataclasses.replace(made, id=name, description=description, training=training)
 
@@ -92,10 +89,9 @@ def suite_tasks(name: str) -> tuple[str, ...]:
     Raises:
         UnknownNameError: If there is no such suite.
     """
-    try:
-        return SUITES[name]
-    except KeyError:
-        raise UnknownNameError("suite", name, SUITES) from None
+    if name not in SUITES:
+        raise UnknownNameError("suite", name, SUITES)
+    return SUITES[name]
 
 
 def environment_id(task: str) -> str:

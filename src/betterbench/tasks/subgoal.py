@@ -1,7 +1,5 @@
 """Subgoals: what an instruction asks for, step by step, as relations between the things it names."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
@@ -50,11 +48,9 @@ class Subgoal:
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """A text together with what it asks for.
+    """A text that a policy is given, together with the steps that it asks for, in their order.
 
     Attributes:
-        text: What a policy is given.
-        subgoals: Its steps, in the order in which they are asked.
         ordered: True if the order is part of the goal.
     """
 

@@ -1,7 +1,5 @@
 """The task: fixtures and slots, the training regime with its confounds, and the variations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.errors import find_named
@@ -16,11 +14,8 @@ class Task:
 
     Attributes:
         version: Version of its behavior: a changed goal, tolerance or instruction moves it.
-        title: Name for people.
         template: The constraint template it fills in.
-        slots: Named places on the table.
         training: The training regime; the registry names its conditions train1, train2, ... in this order.
-        variations: The test variations.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
         description: What is to be done; the registry sets it to the first line of that function's docstring.
     """

@@ -1,7 +1,5 @@
 """Constraint templates: the interaction patterns that tasks fill in."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +17,6 @@ class ObjectGroup:
     """An abstract group of objects of a template, as a scenario has to fill it.
 
     Attributes:
-        group_id: Identifier.
         description: What the group stands for.
         allowed_types: Semantic categories it may hold.
         count_range: Least and largest number of objects.
@@ -39,8 +36,6 @@ class Meta:
 
     Attributes:
         name: Identifier ("loose_packing").
-        title: Name for people.
-        description: What is done.
         challenge: What is hard about it (paper, table of the taxonomy).
         goal: What has to hold at the end.
         premise: What has to hold at the start.
@@ -76,11 +71,9 @@ class Template(Meta, Protocol):
     """An interaction pattern: its groups, its relations and the protocol that goes with them.
 
     Attributes:
-        groups: Object groups.
         relation: Name of the relation that a subgoal of this template asks for.
         also: Further relations that its subgoals may ask for.
         exclusive: True if nothing that was not asked for may satisfy the relation at the end.
-        order: Whether the order of the subgoals is part of the goal.
     """
 
     groups: tuple[ObjectGroup, ...]
@@ -112,11 +105,7 @@ class Template(Meta, Protocol):
         return self.base_steps + self.steps_per_subgoal * len(condition.instruction.subgoals)
 
     def problems(self, condition: Condition) -> tuple[str, ...]:
-        """Return where a condition does not follow this pattern; empty if it does.
-
-        Args:
-            condition: The condition.
-        """
+        """Return where a condition does not follow this pattern; empty if it does."""
         found: list[str] = []
         for group in self.groups:
             count = sum(o.role == group.role for o in condition.objects)
@@ -124,9 +113,8 @@ class Template(Meta, Protocol):
             if not low <= count <= high:
                 found.append(f"group {group.group_id!r} has {count} objects, not {low} to {high}")
         roles = {g.role for g in self.groups}
-        found += [
-            f"{o.name} plays the role {o.role!r}, which has no group" for o in condition.objects if o.role not in roles
-        ]
+        strays = (o for o in condition.objects if o.role not in roles)
+        found += [f"{o.name} plays the role {o.role!r}, which has no group" for o in strays]
         for goal in condition.instruction.subgoals:
             if goal.relation not in (self.relation, *self.also):
                 found.append(f"subgoal {goal.name!r} asks for {goal.relation!r}")

@@ -1,7 +1,5 @@
 """The JSON form of templates, which people and models fill in scenarios after."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Every threshold that a verdict depends on, in one table with units and reasons. Reports print the table."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
@@ -10,8 +8,6 @@ class Threshold:
     """One entry of the table.
 
     Attributes:
-        name: Its name, words joined by underscores.
-        value: Its value.
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
         reason: What it decides, and where the value comes from.
     """

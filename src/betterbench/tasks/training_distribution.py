@@ -4,8 +4,6 @@ These are the confounds that the variations break. They are computed from the tr
 by hand, so they cannot disagree with them.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 

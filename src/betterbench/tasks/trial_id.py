@@ -1,19 +1,11 @@
 """The name of a trial: task, condition and seed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class TrialId:
-    """What makes a trial. Everything else about it follows from these three.
-
-    Attributes:
-        task: Task id ("fast_food").
-        condition: Name of a training condition ("train1") or of a variation ("L3").
-        seed: Seed.
-    """
+    """What makes a trial: a task ("fast_food"), a training condition ("train1") or variation ("L3"), and a seed."""
 
     task: str
     condition: str

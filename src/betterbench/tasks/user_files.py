@@ -42,9 +42,7 @@ T = TypeVar("T")
 class TaskFile:
     """A user's file as it was loaded; workers get the same text, whatever happens to the file meanwhile.
 
-    Attributes:
-        path: Absolute path on the machine that loaded it first.
-        source: Its text.
+    The path is absolute, on the machine that loaded it first.
     """
 
     path: str
@@ -107,11 +105,8 @@ _lock = threading.RLock()
 def registered(kind: str, name: str, make: Callable[P, T], known: Container[str]) -> Callable[P, T]:
     """Note which user's file registers a name; every registry that users may add to calls this.
 
-    Args:
-        kind: What is registered, in the singular ("task", "asset").
-        name: Its name.
-        make: The function that is registered.
-        known: Names that are registered already.
+    The ``kind`` of what is registered is in the singular ("task", "asset"); ``known`` are the names that are taken
+    already.
 
     Returns:
         The function. One of a user's file names its file and line when it raises.
@@ -199,11 +194,8 @@ def loaded_files() -> tuple[TaskFile, ...]:
 def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
     """Return what has to be loaded before tasks can be run or diagnosed, for the plan of a run.
 
-    Args:
-        tasks: Task ids.
-
-    Returns:
-        "task_files" (name, sha256) and "plugins" (name, version) as far as there are any; nothing for built-in tasks.
+    These are "task_files" (name, sha256) and "plugins" (name, version) as far as there are any; nothing for built-in
+    tasks.
     """
     found = [origin for origin in (_origins.get(("task", task)) for task in tasks) if origin is not None]
     packages = sorted({origin.package for origin in found if origin.package})
@@ -219,11 +211,9 @@ def options_for(tasks: Iterable[str]) -> str:
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
-    """Check that the files and plugins that define the tasks of a run are loaded.
+    """Check that the files and plugins that define the tasks of a run are loaded, as the plan of the run names them.
 
-    Args:
-        plan: The plan of the run.
-        run: Folder of the run. The copies in it are named in the error, and never loaded from here.
+    Copies in the folder of the run are named in the error, and never loaded from here.
 
     Raises:
         RecordError: If one is not loaded, or only with another text.

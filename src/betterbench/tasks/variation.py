@@ -1,7 +1,5 @@
 """Variations as data: a training condition, the operations that turn it, and what a failure would mean."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from betterbench.tasks.axes import Axis, Expected, Support
@@ -18,10 +16,7 @@ class Variation:
         title: A few words for tables: what is different.
         hypothesis: What a success shows.
         base: Name of the training condition it is derived from; the same seed of it is the counterfactual twin.
-        expected: What a right policy does.
         support: Whether all poses lie inside the training regime.
-        mid_task_look: True if the initial state looks like the middle of a demonstration.
-        premise_broken: True if the instruction deliberately presupposes what is not there.
     """
 
     name: str

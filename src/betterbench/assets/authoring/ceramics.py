@@ -30,18 +30,11 @@ def glazed(
 ) -> Canvas:
     """Draw a vessel from the foot over the rim to the floor inside, with the inside in its own shadow.
 
-    Args:
-        rng: Source of the speckles.
-        vessel: The vessel.
-        shade: Rgb of the glaze, which runs thin and bright over the rim.
-        decoration: One of ``bands``, "speckled", "dots", or another word for none.
-        rows: Numbers of the points of the profile where the unglazed foot ends, where the wall begins, where the rim
-            begins, where the inside begins and where its floor begins.
-        lining: Rgb of the inside; that of the outside if not given.
-        ink: Rgb of the decoration; if not given, cream on dark glazes and a gray blue on light ones.
-        bands: What is painted for a decoration, see :data:`BANDS`.
-        shadow: Brightness of the inside below the rim, and what it has lost at the floor.
-        unglazed: Brightness of the foot.
+    The glaze runs thin and bright over the rim. A ``decoration`` is one of ``bands``, "speckled", "dots", or another
+    word for none; without an ``ink`` it is cream on dark glazes and a gray blue on light ones. Without a ``lining`` the
+    inside has the color of the outside. The ``rows`` are the numbers of the points of the profile where the unglazed
+    foot ends, the wall begins, the rim begins, the inside begins and its floor begins. The ``shadow`` is the brightness
+    of the inside below the rim, and what it has lost at the floor; ``unglazed`` is that of the foot.
     """
     foot, wall, rim, inner, floor = (vessel.rows[k] for k in rows)
     span = rim - wall

@@ -26,19 +26,13 @@ class Draft:
     """The description of one object, from which the registry makes an asset.
 
     The registry adds the category, the look and the color word (also as the last tag), spreads the mass over the
-    collision parts and measures the size.
+    collision parts and measures the size. What is not listed here is as in :class:`~betterbench.assets.asset.Asset`.
 
     Attributes:
-        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
-        description: One sentence of free text.
         tags: Search words, without the color word.
-        mass_kg: Mass [kg].
         parts: What is seen and what is touched, in any order.
-        densities: Relative density of each collision part, in order; the parts after the last number weigh nothing.
-            All parts have the same density if not given.
-        grasps: Ways to take it.
-        regions: Named places on it.
-        parameters: The numbers that the generator chose, for the record.
+        densities: Relative density of each collision part, in order; the parts after the last number weigh nothing. All
+            parts have the same density if not given.
     """
 
     shape: Literal["round", "cylinder", "box", "irregular"]
@@ -63,18 +57,11 @@ def part(
 ) -> VisualPart:
     """Return a visual part: a mesh in one color, or with a picture at the texture coordinates of the mesh.
 
-    Args:
-        name: Name within the asset.
-        mesh: The mesh.
-        paint: Rgb, each in [0, 1], or picture.
-        view: Directions in which the columns and rows of the picture run if it is projected onto the mesh
-            (:data:`FRONT`, :data:`ABOVE`); by the texture coordinates of the mesh if not given.
-        specular: Strength of highlights in [0, 1].
-        shininess: Sharpness of highlights in [0, 1].
+    A ``view`` projects the picture onto the mesh instead: the directions in which its columns and rows run
+    (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular`` and ``shininess`` are in [0, 1].
     """
-    texture = None
-    color: Rgb = (1.0, 1.0, 1.0)
     mesh = mesh if view is None else mapped(mesh, *view)
+    color, texture = (1.0, 1.0, 1.0), None
     if isinstance(paint, Canvas):
         texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
     else:
@@ -105,19 +92,10 @@ def block(
     specular: float = 0.2,
     shininess: float = 0.3,
 ) -> tuple[VisualPart, CollisionPart]:
-    """Return what is seen and what is touched of one box between two opposite corners [m].
+    """Return what is seen and what is touched of one box from its corner ``low`` to its corner ``high`` [m].
 
-    Args:
-        name: Name of the visual part.
-        low: Corner with the smallest coordinates [m].
-        high: Corner with the largest coordinates [m].
-        paint: Rgb or picture.
-        bevel: Width of the bevel of the top and bottom edges [m]; it is only seen.
-        corner: Radius of the vertical edges [m]; it is only seen.
-        steps: Segments per rounded vertical edge.
-        view: As in :func:`part`.
-        specular: Strength of highlights in [0, 1].
-        shininess: Sharpness of highlights in [0, 1].
+    The bevel of the top and bottom edges and the rounded vertical edges are only seen; see :func:`box` and
+    :func:`part`.
     """
     solid = solid_box(low, high)
     x, y, z = solid.size
@@ -137,31 +115,19 @@ def grip(
     symmetric_yaw: bool = False,
     preference: int = 0,
 ) -> Grasp:
-    """Return a grasp by a jaw that comes straight from above.
+    """Return a grasp at (x, y) by a jaw that comes straight from above, the middle of its pads at ``height`` [m].
 
-    Args:
-        name: What is taken ("handle", "body", "rim").
-        height: Height of the middle of the pads [m].
-        width: Thickness of what is between the pads [m].
-        x: Where along x [m].
-        y: Where along y [m].
-        across: Axis of the object along which the fingers open.
-        clearance: Free distance that the open jaw needs on each side [m].
-        symmetric_yaw: True if the grasp may be turned freely about the vertical axis.
-        preference: Lower is tried first.
+    The fingers open along the axis ``across`` of the object, around a thickness of ``width`` [m]; for the other
+    arguments see :class:`Grasp`.
     """
     pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
     return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
 
 
 def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
-    """Return the grasp across the diameter of a round body, which may be turned freely.
+    """Return the grasp across the diameter of a body round at ``height``, which may be turned freely [m].
 
-    Args:
-        height: Height of the middle of the pads [m].
-        radius: Radius of the body there [m].
-        clearance: Free distance that the open jaw needs on each side [m]; if not given, 12 mm or what a jaw of 79 mm
-            leaves.
+    If not given, the clearance is 12 mm or what a jaw of 79 mm leaves on each side.
     """
     free = min(0.012, 0.0395 - radius) if clearance is None else clearance
     return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)

@@ -22,14 +22,7 @@ def water_tank(x: tuple[float, float], half_y: float, z: tuple[float, float]) ->
 
 
 def grille(x: tuple[float, float], half_y: float, z: float, *, slots: float) -> VisualPart:
-    """Return a steel grille on a surface.
-
-    Args:
-        x: Its ends along x [m].
-        half_y: Half its width [m].
-        z: Height of the surface [m].
-        slots: Number of slots.
-    """
+    """Return a steel grille on a surface at height ``z`` between two positions along x [m]."""
     metal: Rgb = (0.62, 0.63, 0.65)
     canvas = Canvas(1.0, 1.0, (128, 128), metal)
     canvas.paint((np.abs((canvas.x * slots) % 1.0 - 0.5) < 0.24) & (np.abs(canvas.y - 0.5) < 0.45), (0.14, 0.14, 0.15))
@@ -62,11 +55,7 @@ def steam_wand(x: float, y: float, z: float) -> VisualPart:
 def gauge(rng: np.random.Generator, radius: float, x: float, z: float) -> VisualPart:
     """Return a round instrument that looks along +x, with a red range and a needle that stands at random.
 
-    Args:
-        rng: Source of the needle.
-        radius: Radius [m].
-        x: Where its back is along x [m].
-        z: Height of its middle [m].
+    Its back is at ``x``, its middle at height ``z`` [m].
     """
     canvas = Canvas(2.0, 2.0, (64, 64), CHROME)
     r, up = canvas.radius, canvas.y - 1.0
@@ -93,17 +82,10 @@ def panel(
     split: float,
     display: bool,
 ) -> VisualPart:
-    """Return the front of an appliance: a row of lamps above a plate of brushed steel.
+    """Return the front of an appliance at ``x`` between two heights [m]: lamps above a plate of brushed steel.
 
-    Args:
-        rng: Source of the brushed grain.
-        x: Where it is along x [m].
-        half_y: Half its width [m].
-        z: Its lower and upper edge [m].
-        housing: Rgb of the appliance.
-        trim: Rgb of the edges and, on a bright appliance, of the field behind the lamps.
-        split: Height of the lower edge of the controls as a share of the front's.
-        display: True for a lit display in the middle of the controls.
+    The trim is the color of the edges and, on a bright housing, of the field behind the lamps. The controls begin at
+    ``split``, a share of the front's height; a display is in their middle.
     """
     canvas = Canvas(1.6, 2.3, (128, 192), mixed(CHROME, trim, 0.25))
     canvas.grain(rng, cells=(3, 90), amount=0.035)

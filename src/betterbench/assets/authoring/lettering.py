@@ -32,15 +32,9 @@ _ADVANCE = 0.86
 def write_word(
     canvas: Canvas, text: str, center: tuple[float, float], *, height: float, ink: Rgb, weight: float = 0.16
 ) -> None:
-    """Write a word on a picture.
+    """Write a word of upper-case signs on a picture, centered.
 
-    Args:
-        canvas: Where to write.
-        text: Word of the signs that exist (upper case).
-        center: Middle of the word, in the units of the canvas.
-        height: Height of a capital.
-        ink: Rgb of the strokes.
-        weight: Thickness of the strokes as a share of the height.
+    The height of a capital is in the units of the canvas, the weight of the strokes a share of that height.
     """
     left = center[0] - 0.5 * height * (_ADVANCE * (len(text) - 1) + 0.6)
     low = center[1] - 0.5 * height

@@ -10,22 +10,14 @@ from betterbench.assets.asset import CollisionPart
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Vector, rotate
 
-InertiaTensor = tuple[float, float, float, float, float, float]
-
 
 @dataclass(frozen=True, slots=True)
 class MassProperties:
-    """Mass properties of a rigid body.
-
-    Attributes:
-        mass_kg: Mass [kg].
-        center_of_mass: In the object frame [m].
-        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
-    """
+    """Mass, center of mass and inertia of a rigid body, in the frames and units of an asset."""
 
     mass_kg: float
     center_of_mass: Vector
-    inertia: InertiaTensor
+    inertia: tuple[float, float, float, float, float, float]
 
 
 def volume_of(part: CollisionPart) -> float:
@@ -53,12 +45,9 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
     a, b, c = part.size
     if part.shape == "box":
         return mass / 3.0 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
-    if part.shape == "cylinder":
-        across = mass * (a * a / 4.0 + b * b / 3.0)
-        return np.array([across, across, mass * a * a / 2.0])
-    if part.shape == "capsule":
-        # Close enough for the thin rods it is used for: a cylinder of the same radius and full length.
-        half = b + a
+    if part.shape in ("cylinder", "capsule"):
+        # Close enough for the thin rods that capsules are used for: a cylinder of the same radius and full length.
+        half = b + a if part.shape == "capsule" else b
         across = mass * (a * a / 4.0 + half * half / 3.0)
         return np.array([across, across, mass * a * a / 2.0])
     if part.shape == "sphere":
@@ -69,15 +58,9 @@ def _own_inertia(part: CollisionPart, mass: float) -> np.ndarray:
 def mass_properties(
     parts: Sequence[CollisionPart], mass_kg: float, *, densities: Sequence[float] | None = None
 ) -> MassProperties:
-    """Spread a mass over solids.
+    """Spread a mass over primitives, rounded to nine digits so that the last bits of a sine do not matter.
 
-    Args:
-        parts: Primitives that stand for the material (usually the collision parts).
-        mass_kg: Total mass [kg].
-        densities: Relative density of each part, zero for those after the last number; equal if not given.
-
-    Returns:
-        The mass properties, rounded to nine digits so that the last bits of a sine do not matter.
+    Densities are relative, one for each part, zero for those after the last number; equal if not given.
 
     Raises:
         InvalidInputError: If a part is a hull, or all densities are zero.

@@ -49,19 +49,14 @@ class Mesh:
     def seen_from_above(self, radius: float, share: np.ndarray | float = 0.5) -> Mesh:
         """Return the mesh with a picture laid on it from above, the picture's edge at ``radius`` [m].
 
-        Args:
-            radius: Half the side of the picture [m].
-            share: Stretch of the picture per vertex (n,), 0.5 for none.
+        The picture is stretched per vertex by ``share`` (n,), 0.5 for none.
         """
         return Mesh(self.vertices, self.faces, 0.5 + np.reshape(share, (-1, 1)) * self.vertices[:, :2] / radius)
 
     def domed(self, radius: float, top: float, rise: float) -> Mesh:
         """Return a dome with a picture laid on it from above that is stretched outward, where the dome is steep.
 
-        Args:
-            radius: Radius of the dome [m].
-            top: Height of its crown [m].
-            rise: Height of the crown above its edge [m].
+        The crown is at height ``top``, higher than the edge by ``rise`` [m].
         """
         distance = np.hypot(self.vertices[:, 0], self.vertices[:, 1])
         below = np.clip((top - self.vertices[:, 2]) / rise, 0.0, 1.0)
@@ -96,31 +91,27 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return (m, 3) outward normals of triangles, twice as long as their areas [m^2]."""
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    normals: np.ndarray = np.cross(b - a, c - a)
+    return normals
+
+
 def _welded(mesh: Mesh) -> Mesh:
     """Merge vertices that agree in position and texture coordinate, and drop triangles that have lost their area."""
     key = np.round(np.hstack([mesh.vertices, mesh.uv]), _DECIMALS) + 0.0
     unique, inverse = np.unique(key, axis=0, return_inverse=True)
     faces = inverse.reshape(-1)[mesh.faces]
-    corners = unique[:, :3][faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    faces = faces[area > 1e-10]
+    faces = faces[np.linalg.norm(face_normals(unique[:, :3], faces), axis=1) > 1e-10]
     used, renumbered = np.unique(faces, return_inverse=True)
     return Mesh(unique[used, :3], renumbered.reshape(-1, 3).astype(np.int32), unique[used, 3:])
 
 
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
-    """Weld a mesh and split it again along its sharp edges.
-
-    Args:
-        mesh: Any mesh.
-        degrees: Faces that meet at a larger angle than this get vertices, and so normals, of their own.
-
-    Returns:
-        The same surface with shared vertices on smooth regions only.
-    """
+    """Weld a mesh and split it again along its sharp edges, where faces meet at a larger angle than ``degrees``."""
     mesh = _welded(mesh)
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     limit = math.cos(math.radians(degrees))
     fans: dict[int, list[tuple[int, int]]] = {}
@@ -160,7 +151,7 @@ def loft(
     v: Sequence[float] | None = None,
     caps: tuple[bool, bool] = (True, True),
 ) -> Mesh:
-    """Join closed rings of points by strips of triangles.
+    """Join closed rings of points by strips of triangles; the mesh is neither welded nor creased.
 
     Args:
         rings: Arrays (n, 3) of points [m], all of the same length; seen from outside, the direction of the ring crossed
@@ -168,9 +159,6 @@ def loft(
         u: (n,) horizontal texture coordinate of each point of a ring; 0.5 everywhere if not given.
         v: Vertical texture coordinate of each ring; 0.5 everywhere if not given.
         caps: Whether to close the first and the last ring by a fan around its center.
-
-    Returns:
-        The mesh; neither welded nor creased.
     """
     points = np.stack([np.asarray(r, dtype=float) for r in rings])
     n_rings, n = points.shape[:2]
@@ -199,13 +187,9 @@ def loft(
 
 
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
-    """Return texture columns that run from 0 to 1 on one half of a ring and back on the other.
+    """Return texture columns that run from 0 to 1 on one half of a ring of ``n`` points (even) and back on the other.
 
     A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round thing.
-
-    Args:
-        n: Number of points of the ring (even).
-        start: Index of the point with column 0.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)
@@ -225,18 +209,10 @@ def lathe(
     wrap: bool = False,
     phase: float = 0.0,
 ) -> Mesh:
-    """Turn a profile about the vertical axis.
+    """Turn a profile about the vertical axis and crease it; for the arguments see :class:`Turned`.
 
-    Args:
-        profile: Points (radius, z) [m] from the bottom on the outside upward; a radius of zero closes the surface.
-        segments: Number of sides (even when ``wrap`` is set).
-        crease_degrees: Angle above which an edge is drawn sharp.
-        wrap: True to wrap a picture around each half, see :func:`mirrored_u`; else the picture is one column.
-        phase: Angle of the first point [rad].
-
-    Returns:
-        The creased mesh. Its texture row ``v`` is the length along the profile as a share of the whole, see
-        :func:`profile_length`.
+    The texture row ``v`` is the length along the profile as a share of the whole, see :func:`profile_length`; a wrapped
+    picture has the columns of :func:`mirrored_u`.
     """
     length = profile_length(profile)
     rings = [circle(r, z, segments, phase=phase) for r, z in profile]
@@ -251,17 +227,9 @@ def profile_length(profile: Sequence[tuple[float, float]]) -> np.ndarray:
 
 
 def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, steps: int = 1) -> np.ndarray:
-    """Return the points of a horizontal rectangle, counter-clockwise, with rounded corners if ``corner`` > 0.
+    """Return the (n, 3) points of a horizontal rectangle at height ``z``, counter-clockwise [m].
 
-    Args:
-        half_x: Half the extent along x [m].
-        half_y: Half the extent along y [m].
-        z: Height [m].
-        corner: Radius of the corners [m].
-        steps: Number of segments per corner; 1 gives a chamfer.
-
-    Returns:
-        (n, 3) points [m].
+    Corners of a radius above 0 are rounded by ``steps`` segments each; 1 gives a chamfer.
     """
     if corner <= 0.0:
         corners = [(half_x, -half_y), (half_x, half_y), (-half_x, half_y), (-half_x, -half_y)]
@@ -270,13 +238,8 @@ def rectangle(half_x: float, half_y: float, z: float, *, corner: float = 0.0, st
     for quarter, (sx, sy) in enumerate(((1, -1), (1, 1), (-1, 1), (-1, -1))):
         for step in range(steps + 1):
             angle = math.pi / 2.0 * (quarter - 1 + step / steps)
-            points.append(
-                (
-                    sx * (half_x - corner) + corner * math.cos(angle),
-                    sy * (half_y - corner) + corner * math.sin(angle),
-                    z,
-                )
-            )
+            x, y = sx * (half_x - corner), sy * (half_y - corner)
+            points.append((x + corner * math.cos(angle), y + corner * math.sin(angle), z))
     return np.array(points)
 
 
@@ -288,24 +251,10 @@ def box(
     corner: float = 0.0,
     steps: int = 1,
 ) -> Mesh:
-    """Return a box with bevelled horizontal edges and rounded vertical ones.
-
-    Args:
-        size: Extents [m].
-        center: Center [m].
-        bevel: Width of the bevel of the top and bottom edges [m].
-        corner: Radius of the vertical edges [m].
-        steps: Segments per rounded vertical edge.
-
-    Returns:
-        The creased mesh (12 faces for a plain box).
-    """
+    """Return a creased box with bevelled horizontal edges and with vertical ones rounded in ``steps`` segments [m]."""
     hx, hy, hz = (0.5 * s for s in size)
     heights = [(-hz, bevel), (-hz + bevel, 0.0), (hz - bevel, 0.0), (hz, bevel)] if bevel > 0.0 else [(-hz, 0), (hz, 0)]
-    rings = [
-        rectangle(hx - inset, hy - inset, z, corner=max(corner - inset, 0.3 * corner), steps=steps)
-        for z, inset in heights
-    ]
+    rings = [rectangle(hx - e, hy - e, z, corner=max(corner - e, 0.3 * corner), steps=steps) for z, e in heights]
     return creased(_flat_caps(rings), 50.0 if bevel > 0.0 or corner > 0.0 else 30.0).moved(*center)
 
 
@@ -342,17 +291,10 @@ def prism(rings: Sequence[np.ndarray], *, crease_degrees: float = 40.0) -> Mesh:
 def sweep(
     x: Sequence[float], z: Sequence[float], section: Sequence[tuple[float, float]], *, crease_degrees: float = 40.0
 ) -> Mesh:
-    """Move a cross section along a path in the plane y = 0.
+    """Move a cross section along a path in the plane y = 0 and close both ends.
 
-    Args:
-        x: Positions of the points of the path along x [m].
-        z: Heights of the points of the path [m].
-        section: Points (a, b) of the cross section [m], counter-clockwise; ``a`` is measured along y, ``b`` along the
-            normal of the path in its plane.
-        crease_degrees: Angle above which an edge is drawn sharp.
-
-    Returns:
-        The creased, closed mesh.
+    The path is given by its positions along x and its heights [m]. Points (a, b) of the cross section [m],
+    counter-clockwise, are measured along y and along the normal of the path in its plane.
     """
     points = np.column_stack([x, np.zeros(len(x)), z])
     normal = np.array([0.0, 1.0, 0.0])
@@ -383,13 +325,10 @@ def rod(
     y: float = 0.0,
     crease_degrees: float = 32.0,
 ) -> Mesh:
-    """Return the closed loft of upright rectangles along x.
+    """Return the closed loft of upright rectangles along x; the middle of each is at ``y`` [m].
 
-    Args:
-        stations: Position along x, half width, bottom and top of each rectangle [m].
-        chamfer: How much the corners are cut [m], as far as the rectangle has room for it.
-        y: Position of the middle along y [m].
-        crease_degrees: Angle above which an edge is drawn sharp.
+    A station is the position along x, half the width, the bottom and the top of a rectangle [m]. Its corners are cut by
+    ``chamfer`` as far as it has room for that.
     """
     rings = []
     for x, w, low, high in stations:
@@ -400,14 +339,7 @@ def rod(
 
 
 def slab(x: Sequence[float], z: Sequence[float], half_y: float, *, bevel: float) -> Mesh:
-    """Return a plate with bevelled rims from its convex side view.
-
-    Args:
-        x: Positions of the points of the outline along x [m], counter-clockwise with x to the right.
-        z: Their heights [m].
-        half_y: Half the width along y [m].
-        bevel: Width of the bevel of both rims [m].
-    """
+    """Return a plate with bevelled rims from its convex side view: x and z of each point, counter-clockwise [m]."""
     points = np.column_stack([x, z])
     center = points.mean(axis=0)
     away = points - center
@@ -425,16 +357,7 @@ def tube_section(radius: float, sides: int) -> list[tuple[float, float]]:
 
 
 def mapped(mesh: Mesh, right: tuple[float, float, float], up: tuple[float, float, float]) -> Mesh:
-    """Return the mesh with a picture projected straight onto it.
-
-    Args:
-        mesh: Any mesh.
-        right: Direction in the object frame along which the picture's columns run.
-        up: Direction along which its rows run upward.
-
-    Returns:
-        The mesh whose texture coordinates fill [0, 1] in both directions.
-    """
+    """Return the mesh with a picture projected onto it, its columns along ``right`` and its rows along ``up``."""
     flat = np.stack([mesh.vertices @ np.array(right), mesh.vertices @ np.array(up)], axis=1)
     low, high = flat.min(axis=0), flat.max(axis=0)
     return Mesh(mesh.vertices, mesh.faces, (flat - low) / (high - low))

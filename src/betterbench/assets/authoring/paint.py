@@ -13,24 +13,15 @@ _OVERSAMPLING = 2
 
 
 class Canvas:
-    """A picture with metric coordinates, origin at the lower left.
+    """A picture with coordinates in meters or any unit of the caller, origin at the lower left.
 
     Attributes:
-        x: (height, width) horizontal coordinate of each sample [m or any unit of the caller].
+        x: (height, width) horizontal coordinate of each sample.
         y: (height, width) vertical coordinate of each sample, upward.
-        width: Extent covered horizontally.
-        height: Extent covered vertically.
     """
 
     def __init__(self, width: float, height: float, pixels: tuple[int, int], color: Rgb) -> None:
-        """Fill a canvas.
-
-        Args:
-            width: Extent covered horizontally.
-            height: Extent covered vertically.
-            pixels: Size of the finished picture (width, height), at most 256 a side.
-            color: Background, each in [0, 1].
-        """
+        """Fill a canvas with a color; the finished picture has (width, height) ``pixels``, at most 256 a side."""
         columns, rows = pixels[0] * _OVERSAMPLING, pixels[1] * _OVERSAMPLING
         x = (np.arange(columns) + 0.5) / columns * width
         y = (rows - 0.5 - np.arange(rows)) / rows * height
@@ -104,13 +95,7 @@ class Canvas:
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
-        """Multiply by smooth noise around 1.
-
-        Args:
-            rng: Source of the noise.
-            cells: Number of noise cells across and up.
-            amount: Standard deviation of the factor.
-        """
+        """Multiply by smooth noise around 1 of a standard deviation, with a number of cells across and up."""
         columns, rows = cells
         grid = rng.standard_normal((rows + 1, columns + 1))
         u = np.linspace(0.0, columns, self.x.shape[1], endpoint=False)
@@ -132,15 +117,9 @@ class Canvas:
         rows: tuple[float, float],
         stretch: float = 1.0,
     ) -> None:
-        """Paint round spots anywhere between two rows.
+        """Paint spots whose middles lie anywhere between two rows, ``stretch`` times as wide as high.
 
-        Args:
-            rng: Source of places and sizes.
-            count: Number of spots.
-            color: Their color.
-            radius: Smallest and largest radius.
-            rows: Lowest and highest middle of a spot.
-            stretch: How many times as wide as high they are.
+        The smallest and the largest ``radius`` are given.
         """
         for u, v, size in rng.uniform(0.0, 1.0, (count, 3)).tolist():
             r = radius[0] + (radius[1] - radius[0]) * size
@@ -172,14 +151,9 @@ def uniforms(rng: np.random.Generator, *ranges: tuple[float, float]) -> list[flo
 def scattered(
     rng: np.random.Generator, *, tries: int, gap: float, reach: float, count: int | None = None
 ) -> Iterator[tuple[float, float]]:
-    """Yield random points in a disc about (1, 1), none nearer to another than ``gap``.
+    """Yield up to ``count`` random points in a disc about (1, 1), none nearer to another than ``gap``.
 
-    Args:
-        rng: Source of the points; the caller may draw from it between two points.
-        tries: Number of points that are tried.
-        gap: Least distance between two points.
-        reach: Radius of the disc.
-        count: Number of points after which to stop; all tries are made if not given.
+    The caller may draw from ``rng`` between two points; all tries are made if there is no ``count``.
     """
     placed: list[tuple[float, float]] = []
     for _ in range(tries):

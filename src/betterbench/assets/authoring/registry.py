@@ -35,37 +35,25 @@ def generator(
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from whatever file it is imported.
 
-    The function takes a random generator, the source of everything in which looks differ, and a color word. It must
-    draw the same numbers for each color, so that the color never changes the shape.
-
-    Args:
-        category: Name of the category ("mug").
-        colors: Color words it can be made in; the first is the default.
-        looks: Number of looks; each is the same function with another random generator.
-        family: Categories of one family draw the same random numbers for a look, so that what belongs together
-            (a cabinet and its drawers, the plates of a set) matches; the category alone if not given.
-
-    Returns:
-        The decorator.
+    The function takes a random generator, the source of everything in which looks differ, and a color word; the first
+    color is the default. It must draw the same numbers for each color, so that the color never changes the shape.
+    Categories of one ``family`` draw the same random numbers for a look, so that what belongs together (a cabinet and
+    its drawers, the plates of a set) matches.
 
     Raises:
         InvalidInputError: If there is no color or no look, or if another function has registered the category.
     """
     if not category or not colors or looks < 1:
-        raise InvalidInputError(
-            f"asset category {category!r}", "it needs a name, a color and a look", 'Write @generator("kite", ...)'
-        )
+        problem = "it needs a name, a color and a look"
+        raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
 
     def register(make: Generator) -> Generator:
         named = registered("asset", category, make, _REGISTER)
         known = _REGISTER.get(category)
         # A file that is loaded again may register its own function once more.
         if known is not None and _origin(known.make) != _origin(make):
-            raise InvalidInputError(
-                f"asset category {category!r}",
-                f"{_origin(make)} registers it, and so does {_origin(known.make)}",
-                "Give one of them another name",
-            )
+            both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
+            raise InvalidInputError(f"asset category {category!r}", both, "Give one of them another name")
         _REGISTER[category] = _Entry(named, tuple(colors), looks, family or category)
         _build.cache_clear()
         return make
@@ -99,10 +87,9 @@ def categories() -> tuple[str, ...]:
 def _entry(category: str) -> _Entry:
     """Look a category up."""
     load_declared()
-    try:
-        return _REGISTER[category]
-    except KeyError:
-        raise UnknownNameError("asset category", category, _REGISTER) from None
+    if category not in _REGISTER:
+        raise UnknownNameError("asset category", category, _REGISTER)
+    return _REGISTER[category]
 
 
 def colors(category: str) -> tuple[str, ...]:
@@ -126,13 +113,7 @@ def looks(category: str) -> range:
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Args:
-        category: Name of the category.
-        look: Number of the look, see :func:`looks`.
-        color: Color word, see :func:`colors`; the category's first color if not given.
-
-    Returns:
-        The asset.
+    Without a color it has the category's first one, see :func:`colors` and :func:`looks`.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
@@ -143,9 +124,8 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     if chosen not in entry.colors:
         raise UnknownNameError(f"color of {category}", chosen, entry.colors)
     if look not in range(entry.looks):
-        raise InvalidInputError(
-            f"look of {category}", f"{look!r} does not exist", f"Use a number from 0 to {entry.looks - 1}"
-        )
+        cure = f"Use a number from 0 to {entry.looks - 1}"
+        raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
     return _build(category, look, chosen)
 
 

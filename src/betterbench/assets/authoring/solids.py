@@ -7,15 +7,11 @@ from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply
 
 
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
-    """Return the flat square on which a round thing stands.
+    """Return the flat square at ``x`` with half a side [m] on which a round thing stands.
 
-    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners stand still.
-    The round part of the body should start 0.5 mm above the ground, so that it only meets the ground when tipped.
-
-    Args:
-        half: Half the side of the square [m]; its corners must stay inside the round footprint.
-        height: Thickness [m].
-        x: Position of its middle along x [m].
+    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners, which must
+    stay inside the round footprint, stand still. The round part of the body should start 0.5 mm above the ground, so
+    that it only meets the ground when tipped.
     """
     return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
 
@@ -28,15 +24,11 @@ def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) 
 def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
     """Return a round body that stands on a :func:`foot_square`: cylinders one on another.
 
-    Args:
-        foot_half: Half the side of the foot [m].
-        *cylinders: Radius and upper end of each cylinder [m], from the lowest, which starts 0.5 mm above the ground.
+    Each has a radius and an upper end [m]; the lowest starts 0.5 mm above the ground.
     """
     ends = [0.0005, *(high for _, high in cylinders)]
-    return (
-        foot_square(foot_half),
-        *(upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False)),
-    )
+    upper = (upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False))
+    return foot_square(foot_half), *upper
 
 
 def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
@@ -46,9 +38,9 @@ def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
 
 def solid_box(low: Vector, high: Vector) -> CollisionPart:
     """Return the axis-aligned box between two opposite corners [m]."""
-    half = (0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1]), 0.5 * (high[2] - low[2]))
-    center = (0.5 * (high[0] + low[0]), 0.5 * (high[1] + low[1]), 0.5 * (high[2] + low[2]))
-    return CollisionPart("box", half, center)
+    (ax, ay, az), (bx, by, bz) = low, high
+    half = (0.5 * (bx - ax), 0.5 * (by - ay), 0.5 * (bz - az))
+    return CollisionPart("box", half, (0.5 * (bx + ax), 0.5 * (by + ay), 0.5 * (bz + az)))
 
 
 def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
@@ -62,72 +54,43 @@ def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
 
 
 def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
-    """Return a box made about a hinge at the origin, opened like :meth:`Mesh.hinged`.
+    """Return a box with half sizes made about a hinge at the origin, its ``middle`` at (x, z) [m].
 
-    Args:
-        half: Half sizes [m].
-        middle: Its middle (x, z) before it is opened [m].
-        angle: How far it is opened [rad].
-        x: Position of the hinge along x [m].
-        z: Height of the hinge [m].
+    It is opened and put to the hinge like :meth:`Mesh.hinged`.
     """
     c, s = math.cos(angle), math.sin(angle)
     return leaning_box(half, (x + c * middle[0] - s * middle[1], 0.0, z + s * middle[0] + c * middle[1]), -angle)
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return eight equal boxes around a vertical axis: the wall of a hollow round thing.
+    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round thing.
 
-    Args:
-        half: Half sizes of a board along the radius, along the circumference and upward [m].
-        away: Distance of the middle of a board from the axis [m].
-        z: Height of the middle of a board [m].
-        x: Position of the axis along x [m].
-        lean: How far a board is turned about the circumference [rad]; positive leans its upper end outward.
+    The half sizes are along the radius, along the circumference and upward; the middles of the boards are at height
+    ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] leans their upper ends outward.
     """
-    tilt = from_axis_angle((0.0, lean, 0.0))
-    return [
-        CollisionPart(
-            "box",
-            half,
-            (x + away * math.cos(angle), away * math.sin(angle), z),
-            multiply(from_yaw(angle), tilt) if lean else from_yaw(angle),
-        )
-        for angle in (k * math.pi / 4 for k in range(8))
-    ]
+    tilt, boards = from_axis_angle((0.0, lean, 0.0)), []
+    for angle in (k * math.pi / 4 for k in range(8)):
+        turn = multiply(from_yaw(angle), tilt) if lean else from_yaw(angle)
+        boards.append(CollisionPart("box", half, (x + away * math.cos(angle), away * math.sin(angle), z), turn))
+    return boards
 
 
 def round_wall(
     radius: float, thickness: float, low: float, high: float, *, x: float = 0.0, half_length: float | None = None
 ) -> list[CollisionPart]:
-    """Return the upright wall of a hollow round thing as a :func:`ring_of_boards`.
+    """Return the upright wall of a hollow round thing between two heights [m] as a :func:`ring_of_boards`.
 
-    Args:
-        radius: Distance of the outer faces of the boards from the axis [m].
-        thickness: Thickness of the wall [m].
-        low: Height of its lower edge [m].
-        high: Height of its upper edge [m].
-        x: Position of the axis along x [m].
-        half_length: Half the length of a board [m]; that of an octagon's side if not given.
+    The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
     """
     along = radius * math.tan(math.pi / 8) if half_length is None else half_length
-    half_height = 0.5 * (high - low)
-    half = (0.5 * thickness, along, half_height)
-    return ring_of_boards(half, radius - 0.5 * thickness, low + half_height, x=x)
+    up = 0.5 * (high - low)
+    return ring_of_boards((0.5 * thickness, along, up), radius - 0.5 * thickness, low + up, x=x)
 
 
 def open_box(
     inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
 ) -> tuple[CollisionPart, ...]:
-    """Return a floor and four walls around a rectangular inside.
-
-    Args:
-        inner: Half extents of the inside along x and y [m].
-        wall: Thickness of the walls [m].
-        floor: Thickness of the floor [m].
-        height: Height of the rim [m].
-        x: Position of the middle along x [m].
-    """
+    """Return a floor and four walls around an inside with half extents along x and y, its middle at ``x`` [m]."""
     ix, iy = inner
     ox, oy = ix + wall, iy + wall
     return (

@@ -17,8 +17,7 @@ class Turned:
     Attributes:
         radii: Radius of each point of the profile [m], from the bottom on the outside upward; a radius of zero closes
             the surface.
-        heights: Height of each point of the profile [m].
-        sides: Number of sides.
+        heights: Height of each point [m].
         crease_degrees: Angle above which an edge is drawn sharp.
         wrap: True to wrap the picture around each half of the circumference; else the picture is one column.
         phase: Angle of the first side [rad].
@@ -52,21 +51,12 @@ class Turned:
     def canvas(self, color: Rgb, pixels: tuple[int, int] = (128, 256), *, width: float | None = None) -> Canvas:
         """Start a picture for the surface, upward along the profile.
 
-        Args:
-            color: Background.
-            pixels: Size of the picture (width, height).
-            width: Extent of the picture across [m]; if not given, half of the largest circumference, or 1 for a
-                picture of one column.
+        Its extent across is half of the largest circumference [m], or 1 for a picture of one column, unless given.
         """
         if width is None:
             width = math.pi * max(self.radii) if self.wrap else 1.0
         return Canvas(width, self.rows[-1], pixels, color)
 
     def filled(self, foot_half: float, top: float | None = None) -> tuple[CollisionPart, ...]:
-        """Return the upright cylinder around the solid, standing on a square foot.
-
-        Args:
-            foot_half: Half the side of the foot [m]; its corners must stay inside the solid's footprint.
-            top: Upper end of the cylinder [m]; the top of the solid if not given.
-        """
+        """Return the upright cylinder around the solid on a square foot, up to ``top`` or the top of the solid [m]."""
         return standing(foot_half, (max(self.radii), max(self.heights) if top is None else top))

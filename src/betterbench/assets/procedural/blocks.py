@@ -11,23 +11,12 @@ from betterbench.assets.authoring.solids import leaning_box, solid_box
 
 
 def _painted_wood(
-    rng: np.random.Generator,
-    shade: Rgb,
-    *,
-    rings: float,
-    waves: tuple[float, float, float],
-    amount: float,
-    cells: int,
+    rng: np.random.Generator, shade: Rgb, *, rings: float, waves: tuple[float, float, float], amount: float, cells: int
 ) -> Canvas:
     """Draw paint on wood: wavy year rings and grain.
 
-    Args:
-        rng: Source of the grain.
-        shade: Rgb of the paint.
-        rings: How strongly the year rings show.
-        waves: Number of year rings, and height and number of their waves.
-        amount: Strength of the grain.
-        cells: Number of fibers.
+    The ``waves`` are the number of year rings, and the height and number of their waves; ``rings`` and ``amount`` are
+    the strengths of the rings and of the grain, ``cells`` is the number of fibers.
     """
     canvas = Canvas(1.0, 1.0, (64, 64), shade)
     count, height, number = waves

@@ -25,9 +25,8 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
     patty = base + rng.uniform(0.0095, 0.0120)  # its top
     low = patty + (0.0085 if with_tomato else 0.0055)
     leaf = base + 0.0006 if lettuce_below else low - 0.0012
-    bottom = Turned(
-        (0.0, 0.90 * radius, radius, 0.985 * radius, 0.0), (0.0, 0.0, 0.45 * base, base, base), 16, 55.0, wrap=False
-    )
+    radii = (0.0, 0.90 * radius, radius, 0.985 * radius, 0.0)
+    bottom = Turned(radii, (0.0, 0.0, 0.45 * base, base, base), 16, 55.0, wrap=False)
     parts = [
         part("bottom_bun", bottom.mesh(), shaded(mixed(bun, _CRUMB, 0.25), 0.97), specular=0.08),
         part("patty", _patty(rng, 0.965 * radius, base, patty), jittered((0.29, 0.14, 0.07), rng), specular=0.15),
@@ -36,9 +35,8 @@ def burger(rng: np.random.Generator, _color: str) -> Draft:
         part("top_bun", _top_bun(radius, low, height), _crust(rng, bun, seeds=seeds), specular=0.22, shininess=0.35),
     ]
     if with_tomato:
-        slice_ = Turned(
-            (0.0, 0.93 * radius, 0.93 * radius, 0.0), (patty + 0.0022, patty + 0.0022, low, low), 12, wrap=False
-        )
+        cut, under = 0.93 * radius, patty + 0.0022
+        slice_ = Turned((0.0, cut, cut, 0.0), (under, under, low, low), 12, wrap=False)
         parts.append(part("tomato", slice_.mesh(), jittered((0.80, 0.13, 0.08), rng), specular=0.4))
     shoulder = low + 0.45 * (height - low)
     crown = ((0.80 * radius, height - 0.0035), (0.45 * radius, height - 0.0005))

@@ -10,21 +10,10 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import Grasp
-from betterbench.assets.authoring import (
-    Draft,
-    Turned,
-    disc,
-    generator,
-    grip,
-    grip_across,
-    part,
-    spheroid,
-    standing,
-    zone,
-)
+from betterbench.assets.authoring import Draft, Turned, disc, generator, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, loft, merge, prism, rectangle
 from betterbench.assets.authoring.paint import BUN, Canvas, Rgb, jittered, mixed, scattered, shaded
-from betterbench.assets.authoring.solids import solid_box
+from betterbench.assets.authoring.solids import solid_box, spheroid, standing
 
 _CRUMB: Rgb = (0.95, 0.82, 0.56)
 # Height of the jaw's center for slices [m].
@@ -223,22 +212,18 @@ def lettuce_leaf(rng: np.random.Generator, _color: str) -> Draft:
         edge = size * radius * (0.955 + 0.030 * wave + 0.015 * small)
         lift = 0.5 * (low + high) + frill * wave * (0.5 * (high - low) - 0.0012) / 0.0032
         level = ((0.60 * size * radius, low), (edge, lift - 0.0011), (edge, lift + 0.0011))
-        rings = [
-            np.stack([np.cos(angle) * r, np.sin(angle) * r, np.broadcast_to(z, angle.shape)], axis=1)
-            for r, z in (*level, (0.62 * size * radius, high - 0.0006))
-        ]
+        levels = (*level, (0.62 * size * radius, high - 0.0006))
+        rings = [np.column_stack([np.cos(angle) * r, np.sin(angle) * r, np.full(36, z)]) for r, z in levels]
         leaves.append(creased(loft(rings), 70.0))
     mesh = merge(leaves)
     mesh = mesh.moved(z=-float(mesh.vertices[:, 2].min())).seen_from_above(1.03 * radius)
+    veins = _veins(rng, shade)
     return Draft(
         shape="round",
         description="A frilly round leaf of green lettuce.",
         tags=("lettuce", "lettuce leaf", "salad", "leaf", "food"),
         mass_kg=0.02,
-        parts=(
-            part("leaf", mesh, _veins(rng, shade), specular=0.3, shininess=0.4),
-            *standing(0.66 * solid, (solid, 0.012)),
-        ),
+        parts=(part("leaf", mesh, veins, specular=0.3, shininess=0.4), *standing(0.66 * solid, (solid, 0.012))),
         grasps=(grip_across(_SLICE_GRIP, solid),),
         regions=(disc("base", solid), disc("top", 0.9 * solid, 0.012)),
         parameters={"radius_m": radius, "height_m": height, "frills": float(frills)},
@@ -274,9 +259,8 @@ def bun_top(rng: np.random.Generator, _color: str) -> Draft:
     rise = height - shoulder
     dome = (0.97 * radius, 0.84 * radius, 0.62 * radius, 0.32 * radius, 0.0)
     z = (shoulder, shoulder + 0.46 * rise, shoulder + 0.77 * rise, shoulder + 0.95 * rise, height)
-    bun = Turned(
-        (0.0, 0.955 * radius, radius, radius, *dome), (0.0, 0.0, 0.0045, 0.60 * shoulder, *z), 24, 50.0, wrap=False
-    )
+    radii = (0.0, 0.955 * radius, radius, radius, *dome)
+    bun = Turned(radii, (0.0, 0.0, 0.0045, 0.60 * shoulder, *z), 24, 50.0, wrap=False)
     mesh = bun.mesh().domed(radius, height, height)
     return Draft(
         shape="round",

@@ -49,26 +49,14 @@ def can(rng: np.random.Generator, color: str) -> Draft:
 
 
 def can_shell(height: float, shoulder: float) -> Turned:
-    """Return a can: bottom, wall, shoulder, rim, lid.
-
-    Args:
-        height: Height to the rim [m].
-        shoulder: Height of the tapered part under the rim [m].
-    """
+    """Return a can of a height to its rim [m]: bottom, wall, tapered shoulder, rim, lid."""
     lid = height - 0.0035
     radii = (0.0, 0.0245, CAN_RADIUS, CAN_RADIUS, 0.0275, 0.0270, 0.0258, 0.0250, 0.0)
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
 def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: str) -> Canvas:
-    """Draw half of a can from the bottom over the print to the lid.
-
-    Args:
-        rng: Source of the sheen.
-        shell: See :func:`can_shell`.
-        shade: Rgb of the print.
-        design: One of :data:`DESIGNS`.
-    """
+    """Draw half of a can from the bottom over a print, one of :data:`DESIGNS`, to the lid."""
     bottom, low, high, rim, lid = (shell.rows[k] for k in (1, 2, 3, 5, 7))
     canvas = shell.canvas(CHROME)
     x, y, width = canvas.x, canvas.y, canvas.width

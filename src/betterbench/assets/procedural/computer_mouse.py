@@ -27,6 +27,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0042
     radii, levels = (0.0, 0.0070, 0.0080, 0.0080, 0.0070, 0.0), (-0.0034, -0.0034, -0.0018, 0.0018, 0.0034, 0.0034)
     wheel = Turned(radii, levels, 12, wrap=False).mesh().rotated("x", math.pi / 2.0).moved(x, 0.0, z)
+    shell = _dome(length, width, height, hump=hump, waist=waist)
     picture = _shell(shade, accent, length=length, width=width, wheel_x=x, trim=trim, extra_button=extra_button)
     return Draft(
         shape="irregular",
@@ -34,14 +35,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
         mass_kg=0.10,
         parts=(
-            part(
-                "shell",
-                _dome(length, width, height, hump=hump, waist=waist),
-                picture,
-                view=ABOVE,
-                specular=0.35,
-                shininess=0.45,
-            ),
+            part("shell", shell, picture, view=ABOVE, specular=0.35, shininess=0.45),
             part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
             solid_span((-0.30 * length, 0.32 * length), half, (0.0, 0.021)),
             solid_span((-0.47 * length, 0.47 * length), 0.66 * half, (0.0005, 0.0155)),
@@ -75,13 +69,10 @@ def _dome(length: float, width: float, height: float, *, hump: float, waist: flo
     outline = _outline(0.5 * length, 0.5 * width, 2.6, waist)
 
     def ring(share: float, level: float) -> np.ndarray:
-        points = np.zeros((_SIDES, 3))
-        points[:, :2] = share * outline
-        points[:, 2] = level * _back(points[:, 0], length, height, hump)
-        return points
+        points = share * outline
+        return np.column_stack([points, level * _back(points[:, 0], length, height, hump)])
 
-    foot = ring(0.93, 0.0)
-    side = ring(1.0, 0.0)
+    foot, side = ring(0.93, 0.0), ring(1.0, 0.0)
     side[:, 2] = 0.006
     levels = ((0.985, 0.58), (0.92, 0.80), (0.78, 0.925), (0.52, 0.985), (0.24, 1.0))
     return creased(loft([foot, side, *(ring(s, v) for s, v in levels)]), 55.0)
@@ -107,12 +98,12 @@ def _shell(
     ahead = y > bow
     canvas.paint(ahead & (np.abs(np.abs(x) - 0.0012) < 0.0006), light)
     canvas.paint(ahead & (np.abs(x) < 0.0007), dark)
-    wheel_y = -wheel_x
-    canvas.ellipse((0.5 * width, 0.5 * length + wheel_y), (0.0062, 0.0125), light)
-    canvas.ellipse((0.5 * width, 0.5 * length + wheel_y), (0.0054, 0.0117), (0.03, 0.03, 0.035))
+    wheel_y = 0.5 * length - wheel_x
+    canvas.ellipse((0.5 * width, wheel_y), (0.0062, 0.0125), light)
+    canvas.ellipse((0.5 * width, wheel_y), (0.0054, 0.0117), (0.03, 0.03, 0.035))
     if extra_button:
-        canvas.ellipse((0.5 * width, 0.5 * length + wheel_y - 0.0205), (0.0036, 0.0052), dark)
-        canvas.ellipse((0.5 * width, 0.5 * length + wheel_y - 0.0205), (0.0028, 0.0044), mixed(shade, accent, 0.7))
+        canvas.ellipse((0.5 * width, wheel_y - 0.0205), (0.0036, 0.0052), dark)
+        canvas.ellipse((0.5 * width, wheel_y - 0.0205), (0.0028, 0.0044), mixed(shade, accent, 0.7))
     mark = (0.5 * width, 0.5 * length - 0.27 * length)
     ink = (0.80, 0.81, 0.82) if sum(shade) < 1.6 else (0.35, 0.36, 0.38)
     canvas.ellipse(mark, (0.0062, 0.0040), ink)

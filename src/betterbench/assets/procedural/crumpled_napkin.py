@@ -1,22 +1,15 @@
 """Crumpled paper napkins."""
 
+import itertools
 import math
 
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import (
-    Draft,
-    centered,
-    disc,
-    foot_square,
-    generator,
-    grip_across,
-    part,
-    upright_cylinder,
-)
+from betterbench.assets.authoring import Draft, centered, disc, generator, grip_across, part
 from betterbench.assets.authoring.mesh import Mesh, creased
 from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
+from betterbench.assets.authoring.solids import foot_square, upright_cylinder
 
 # Paper on rubber and paper on wood hold better than smooth plastic does.
 _FRICTION = (0.9, 0.01, 0.001)
@@ -68,12 +61,10 @@ def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
     edge = 2.0 + 1e-6  # length of the edges of this icosahedron
     near = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < edge
     triangles = []
-    for i in range(12):
-        for j in range(i + 1, 12):
-            for k in range(j + 1, 12):
-                if near[i, j] and near[j, k] and near[i, k]:
-                    normal = np.cross(vertices[j] - vertices[i], vertices[k] - vertices[i])
-                    triangles.append((i, j, k) if normal @ vertices[i] > 0.0 else (i, k, j))
+    for i, j, k in itertools.combinations(range(12), 3):
+        if near[i, j] and near[j, k] and near[i, k]:
+            normal = np.cross(vertices[j] - vertices[i], vertices[k] - vertices[i])
+            triangles.append((i, j, k) if normal @ vertices[i] > 0.0 else (i, k, j))
     faces = np.array(triangles)
     for _ in range(subdivisions):
         corners = vertices[faces]

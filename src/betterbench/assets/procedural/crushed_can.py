@@ -4,18 +4,10 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring import (
-    Draft,
-    centered,
-    disc,
-    foot_square,
-    generator,
-    grip_across,
-    part,
-    upright_cylinder,
-)
+from betterbench.assets.authoring import Draft, centered, disc, generator, grip_across, part
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, uniforms
+from betterbench.assets.authoring.solids import foot_square, upright_cylinder
 from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_shell, draw_label
 
 _SIDES = 18

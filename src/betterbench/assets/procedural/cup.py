@@ -30,10 +30,11 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
     z = (0.0, 0.0, 0.0045, 0.0140, 0.0235, height - 0.0010, height, height - 0.0010, 0.0240, 0.0130, 0.0075)
     shell = Turned((*outside, inner, wide - _WALL, 0.86 * radius - _WALL, 0.0), z, sides=22)
     ink = (0.93, 0.92, 0.88) if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
-    look = {"lining": (0.90, 0.89, 0.85) if pale else None, "ink": ink}
+    colors = {"lining": (0.90, 0.89, 0.85) if pale else None, "ink": ink}
     glaze = glazed(
-        rng, shell, shade, decoration, rows=(2, 3, 5, 7, 9), bands=_BANDS, shadow=(0.86, 0.36), unglazed=0.80, **look
+        rng, shell, shade, decoration, rows=(2, 3, 5, 7, 9), bands=_BANDS, shadow=(0.86, 0.36), unglazed=0.80, **colors
     )
+    ear = _ear(radius, loop, height, half)
     apothem, foot, out = 0.5 * (1.0 + belly) * radius, 0.66 * base, axis + radius + loop
     return Draft(
         shape="cylinder",
@@ -44,13 +45,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
         densities=(0.4, 0.4, *([1.0] * 8), 0.35),
         parts=(
             part("shell", shell.mesh().moved(x=axis), glaze, specular=0.5, shininess=0.6),
-            part(
-                "handle",
-                _ear(radius, loop, height, half).moved(x=axis),
-                shaded(shade, 0.96),
-                specular=0.5,
-                shininess=0.6,
-            ),
+            part("handle", ear.moved(x=axis), shaded(shade, 0.96), specular=0.5, shininess=0.6),
             solid_box((axis - foot, -foot, 0.0), (axis + foot, foot, 0.004)),
             upright_cylinder(base + 0.002, 0.0005, 0.019, x=axis),
             *round_wall(apothem, _WALL, 0.019, height, x=axis),
@@ -72,10 +67,8 @@ def _ear(radius: float, loop: float, height: float, half: float) -> Mesh:
     wall, out = radius - 0.003, radius + loop - 0.003
     b, bevel = 0.0029, 0.0014
     section = [(half, -b + bevel), (half, b - bevel), (0.0, b), (-half, b - bevel), (-half, -b + bevel), (0.0, -b)]
-    x, z = (
-        (wall, out - 0.006, out - 0.001, out, out - 0.005, wall - 0.001),
-        (top, top + 0.001, top - 0.005, top - 0.013),
-    )
+    x = (wall, out - 0.006, out - 0.001, out, out - 0.005, wall - 0.001)
+    z = (top, top + 0.001, top - 0.005, top - 0.013)
     return sweep(x, (*z, low + 0.006, low), section, crease_degrees=55.0)
 
 
@@ -90,13 +83,10 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
     radius, pattern, wall = 0.033 * size, str(rng.choice(["facets", "ribs", "rings"])), 0.0026
     base, faceted = radius * share, pattern == "facets"
     shade = jittered(mixed(PALETTE[color], (0.85, 0.90, 0.95), 0.12), rng)
-    glass = Turned(
-        (0.0, base - 0.002, base, radius, radius - 0.5 * wall, radius - wall, base - wall, 0.0),
-        (0.0, 0.0, 0.003, height - 0.0008, height, height - 0.0008, 0.010, 0.010),
-        sides=12 if faceted else 28,
-        crease_degrees=22.0 if faceted else 40.0,
-        phase=math.pi / 12 if faceted else 0.0,
-    )
+    radii = (0.0, base - 0.002, base, radius, radius - 0.5 * wall, radius - wall, base - wall, 0.0)
+    z = (0.0, 0.0, 0.003, height - 0.0008, height, height - 0.0008, 0.010, 0.010)
+    sides, crease, phase = (12, 22.0, math.pi / 12) if faceted else (28, 40.0, 0.0)
+    glass = Turned(radii, z, sides, crease, phase=phase)
     edge = radius * (math.cos(math.pi / 12) if faceted else 1.0) - wall
     return Draft(
         shape="cylinder",

@@ -55,10 +55,9 @@ def spoon(rng: np.random.Generator, color: str) -> Draft:
     y = np.sin(angle) * (1.0 - 0.16 * x)
     under = ((0.45, 0.0, 0.0), (0.76, 0.18 * depth, 0.0), (0.95, 0.62 * depth, 0.0), (1.0, depth, 0.0))
     inside = ((0.93, 0.66 * depth + 0.0010, 0.0012), (0.72, 0.24 * depth + 0.0012, 0.0010), (0.38, 0.0018, 0.0))
-    rings = [
-        np.stack([center + (s * half_length - e) * x, (s * half_width - e) * y, np.full(18, z)], axis=1)
-        for s, z, e in (*under, (1.0, depth + 0.0004, 0.0012), *inside)
-    ]
+    rings = []
+    for s, z, e in (*under, (1.0, depth + 0.0004, 0.0012), *inside):
+        rings.append(np.column_stack([center + (s * half_length - e) * x, (s * half_width - e) * y, np.full(18, z)]))
     bowl = creased(loft(rings, v=(0.0, 0.15, 0.32, 0.48, 0.54, 0.66, 0.82, 0.95)), 60.0)
     canvas = Canvas(1.0, 1.0, (8, 64), metal)
     canvas.shade(np.where(canvas.y > 0.56, 0.62 + 0.30 * np.clip((canvas.y - 0.56) / 0.40, 0.0, 1.0), 1.0))
@@ -89,15 +88,8 @@ def _piece(
 ) -> Draft:
     """Put a head on a handle.
 
-    Args:
-        rng: Source of the handle.
-        name: What it is, with its color.
-        metal: Rgb of the metal.
-        head: Visual parts of head and neck.
-        reach: Half the width on which the head stands [m].
-        head_end: The x at which the head leaves the table [m].
-        sizes: The numbers of the head.
-        rim: What the head has above its standing surface, if that is wider.
+    The head, of visual parts and ``sizes``, stands on half a width of ``reach`` and leaves the table at x =
+    ``head_end`` [m]. What it has above its standing surface, if that is wider, is its ``rim``.
     """
     plastic = jittered(_HANDLES[int(rng.integers(len(_HANDLES)))], rng, amount=0.12)
     rivets, swell = rng.random() < 0.6, rng.uniform(0.0, 0.0012)  # the handle narrows toward the head by the swell
@@ -106,9 +98,8 @@ def _piece(
     high = [(_HALF - 0.0015, w - 0.0016, 0.0, t - 0.0018), (_HALF, w - 0.0040, 0.0022, t - 0.0045)]
     handle = rod([*low, (start + 0.022, w, 0.0, t), (_HALF - 0.006, w, 0.0, t), *high], chamfer=0.0032)
     ring = (0.0056, 0.0018, 0.0108)
-    collar = rod(
-        [(start - 0.005, 0.0042, 0.0030, 0.0096), (start - 0.003, *ring), (start + 0.002, *ring)], chamfer=0.002
-    )
+    stations = [(start - 0.005, 0.0042, 0.0030, 0.0096), (start - 0.003, *ring), (start + 0.002, *ring)]
+    collar = rod(stations, chamfer=0.002)
     parts = [
         *head,
         part("handle", handle, plastic, specular=0.35, shininess=0.4),

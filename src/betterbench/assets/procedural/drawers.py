@@ -13,7 +13,7 @@ import numpy as np
 
 from betterbench.assets.asset import CollisionPart
 from betterbench.assets.authoring import Draft, generator, grip, merge, part, solid_box, solid_span, zone
-from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, mapped, span
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, Mesh, box, face_normals, mapped, span
 from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
 
 _COLORS = ("white", "brown", "gray")
@@ -48,15 +48,7 @@ _SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """What the carcass and the drawers of one look have in common.
-
-    Attributes:
-        shade: Rgb of the boards.
-        wood: True for visible grain.
-        grain_seed: Number that the grain follows from.
-        front: How the front panel is worked: "plain", "frame", "groove" or "band".
-        metal: Rgb of the knob.
-    """
+    """What the carcass and the drawers of one look share; the front is "plain", "frame", "groove" or "band"."""
 
     shade: Rgb
     wood: bool
@@ -160,22 +152,15 @@ def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
-    """Make a drawer: a box with a front panel and a knob on a stem.
+    """Make a drawer: a box with a front panel and a knob on a stem, at +y for a ``side`` of +1 and at -y for -1.
 
     Its origin is the center of the bottom face of the bounding box without the knob, its front looks along +x, along
-    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the knob make
-    0.5 kg.
+    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the knob make 0.5 kg.
 
     The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
     drawer 0.183 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
     on wood or a light roller slide; a brush of the hand leaves it where it is, and a pinch of 35 N a finger pulls it.
     Damping 4 N s/m: a push dies away in 0.5 kg / 4 N s/m = 0.13 s, so that a drawer let go stops where it was left.
-
-    Args:
-        rng: Source of the looks.
-        color: Color word.
-        side: +1 for a knob at +y, -1 for one at -y.
-        place: Word for its place in the cabinet.
     """
     style = _Style.draw(rng, color)
     back, half_y, panel = -_FRONT, _INSIDE_HALF_Y + _WALL, _FRONT - _PANEL  # panel: its inner face
@@ -223,8 +208,7 @@ def _panel_mapped(mesh: Mesh) -> Mesh:
     """Return the panel with the picture on its front; its back and its edges show the board's plain middle."""
     uv = mapped(mesh, *FRONT).uv
     # A creased box has vertices of its own for each face, so the faces can be told apart by their normals.
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_normals(mesh.vertices, mesh.faces)
     seen = np.unique(mesh.faces[normals[:, 0] > 0.9 * np.linalg.norm(normals, axis=1)])
     others = np.setdiff1d(np.arange(len(uv)), seen)
     uv[others] = 0.5 + 0.02 * (uv[others] - 0.5)

@@ -1,5 +1,6 @@
 """Boxes of French fries."""
 
+import itertools
 import math
 
 import numpy as np
@@ -57,10 +58,7 @@ def _carton(thick: float, width: float, height: float, *, dip: float) -> Mesh:
     low = outline * np.array([0.80, 0.84])
 
     def ring(plan: np.ndarray, z: np.ndarray | float) -> np.ndarray:
-        points = np.zeros((len(plan), 3))
-        points[:, :2] = plan
-        points[:, 2] = z
-        return points
+        return np.column_stack([plan, np.broadcast_to(z, len(plan))])
 
     inner = outline * np.array([0.93, 0.97])
     filling = np.minimum(rim - 0.004, height - 0.014)
@@ -75,23 +73,17 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y
     stripes = np.abs((x / 0.14 + 0.5) % 1.0 - 0.5) < 0.25
-    outside = y < _OUTSIDE
-    level = 0.45
-    if design == "stripes":
-        canvas.paint(outside & stripes, shade)
-    elif design == "disc":
-        canvas.paint(outside & stripes, shade)
+    outside, level = y < _OUTSIDE, 0.45
+    canvas.paint(outside if design == "smile" else outside & stripes, shade)
+    if design == "disc":
         for u in (0.0, 1.0):
             canvas.ellipse((u, level), (0.23, 0.185), (0.93, 0.92, 0.89))
             canvas.ellipse((u, level), (0.195, 0.155), shade)
             canvas.ellipse((u, level), (0.10, 0.08), PALETTE["yellow"])
-    else:
-        canvas.paint(outside, shade)
+    elif design == "smile":
         for u in (0.0, 1.0):
-            ring = canvas.inside_ellipse((u, level + 0.06), (0.24, 0.20)) & ~canvas.inside_ellipse(
-                (u, level + 0.10), (0.24, 0.19)
-            )
-            canvas.paint(ring, PALETTE["yellow"])
+            above = canvas.inside_ellipse((u, level + 0.10), (0.24, 0.19))
+            canvas.paint(canvas.inside_ellipse((u, level + 0.06), (0.24, 0.20)) & ~above, PALETTE["yellow"])
         canvas.paint(outside & (y > 0.08) & (y < 0.14), (0.93, 0.92, 0.89))
     canvas.shade(np.where(outside, 0.86 + 0.14 * np.clip(y / (0.5 * _OUTSIDE), 0.0, 1.0), 1.0))
     canvas.paint(y > _OUTSIDE + 0.02, mixed((0.93, 0.92, 0.89), (0.55, 0.35, 0.10), 0.35))
@@ -103,23 +95,15 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
 def _sticks(rng: np.random.Generator, thick: float, width: float, height: float) -> tuple[Mesh, Mesh]:
     """Return the fries in two shades: square sticks at odd angles that end between 92 and 111 mm above the table."""
     meshes: tuple[list[Mesh], list[Mesh]] = ([], [])
-    columns = np.linspace(-0.40, 0.40, 7)
-    index = 0
-    for row in (-0.26, 0.0, 0.26):
-        for column in columns.tolist():
-            if index % 10 == 9:
-                index += 1
-                continue
+    columns = np.linspace(-0.40, 0.40, 7).tolist()
+    for index, (row, column) in enumerate(itertools.product((-0.26, 0.0, 0.26), columns)):
+        if index % 10 != 9:
             foot = np.array([row * thick, column * width * 0.88, height - 0.030])
             tall = 0.108 - 0.012 * abs(column) / 0.4 - rng.uniform(0.0, 0.016) - (0.006 if row > 0.1 else 0.0)
-            tip = np.array(
-                [(row + rng.uniform(-0.10, 0.10)) * thick, (column + rng.uniform(-0.10, 0.10)) * width, tall]
-            )
-            half = rng.uniform(0.0029, 0.0036)
-            turn = rng.uniform(-0.5, 0.5)
+            lean_x, lean_y, half, turn = uniforms(rng, (-0.10, 0.10), (-0.10, 0.10), (0.0029, 0.0036), (-0.5, 0.5))
+            tip = np.array([(row + lean_x) * thick, (column + lean_y) * width, tall])
             corners = turn + math.pi / 4 + np.arange(4) * math.pi / 2
             square = np.stack([np.cos(corners), np.sin(corners), np.zeros(4)], axis=1) * half * math.sqrt(2.0)
             slant = np.array([[0.0, 0.0, 0.0015], [0, 0, -0.0005], [0, 0, -0.0015], [0, 0, 0.0005]])
             meshes[index % 2].append(prism([foot + square, tip + square + slant]))
-            index += 1
     return merge(meshes[0]), merge(meshes[1])

@@ -5,21 +5,10 @@ import math
 import numpy as np
 
 from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import (
-    Draft,
-    Turned,
-    disc,
-    foot_square,
-    generator,
-    grip,
-    grip_across,
-    part,
-    spheroid,
-    zone,
-)
+from betterbench.assets.authoring import Draft, Turned, disc, generator, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import Mesh, creased, prism, sweep, tube_section
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
-from betterbench.assets.authoring.solids import solid_box
+from betterbench.assets.authoring.solids import foot_square, solid_box, spheroid
 
 # Color of the skin, and of the skin around the stalk, where the sun does not reach.
 _APPLES: dict[str, tuple[Rgb, Rgb]] = {
@@ -70,9 +59,8 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
     body = body.scaled_across(1.0 - lobes * low * (1.0 + np.cos(5.0 * angle)))
     picture = _apple_skin(rng, solid, skin, color=color, blush=blush)
     root = 0.83 * height - 0.001
-    stem = sweep(
-        (0.0, 0.25 * lean, lean), (root, root + 0.5 * stalk, root + stalk), tube_section(0.0017, 5), crease_degrees=80.0
-    )
+    stem_z = (root, root + 0.5 * stalk, root + stalk)
+    stem = sweep((0.0, 0.25 * lean, lean), stem_z, tube_section(0.0017, 5), crease_degrees=80.0)
     parts = [
         part("skin", body, picture, specular=0.55, shininess=0.6),
         part("stalk", stem, jittered((0.33, 0.20, 0.09), rng), specular=0.1),
@@ -172,16 +160,8 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     peel = jittered((0.95, 0.80, 0.10), rng, amount=0.06)
     near, far = (0.0, 0.13, 0.20, 0.43 + full, 0.76 + 0.5 * full, 0.96, 1.0, 0.93), (0.70 + 0.5 * full, 0.37 + full)
     middle = [level * half for level in (-0.80, -0.52, -0.20, 0.04, 0.30, 0.58)]
-    z = (
-        -half + 0.0012,
-        -half,
-        -half + 0.0030,
-        *middle,
-        half - nipple - 0.001,
-        half - 0.45 * nipple,
-        half - 0.0008,
-        half,
-    )
+    tip = (half - nipple - 0.001, half - 0.45 * nipple, half - 0.0008, half)
+    z = (-half + 0.0012, -half, -half + 0.0030, *middle, *tip)
     solid = Turned([share * radius for share in (*near, *far, 0.24, 0.14, 0.0)], z, 18, 80.0, phase=math.pi / 2)
     canvas = solid.canvas(peel, (128, 192), width=math.pi * radius)
     canvas.grain(rng, cells=(5, 7), amount=0.035)

@@ -92,13 +92,8 @@ def draw_keys(
 ) -> None:
     """Draw six rows of keys into a field of a picture, as the user sees them: the space bar in the lowest row.
 
-    Args:
-        canvas: The picture; its lower edge is the user's side.
-        corner: Lower left corner of the field [m].
-        size_m: Width and depth of the field [m].
-        keys: Rgb of the key caps.
-        accent: Rgb of the escape and the enter key, if they stand out.
-        edges: Rgb of the wide keys at the edge and of the far row, if they stand out.
+    The field has a lower left corner, a width and a depth [m]. The accent is the color of the escape and the enter key,
+    ``edges`` that of the wide keys at the edge and of the far row, if they stand out.
     """
     pitch = size_m[1] / len(ROWS)
     gap, last = 0.075 * pitch, len(ROWS) - 1

@@ -46,9 +46,8 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
     deck = span(deck_x, 0.5 * deck_size[0], (_BASE - 0.0002, _BASE + 0.0004))
     base = span((x - half_x, x + half_x), half_y, (0.0, _BASE), bevel=0.0025, corner=corner, steps=2)
     end = 0.31 * width
-    barrel = (
-        Turned((0.0, 0.0048, 0.0048, 0.0), (-end, -end, end, end), 10, wrap=False).mesh().rotated("x", math.pi / 2.0)
-    )
+    pin = Turned((0.0, 0.0048, 0.0048, 0.0), (-end, -end, end, end), 10, wrap=False)
+    barrel = pin.mesh().rotated("x", math.pi / 2.0)
     middle = rotate(from_axis_angle((0.0, -lean, 0.0)), (0.0, 0.0, 0.5 * reach))
     sizes = {"depth_m": depth, "width_m": width, "height_m": height, "lean_degrees": math.degrees(lean)}
     deck_picture = _deck(metal, size_m=deck_size, dark_keys=dark_keys)
@@ -93,10 +92,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
     keys = (0.10, 0.10, 0.11) if dark_keys else (0.86, 0.87, 0.88)
     (left, low), (across, up) = (0.030 * width, 0.43 * depth), (0.94 * width, 0.50 * depth)
     inside = (canvas.x > left - 0.002) & (canvas.x < left + across + 0.002)
-    canvas.paint(
-        inside & canvas.between(low - 0.002, low + up + 0.002),
-        shaded(metal, 0.55) if dark_keys else shaded(metal, 0.75),
-    )
+    canvas.paint(inside & canvas.between(low - 0.002, low + up + 0.002), shaded(metal, 0.55 if dark_keys else 0.75))
     draw_keys(canvas, (left, low), (across, up), keys)
     dx, dy = np.abs(canvas.x - 0.5 * width), np.abs(canvas.y - 0.205 * depth)
     pad = (0.19 * width, 0.165 * depth)
@@ -137,14 +133,12 @@ def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper
         if k == 1:
             # A chart of bars.
             for bar, share in enumerate(rng.uniform(0.2, 0.65, 5).tolist()):
-                canvas.paint(
-                    frame & (np.abs(u - 0.18 - 0.16 * bar) < 0.05) & (v > 0.10) & (v < 0.10 + share), (0.95, 0.55, 0.15)
-                )
+                column = (np.abs(u - 0.18 - 0.16 * bar) < 0.05) & (v > 0.10) & (v < 0.10 + share)
+                canvas.paint(frame & column, (0.95, 0.55, 0.15))
         else:
             for line, share in enumerate(rng.uniform(0.45, 0.88, 6).tolist()):
-                canvas.paint(
-                    frame & (np.abs(v - 0.76 + 0.115 * line) < 0.025) & (u > 0.06) & (u < share), (0.45, 0.47, 0.52)
-                )
+                row = (np.abs(v - 0.76 + 0.115 * line) < 0.025) & (u > 0.06) & (u < share)
+                canvas.paint(frame & row, (0.45, 0.47, 0.52))
     canvas.paint(y < 0.065, (0.12, 0.13, 0.16), strength=0.85)
     icons = ((0.95, 0.35, 0.30), (0.98, 0.78, 0.20), (0.35, 0.80, 0.45), (0.30, 0.60, 0.95), (0.75, 0.50, 0.90))
     for k, ink in enumerate(icons):

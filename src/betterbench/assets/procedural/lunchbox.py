@@ -40,6 +40,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     picture = _lining(rng, shade, lining, trim, motif=motif)
     leaf = hinged_box((0.5 * length, lid_half, 0.5 * depth), (0.5 * length, 0.5 * depth), *hinge)
     leaf_x, _, leaf_z = leaf.position
+    sizes: dict[str, float | str] = {"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height}
     lean = (math.cos(0.5 * opened), 0.0, -math.sin(0.5 * opened), 0.0)
     return Draft(
         shape="box",
@@ -60,13 +61,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
             zone("opening", half_x, half_y, height, x=x),
             zone("base", ox, oy, x=x),
         ),
-        parameters={
-            "inner_x_m": 2 * half_x,
-            "inner_y_m": 2 * half_y,
-            "height_m": height,
-            "lid_degrees": math.degrees(opened),
-            "motif": motif,
-        },
+        parameters={**sizes, "lid_degrees": math.degrees(opened), "motif": motif},
     )
 
 

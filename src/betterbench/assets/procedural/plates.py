@@ -57,6 +57,7 @@ def _plate(rng: np.random.Generator, color: str, size: str, *, radius: float, ma
     outside = (0.0, foot, foot + 0.0015, r - 0.0030, r, r, r - 0.5 * _LIP)
     z = (0.0, 0.0, low, low + 0.0008, low + 0.0045, edge, RIM_M, edge, FLOOR_M + 0.0004, FLOOR_M)
     plate = Turned((*outside, r - _LIP, r - _LIP - 0.0022, 0.0), z, sides=28)
+    picture = glaze.draw(plate, wall=4, rim=5, inner=7, floor=8)
     return Draft(
         shape="round",
         description=f"A {size} round {color} plate with an upright lip.",
@@ -65,9 +66,7 @@ def _plate(rng: np.random.Generator, color: str, size: str, *, radius: float, ma
         # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
         densities=(0.33, *(1.0,) * 9),
         parts=(
-            part(
-                "plate", plate.mesh(), glaze.draw(plate, wall=4, rim=5, inner=7, floor=8), specular=0.5, shininess=0.6
-            ),
+            part("plate", plate.mesh(), picture, specular=0.5, shininess=0.6),
             upright_cylinder(foot, 0.0, low),
             upright_cylinder(r - 0.001, low, FLOOR_M),
             *_lip(r, low + 0.002, RIM_M),
@@ -141,12 +140,8 @@ class _Glaze:
     def draw(self, piece: Turned, *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
         """Draw a piece from the foot over the rim to the middle of the floor.
 
-        Args:
-            piece: A plate or a bowl.
-            wall: Number of the point of its profile where the wall begins.
-            rim: Where the rim begins.
-            inner: Where the inside of the lip begins.
-            floor: Where the floor begins.
+        Given are the numbers of the points of its profile where the wall, the rim, the inside of the lip and the floor
+        begin.
         """
         foot, crest, lip, well = (piece.rows[k] for k in (wall, rim, inner, floor))
         canvas = piece.canvas(self.color, (64, 256), width=1.0)

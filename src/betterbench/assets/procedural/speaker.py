@@ -28,12 +28,11 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
     grain.grain(rng, cells=(32, 32), amount=0.02)
     grain.shade(np.where(grain.y < 0.06, 0.75, 1.0))
     large = rng.uniform(0.0235, 0.0250) if two_way else rng.uniform(0.0265, 0.0280)
+    middle = (0.335 if two_way else 0.46) * height
     view = ((0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
     visual = [
         part("cabinet", cabinet, grain, view=view, specular=0.35, shininess=0.4),
-        _driver(
-            "woofer", large, front, (0.335 if two_way else 0.46) * height, rim=rim, cone=cone, sides=20, specular=0.3
-        ),
+        _driver("woofer", large, front, middle, rim=rim, cone=cone, sides=20, specular=0.3),
     ]
     if two_way:
         dark = mixed(cone, (0.2, 0.2, 0.2), 0.4)

@@ -120,13 +120,10 @@ class _Wrap(Canvas):
         """Return the creased mesh; each half begins with a seam, the first at -y: +x is in the middle of one."""
         half = _SIDES // 2
         turn = np.concatenate([np.arange(half + 1), half + np.arange(half + 1)]) * (math.pi / half) - 0.5 * math.pi
-        rings = [
-            np.stack([r * np.cos(turn), r * np.sin(turn), np.full(len(turn), z)], axis=1) for r, z in self.solid.profile
-        ]
-        rows = np.array(self.solid.rows) / self.solid.rows[-1]
-        return creased(
-            loft(rings, u=np.tile(np.arange(half + 1) / half, 2), v=rows.tolist(), caps=(False, False)), 40.0
-        )
+        c, s, n = np.cos(turn), np.sin(turn), len(turn)
+        rings = [np.column_stack([r * c, r * s, np.full(n, z)]) for r, z in self.solid.profile]
+        u, v = np.tile(np.arange(half + 1) / half, 2), np.array(self.solid.rows) / self.solid.rows[-1]
+        return creased(loft(rings, u=u, v=v.tolist(), caps=(False, False)), 40.0)
 
 
 class _Shape:

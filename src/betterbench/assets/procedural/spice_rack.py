@@ -40,12 +40,8 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
     burnt = mixed(wood, (0.95, 0.86, 0.70), 0.45)
     plate = {"plate": (0.93, 0.91, 0.85), "burnt": burnt, "painted": (0.10, 0.11, 0.13)}[style]
     ink: Rgb = (0.96, 0.95, 0.92) if style == "painted" else (0.09, 0.06, 0.04)
-    gaps = (
-        (-_HALF_Y, -PITCH_M - _APOTHEM),
-        (-PITCH_M + _APOTHEM, -_APOTHEM),
-        (_APOTHEM, PITCH_M - _APOTHEM),
-        (PITCH_M + _APOTHEM, _HALF_Y),
-    )
+    a, p = _APOTHEM, PITCH_M
+    gaps = ((-_HALF_Y, -p - a), (-p + a, -a), (a, p - a), (p + a, _HALF_Y))
     walls = (
         solid_span((-_HALF_X, _HALF_X), _HALF_Y, (0.0, _FLOOR)),
         solid_span((_APOTHEM, _HALF_X), _HALF_Y, (_FLOOR, _HEIGHT)),
@@ -65,45 +61,23 @@ def spice_rack(rng: np.random.Generator, color: str) -> Draft:
             *walls,
             *(_corner(hole * PITCH_M, (k + 0.5) * math.pi / 2.0) for hole in (-1, 0, 1) for k in range(4)),
         ),
-        regions=tuple(
-            zone(f"hole_{number}", 0.004, 0.004, _FLOOR, y=(number - 2) * PITCH_M, half_z=_DEPTH)
-            for number in (1, 2, 3)
-        ),
-        parameters={
-            "clearance_m": CLEARANCE_M,
-            "pitch_m": PITCH_M,
-            "depth_m": _DEPTH,
-            "apothem_m": _APOTHEM,
-            "marks": style,
-        },
+        regions=tuple(zone(f"hole_{n}", 0.004, 0.004, _FLOOR, y=(n - 2) * p, half_z=_DEPTH) for n in (1, 2, 3)),
+        parameters={"clearance_m": CLEARANCE_M, "pitch_m": p, "depth_m": _DEPTH, "apothem_m": a, "marks": style},
     )
 
 
 def _corner(center: float, angle: float) -> CollisionPart:
-    """Return the box that cuts the corner of a square hole into an octagon's side.
-
-    Args:
-        center: Position of the hole along y [m].
-        angle: Direction of the corner [rad].
-    """
-    half_length = _APOTHEM * math.tan(math.pi / 8.0)
-    half = 0.0049  # reaches the square's corner, 0.41 apothems behind the side
-    away = _APOTHEM + half
-    return CollisionPart(
-        "box",
-        (half, half_length, 0.5 * _DEPTH),
-        (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH),
-        from_yaw(angle),
-    )
+    """Return the box in a direction [rad] that cuts the corner of a square hole at y = ``center`` into an octagon."""
+    depth = 0.0049  # half of it; reaches the square's corner, 0.41 apothems behind the side
+    away, half = _APOTHEM + depth, (depth, _APOTHEM * math.tan(math.pi / 8.0), 0.5 * _DEPTH)
+    middle = (away * math.cos(angle), center + away * math.sin(angle), _FLOOR + 0.5 * _DEPTH)
+    return CollisionPart("box", half, middle, from_yaw(angle))
 
 
 def _outside() -> Mesh:
     """Return the sides and the bottom of the block up to its chamfer, each long side with the whole picture."""
-    rings = [
-        rectangle(_HALF_X, _HALF_Y, 0.0),
-        rectangle(_HALF_X, _HALF_Y, _HEIGHT - _EDGE),
-        rectangle(_HALF_X - _EDGE, _HALF_Y - _EDGE, _HEIGHT),
-    ]
+    insets = ((0.0, 0.0), (0.0, _HEIGHT - _EDGE), (_EDGE, _HEIGHT))
+    rings = [rectangle(_HALF_X - e, _HALF_Y - e, z) for e, z in insets]
     u = np.array([0.0, 0.8, 1.0, 0.2])
     sides = loft(rings, u=u, v=(0.0, 0.93, 1.0), caps=(False, False))
     bottom = prism([rectangle(_HALF_X - 0.001, _HALF_Y - 0.001, z) for z in (0.0, 0.001)])

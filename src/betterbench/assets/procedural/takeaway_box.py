@@ -71,15 +71,9 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
         points[:, 2] = z
         return points
 
-    none, bent = np.zeros(n), fold + wave
-    paper = 0.0012
-    rings = [
-        ring(0.0, none, 0.0),
-        ring(0.0, 0.5 * bent, 0.52 * height),
-        ring(0.0, bent, height + teeth),
-        ring(paper, bent, height + teeth),
-        ring(paper, none, _FLOOR),
-    ]
+    none, bent, paper = np.zeros(n), fold + wave, 0.0012
+    outer = [ring(0.0, none, 0.0), ring(0.0, 0.5 * bent, 0.52 * height), ring(0.0, bent, height + teeth)]
+    rings = [*outer, ring(paper, bent, height + teeth), ring(paper, none, _FLOOR)]
     # Distance along the edge from the middle of the front, so that nothing but the two middles is a seam.
     x, y = outline[:, 0], np.abs(outline[:, 1])
     back = np.where(np.abs(x + half_x) < 1e-9, 2 * half_y + 2 * half_x - y, half_y + half_x - x)
@@ -90,14 +84,7 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
 
 
 def _print(
-    rng: np.random.Generator,
-    kraft: Rgb,
-    ink: Rgb,
-    *,
-    sign: str,
-    height: float,
-    half_perimeter: float,
-    front: float,
+    rng: np.random.Generator, kraft: Rgb, ink: Rgb, *, sign: str, height: float, half_perimeter: float, front: float
 ) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # meters per full height of the picture
@@ -136,10 +123,8 @@ def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraf
         canvas.paint(r < 0.016, ink)
         canvas.paint(r < 0.009, mixed(kraft, ink, 0.1))
     else:
-        canvas.paint(canvas.inside_ellipse((cx, cy), (0.018, 0.030)), ink)
+        leaf = canvas.inside_ellipse(center, (0.018, 0.030))
+        canvas.paint(leaf, ink)
         canvas.paint(np.abs(dx) < 0.0014, kraft)
         for level in (-0.012, 0.0, 0.012):
-            canvas.paint(
-                canvas.inside_ellipse((cx, cy), (0.018, 0.030)) & (np.abs(dy - level - 0.6 * np.abs(dx)) < 0.0014),
-                kraft,
-            )
+            canvas.paint(leaf & (np.abs(dy - level - 0.6 * np.abs(dx)) < 0.0014), kraft)

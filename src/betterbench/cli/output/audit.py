@@ -10,12 +10,7 @@ from rich.table import Table
 from betterbench.audit import Audit, AuditFinding, TableAudit, Verdict
 from betterbench.cli.console import OUT
 
-_STYLES = {
-    Verdict.BROKEN: "bold red",
-    Verdict.UNSUPPORTED: "yellow",
-    Verdict.UNKNOWN: "dim",
-    Verdict.HOLDS: "green",
-}
+_STYLES = {Verdict.BROKEN: "bold red", Verdict.UNSUPPORTED: "yellow", Verdict.UNKNOWN: "dim", Verdict.HOLDS: "green"}
 _SUMMARY = {
     Verdict.BROKEN: "do not hold",
     Verdict.UNSUPPORTED: "are not supported by their trials",

@@ -21,11 +21,7 @@ SOLVED_FILMS = 2
 def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: int) -> Path:
     """Diagnose runs, render the moments that show their failures, and return the page that was written.
 
-    Args:
-        runs: The runs, one per policy.
-        out: Folder of the report.
-        latex: Whether to write LaTeX tables too.
-        films: Largest number of trials to show as film strips, shared by the runs.
+    The ``films`` trials that are shown as film strips, at most, are shared by the runs.
     """
     diagnoses = [diagnose_run(run) for run in runs]
     for run, diagnosis in zip(runs, diagnoses, strict=True):

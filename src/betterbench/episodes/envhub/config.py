@@ -45,11 +45,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
     features_map: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Declare what the environment gives and takes, under the names of its observation and of LeRobot's policies.
-
-        Raises:
-            UnknownNameError: If a condition, preset or action space is unknown.
-        """
+        """Declare what the environment gives and takes, under the names of its observation and of LeRobot."""
         select_conditions(self.task)
         dim = action_space(self.action_space).dim
         self.features = {
@@ -71,11 +67,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """Arguments with which Gymnasium makes the one environment of LeRobot 0.4.
-
-        Raises:
-            InvalidInputError: If more than one condition is named.
-        """
+        """Arguments with which Gymnasium makes the one environment of LeRobot 0.4; several are an InvalidInputError."""
         named = select_conditions(self.task)
         if len(named) != 1:
             raise InvalidInputError(
@@ -86,10 +78,6 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         ((task, variation),) = named
         return {"task": task, "variation": variation, **{name: getattr(self, name) for name in SETTINGS}}
 
-    def create_envs(
-        self,
-        n_envs: int,
-        use_async_envs: bool = False,
-    ) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
+    def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, VectorEnv[Any, Any, Any]]]:
         """Return the vector environments of all conditions; LeRobot asks for them from version 0.5 on."""
         return make_env(n_envs, use_async_envs, cfg=self)

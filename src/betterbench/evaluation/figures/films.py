@@ -36,15 +36,9 @@ def render_shots(
     quality: str = "standard",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> dict[Shot, bytes]:
-    """Return one JPEG per shot.
+    """Return one JPEG per shot, of ``size`` pixels on each side; shots of one scene share its model.
 
-    Args:
-        run: The run.
-        shots: Images to render; they are grouped by scene, so that each model is loaded once.
-        camera: Name of the camera.
-        size: Side of the images [pixel].
-        quality: Name of the render preset.
-        on_progress: Called with the number of images done and planned.
+    ``on_progress`` is called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
@@ -78,19 +72,10 @@ def write_video(
     size: int = 512,
     out: Path | None = None,
 ) -> Path:
-    """Write the video of a recorded trial.
-
-    Args:
-        run: The run.
-        task: Task id.
-        condition: Name of the condition.
-        seed: Seed.
-        camera: Name of the camera.
-        size: Side of the images [pixel], even.
-        out: File to write, H.264 in MP4; by default a file in the run's folder.
+    """Write the video of a recorded trial (H.264 in MP4), by default into the run's folder; return its path.
 
     Raises:
-        InvalidInputError: If the size is odd.
+        InvalidInputError: If the size [pixel] is odd.
     """
     if size % 2:
         raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")

@@ -35,9 +35,6 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     """Return a variation's training scene beside its test scene, with what changed outlined.
 
     Both have the same seed, and their images are ``size`` pixels wide and high.
-
-    Raises:
-        UnknownNameError: If there is no such task or variation.
     """
     task = get_task(task_id)
     variation = task.variation(name)

@@ -83,11 +83,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
 
     @classmethod
     def configure_render(cls, mode: str) -> dict[str, str]:
-        """Choose the renderer: on "cpu" OSMesa, on "gpu" what the environment says, else EGL.
-
-        Raises:
-            InvalidInputError: If EGL has been loaded already, which rules out OSMesa.
-        """
+        """Choose the renderer: on "cpu" OSMesa, on "gpu" what the environment says, else EGL."""
         if mode == "cpu" and "mujoco.egl" in sys.modules:
             raise InvalidInputError("render", "EGL was loaded before cpu was chosen", "Unset MUJOCO_GL")
         applied: dict[str, str] = configure_mujoco_render(mode)
@@ -175,12 +171,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return self._seen
 
     def step(self, action: dict[str, Any]) -> StepResult:
-        """Play what the model server answered; a reply that cannot be played ends the episode, as in ``better eval``.
-
-        Raises:
-            InvalidInputError: If there is no current episode.
-            RecordingError: If the run has to stop.
-        """
+        """Play what the model server answered; a reply that cannot be played ends the episode, as in better eval."""
         run, seen = self._run, self._seen
         if run is None or seen is None:
             raise InvalidInputError("step", "there is no current episode", "Call reset first")

@@ -39,10 +39,7 @@ _MAX_LISTED = 1000
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the context of a run that starts now.
 
-    Args:
-        plan: The plan.
-        policy: What the policy declares, by :func:`describe_policy`.
-        engine: What runs the trials: "name", "workers", "envs".
+    ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name", "workers" and "envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     machine = describe_machine()

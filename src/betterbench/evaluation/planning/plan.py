@@ -27,17 +27,7 @@ PLAN_VERSION = 1
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One planned trial.
-
-    Attributes:
-        task: Task id.
-        condition: Name of the condition: a variation's name or a training condition's.
-        variation: Name of the variation, or None on a training condition.
-        axis: Axis of the variation, or None.
-        base_condition: Training condition a variation is derived from, or None.
-        seed: Seed.
-        expected: What a correct policy does.
-    """
+    """One planned trial; ``variation``, ``axis`` and ``base_condition`` are None on a training condition."""
 
     task: str
     condition: str
@@ -59,16 +49,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run evaluates, and how. The same plan resumes a run; another plan is refused.
-
-    Attributes:
-        policy: Address of the policy.
-        trials: Trials in plan order.
-        action_space: Name of the action space.
-        observation: Name of the observation preset.
-        quality: Name of the render preset.
-        robot: Name of the robot.
-    """
+    """What a run evaluates, and how. The same plan resumes a run; another plan is refused."""
 
     policy: str
     trials: tuple[Trial, ...]
@@ -107,21 +88,12 @@ def make_plan(
     observation: str = "default",
     quality: str = "standard",
 ) -> Plan:
-    """Return the plan of a run.
+    """Return the plan of a run of the named tasks, or of those of better60.
 
     Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
     many trials in all as its variations, evenly shared. The first of them are the twins of the variations. Every trial
-    of a plan of some variations is also in the plan of all variations, so one certificate covers both.
-
-    Args:
-        policy: Address of the policy.
-        tasks: Task ids; those of better60 if empty.
-        variations: Names of variations to keep ("L1", "fast_food/T1"); all if empty.
-        trials: Trials per variation.
-        seed: First seed.
-        action_space: Name of the action space.
-        observation: Name of the observation preset.
-        quality: Name of the render preset.
+    of a plan of some variations ("L1", "fast_food/T1") is also in the plan of all variations, so one certificate covers
+    both.
 
     Raises:
         InvalidInputError: If a number is out of range or nothing is left to run.
@@ -153,12 +125,7 @@ def make_plan(
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
-    """Return the id of a trial that exists; its condition is the first training condition if None.
-
-    Raises:
-        UnknownNameError: If there is no such task or condition.
-        InvalidInputError: If the seed is negative.
-    """
+    """Return the id of a trial that exists; its condition is the first training condition if None."""
     if seed < 0:
         raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)

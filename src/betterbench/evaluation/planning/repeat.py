@@ -56,16 +56,13 @@ _PLAN = TypeAdapter(_Plan)
 
 
 def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions: bool = False) -> Plan:
-    """Return the plan of a run, to be run again with the same trials, seeds, conventions and policy.
+    """Return the plan of a run, for running the same trials again, by ``policy`` if one is named.
 
-    Args:
-        path: ``run.json`` of the run, or its folder.
-        policy: Address of another policy to run the same trials with; None for the same.
-        allow_other_versions: True to run it although versions or conventions differ that results depend on.
+    ``path`` is ``run.json`` of the run, or its folder.
 
     Raises:
         RecordError: If the file is not that of a run, or its plan is malformed.
-        RunConflictError: If versions or conventions differ and that is not allowed; the text names all of them.
+        RunConflictError: If versions or conventions differ that results depend on, unless that is allowed.
         UnknownNameError: If a task, condition, preset or action space is unknown here.
     """
     run = _open(path)
@@ -95,11 +92,7 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
 
 
 def require_same_policy(path: Path, policy: Mapping[str, Any]) -> None:
-    """Check that a policy still declares what it declared for the run at a path.
-
-    Raises:
-        RunConflictError: If it does not; the text names both values.
-    """
+    """Raise RunConflictError, with both values, if a policy does not declare what it declared for the run at a path."""
     difference = policy_difference(_open(path), policy)
     if difference is not None:
         raise RunConflictError(

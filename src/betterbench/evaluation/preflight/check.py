@@ -71,10 +71,7 @@ class PreflightCheck:
     """The result of a preflight check.
 
     Attributes:
-        policy: Address of the policy.
         trial: The trial whose start the policy was shown.
-        quality: Name of the render preset.
-        info: What the policy says about itself.
         conventions: What both sides declare.
         adapter: Its adapter, or None for a policy that gets our observation as it is.
         shown: The images as the policy gets them.
@@ -150,15 +147,10 @@ def run_preflight(
     quality: str = "standard",
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
-    """Ask a policy what it would do at the start of a trial.
+    """Ask a policy what it would do at the start of a trial of a run with these presets.
 
-    Args:
-        policy: Address of the policy.
-        trial: The trial.
-        action_space_name: Action space of the run to come; the policy's own if not given.
-        observation: Observation preset of the run.
-        quality: Render preset of the run.
-        on_conventions: Called with what both sides declare, before it is compared.
+    The action space is the policy's own if None. ``on_conventions`` is called with what both sides declare, before it
+    is compared.
 
     Raises:
         BetterError: If the policy cannot be asked, declares other conventions than the run, or gives a bad answer.

@@ -23,14 +23,11 @@ class PreflightView:
     """The content of a preflight sheet; :mod:`betterbench.report.preflight_sheet` draws it.
 
     Attributes:
-        title: Title of the sheet.
-        trial: The trial, as text.
         prompt: The instruction as the policy gets it.
         shown: The images; none for a policy that uses none.
         no_images: Text in place of images.
         state: Numbers that the policy gets: key, and text of its values.
         facts: Lines about the answer: name and value.
-        latency: Line about the time an answer takes.
         scene: (height, width, 3) uint8 image of the scene at reset.
         path: (n, 2) pixels of the end effector in it while the whole answer is executed, the first one at reset.
         aim: (2,) pixel that the first action leads to.
@@ -52,11 +49,7 @@ class PreflightView:
 
 
 def preflight_view(found: PreflightCheck) -> PreflightView:
-    """Return the content of the sheet of a preflight check.
-
-    Raises:
-        MissingDependencyError: If no off-screen OpenGL works here.
-    """
+    """Return the content of the sheet of a check; MissingDependencyError if no off-screen OpenGL works here."""
     condition = resolve_condition(found.trial.task, found.trial.condition)
     space, quality = action_space(found.info.action_space), quality_preset(found.quality)
     scene = Scene(condition.task, condition.condition, seed=found.trial.seed, action_space=space, quality=quality)

@@ -35,11 +35,7 @@ class Cluster:
         return self.address or os.environ.get("RAY_ADDRESS") or None
 
     def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InvalidInputError: If one is out of range.
-        """
+        """Raise InvalidInputError if a number is out of range."""
         if not 1 <= self.replicas <= 256:
             raise InvalidInputError("--replicas", f"{self.replicas} is out of range", "Give a number from 1 to 256")
         if self.replica_gpus is not None and not 0.0 <= self.replica_gpus <= 64.0:
@@ -50,10 +46,6 @@ def require_ray(cluster: Cluster) -> None:
     """Check, without loading Ray, that Ray is installed and that something listens at the address of the cluster.
 
     Ray itself would try for minutes to reach an address where nothing listens.
-
-    Raises:
-        MissingDependencyError: If Ray is not installed.
-        InvalidInputError: If nothing listens at the address.
     """
     if importlib.util.find_spec("ray") is None:
         raise MissingDependencyError("--engine ray: Ray is not installed. Run: pip install 'betterbench[ray]'")

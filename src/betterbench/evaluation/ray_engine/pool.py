@@ -45,12 +45,7 @@ def ray_entries(
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
 
-    Args:
-        session: The cluster.
-        run: The run; only this process writes to it.
-        settings: What all trials of the run share.
-        trials: The trials.
-        served: Whether the policy is held by replicas, which the workers ask.
+    Only this process writes to the run. ``served`` means that replicas hold the policy, and the workers ask them.
 
     Raises:
         InvalidInputError: If the cluster has no place, or has other versions.

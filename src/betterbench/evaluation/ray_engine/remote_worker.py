@@ -64,13 +64,7 @@ class RemoteWorker:
     """
 
     def __init__(self, settings: RunSettings, description: bytes, known: Sequence[str]) -> None:
-        """Nothing is opened before :meth:`prepare`.
-
-        Args:
-            settings: What all trials of the run share; its folder is replaced.
-            description: Content of ``run.json``.
-            known: Hashes of the scenes that the run holds already.
-        """
+        """Keep the settings, the content of ``run.json`` and the hashes of the scenes that the run holds already."""
         self._settings, self._description, self._known = settings, description, tuple(known)
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
@@ -79,8 +73,7 @@ class RemoteWorker:
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
         """Open the worker with further variables in its environment.
 
-        Returns:
-            The versions here, to be compared, and "problem" if the worker cannot be opened.
+        Returns the versions here, to be compared, and "problem" if the worker cannot be opened.
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)

@@ -51,20 +51,12 @@ class Replicas:
         self.environment: Mapping[str, str] = {}
 
     def start(self) -> None:
-        """Start all replicas, and wait until they answer.
-
-        Raises:
-            BetterError: If the cluster has no place for one, or one cannot load the policy.
-        """
+        """Start all replicas, and wait until they answer."""
         self.environment = {_KEY_NAME: secrets.token_hex(24)}
         self._actors, self.addresses = self._started(self._session.cluster.replicas)
 
     def replace_dead(self) -> list[int]:
-        """Replace the replicas that have died, and return their numbers; none if they all live or too many have died.
-
-        Raises:
-            BetterError: If the cluster has no place for one, or one cannot load the policy.
-        """
+        """Replace the replicas that have died, and return their numbers; none if all live or too many have died."""
         dead = [number for number, actor in enumerate(self._actors) if not self._answers(actor)]
         self._replaced += len(dead)
         if not dead or self._replaced > MAX_REPLACEMENTS:

@@ -47,12 +47,7 @@ def as_better_error(error: Any, what: str) -> BetterError:  # noqa: ANN401 -- an
 
 
 class RaySession:
-    """A connection to a cluster, or a cluster of this machine alone, for the time of a run. A context manager.
-
-    Attributes:
-        cluster: Where actors are placed.
-        ray: The module.
-    """
+    """A connection to a cluster, or a cluster of this machine alone, for the time of a run. A context manager."""
 
     def __init__(self, cluster: Cluster, workers: int | None) -> None:
         """Prepare; without a number of workers there are as many as the cluster has processors."""
@@ -61,11 +56,7 @@ class RaySession:
         self._owned = False
 
     def __enter__(self) -> Self:
-        """Connect, or start a cluster.
-
-        Raises:
-            InvalidInputError: If the cluster cannot be reached.
-        """
+        """Connect, or start a cluster; InvalidInputError if it cannot be reached."""
         ray = self.ray
         if ray.is_initialized():
             return self

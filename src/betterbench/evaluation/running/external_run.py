@@ -35,8 +35,6 @@ class ExternalRun:
     Several processes may drive one run, each other trials of it: the folder is locked only while a line is written.
 
     Attributes:
-        folder: The folder of the run.
-        plan: The plan.
         start: How the current episode began, or None.
         entry: The journal entry of the episode that ended last, or None.
     """
@@ -52,12 +50,9 @@ class ExternalRun:
     ) -> None:
         """Create the run, or resume the one in the folder if it has the same plan.
 
-        Args:
-            plan: The plan; its policy is the name under which the report shows your policy.
-            out: Folder of the run.
-            needs_images: False if the policy uses no image, so that none is rendered.
-            metadata: What else is known of the policy (checkpoint, revision); a JSON document is stored as such.
-            engine: What drives the run, for its manifest.
+        The policy of the plan is the name under which the report shows yours. Without ``needs_images`` no image is
+        rendered. ``metadata`` is what else is known of the policy (checkpoint, revision), a JSON document being stored
+        as such, and ``engine`` names in the manifest what drives the run.
 
         Raises:
             InvalidInputError: If the policy has the name of a built-in policy.
@@ -91,23 +86,14 @@ class ExternalRun:
         return any(e.status == "done" and e.key == trial.id for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
-        """Return the outcome of a trial that is done.
-
-        Raises:
-            RecordError: If its record is missing or unreadable.
-        """
+        """Return the outcome of a trial that is done; RecordError if its record is missing or unreadable."""
         return read_outcome(self.folder.record_path(trial.task, trial.condition, trial.seed))
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
         """Play a whole trial with a callable, and return its journal entry.
 
-        Args:
-            trial: A trial of the plan.
-            act: Returns one action (dim,) or a chunk (horizon, dim) for an observation. An exception of it ends the
-                trial as ``policy_error``, and the run can go on.
-
-        Raises:
-            BetterError: As :meth:`begin` and :meth:`act`.
+        ``act`` returns one action (dim,) or a chunk (horizon, dim) for an observation. An exception of it ends the
+        trial as ``policy_error``, and the run can go on. Other errors are those of :meth:`begin` and :meth:`act`.
         """
         seen: Observation | None = self.begin(trial)
         while seen is not None:

@@ -40,11 +40,7 @@ class ReplayCheck:
 
 
 def check_record(path: Path) -> ReplayCheck:
-    """Simulate a record's actions again and compare.
-
-    Raises:
-        RecordError: If it cannot be read, or its scene cannot be built again.
-    """
+    """Simulate a record's actions again and compare; RecordError if the record or its scene cannot be read."""
     record = read_record(path)
     meta = record.metadata
     notes = []

@@ -68,8 +68,8 @@ def evaluate(
     and environments, nor on the engine.
 
     Args:
-        plan: The plan.
-        out: Folder of the run; an unfinished run with the same plan is resumed.
+        plan: The same plan resumes an unfinished run.
+        out: Folder of the run.
         workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine
             or of the cluster, or for a single one if each would load the weights of a policy again.
         envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.

@@ -46,13 +46,7 @@ class Host:
     """
 
     def __init__(self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S) -> None:
-        """Prepare.
-
-        Args:
-            policy: Address of the policy.
-            run: Action space and observation preset of the run, with which the policy compares its conventions.
-            timeout_s: Deadline of one answer [s].
-        """
+        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with."""
         self._policy, self._run, self._timeout_s, self._restarts = policy, run, timeout_s, 0
         self._port = 0
         self.takes_batches = False
@@ -61,12 +55,7 @@ class Host:
         self._info: PolicyInfo | None = None
 
     def __enter__(self) -> Self:
-        """Start it, and wait until it has loaded the policy.
-
-        Raises:
-            BetterError: If the policy cannot be loaded.
-            PolicyError: If the process dies while loading.
-        """
+        """Start it, and wait until it has loaded the policy."""
         try:
             self._start()
             self._info, self.takes_batches, self._port = self._greeting()
@@ -91,11 +80,7 @@ class Host:
         return run_address(f"openpi://127.0.0.1:{self._port}", timeout_s=self._timeout_s, patience_s=PATIENCE_S)
 
     def watch(self) -> None:
-        """Start the process again if it has died; the workers' clients find it at the same port.
-
-        Raises:
-            PolicyError: If it died too often.
-        """
+        """Start the process again if it has died, at the same port; PolicyError if it died too often."""
         process = self._process
         if process is None or process.is_alive():
             return
@@ -155,10 +140,7 @@ class Host:
 def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     """Return the address at which the workers of a run ask a policy that the run itself serves.
 
-    Args:
-        address: Address of its server.
-        timeout_s: Deadline of one answer [s].
-        patience_s: How long a server that died is waited for [s].
+    An answer has a deadline of ``timeout_s`` [s], and a server that died is waited for ``patience_s`` [s].
     """
     # The server keeps and names the deadline itself; this longer one is for a server that does not. The first answer
     # may have to wait until weights are loaded.
@@ -170,13 +152,8 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
 def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, pipe: Connection) -> None:
     """Serve a policy until this process is ended; the main function of a host.
 
-    Args:
-        policy: Address of the policy.
-        run: Action space and observation preset of the run.
-        timeout_s: Deadline of one answer [s].
-        port: Port to listen on; 0 for any free one.
-        pipe: Where what the policy says about itself and the port are sent, or the error that prevents it. The process
-            ends when the other end is closed.
+    At any free port if ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error
+    that prevents it; the process ends when the other end is closed.
     """
     prepare_process()
     with _errors_sent(pipe), PolicyFactory(policy) as policies:

@@ -110,23 +110,12 @@ class SessionStore:
 
     An instance whose connection has ended serves the next one, so that weights are not loaded again for a client that
     connects again. A new connection always begins with a reset.
-
-    Attributes:
-        metadata: What the server declares.
     """
 
     def __init__(
         self, address: str, first: Policy, *, batch: int, trial: TrialId | None, deadline: Deadline | None = None
     ) -> None:
-        """Prepare.
-
-        Args:
-            address: Address of the policy.
-            first: Its first instance.
-            batch: Observations in one call at most.
-            trial: Trial of clients that name none.
-            deadline: How long an answer may take, if the run itself serves.
-        """
+        """Prepare with the first instance of the policy; answers have a deadline only if the run itself serves."""
         self._address, self._trial, self._deadline = address, trial, deadline
         self._shares = isinstance(first, BatchPolicy)
         self._batch = batch if self._shares else 1
@@ -185,14 +174,8 @@ def declare(
 ) -> dict[str, Any]:
     """Return the metadata frame of a server.
 
-    Args:
-        policy: Address of the policy.
-        space: Action space in which it answers.
-        needs_images: False if it never uses an image.
-        batch: Largest number of observations that it answers at once.
-        more: What else clients may want to know.
-        execution: How its chunks are to be played.
-        expert: Whether it simulates the client's trial, which our own clients then name.
+    ``batch`` is the largest number of observations that it answers at once, ``more`` what else a client may want to
+    know. ``expert`` says that it simulates the client's trial, which our own clients then name.
     """
     return {
         "betterbench": {

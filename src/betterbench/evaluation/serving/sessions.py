@@ -39,13 +39,7 @@ class ShadowSession:
         self._warned = False
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the next actions of the expert.
-
-        Raises:
-            InvalidInputError: If the request is malformed, or no trial has its instruction.
-            UnknownNameError: If it names no trial of the suite.
-            PolicyError: If the client has left the path of the answered actions.
-        """
+        """Return the next actions of the expert."""
         request = read_request(message)
         if request.start is not None:
             _check_space(request.start, EE_DELTA.name, "an expert")
@@ -136,8 +130,7 @@ def _check_space(start: EpisodeStart, space: str, who: str) -> None:
 def trial_of(instruction: str) -> TrialId:
     """Return the first trial of the suite that has an instruction: of a training condition, with seed 0.
 
-    Raises:
-        InvalidInputError: If no training condition has it; the text names the closest ones.
+    InvalidInputError names the closest instructions if no training condition has it.
     """
     conditions: dict[str, Condition] = {}
     for task in all_tasks():
@@ -160,31 +153,18 @@ class PolicySession:
     """One client of a policy that sees observations."""
 
     def __init__(
-        self,
-        policy: Policy,
-        trial: TrialId | None,
-        *,
-        within: bool = False,
-        on_close: Callable[[], None] | None = None,
+        self, policy: Policy, trial: TrialId | None, *, within: bool = False, on_close: Callable[[], None] | None = None
     ) -> None:
-        """Prepare for a connection.
+        """Prepare for a connection with a policy of its own, or one that answers each observation independently.
 
-        Args:
-            policy: The policy; this session's own, or one that answers each observation independently.
-            trial: Trial whose episode number a policy is told by a client that sends none.
-            within: True for the workers of a run: an error is reported in the text that goes into a record.
-            on_close: Called when the client has left.
+        ``trial`` is the one whose episode number a policy is told by a client that sends none. ``within`` is True for
+        the workers of a run: an error is reported in the text that goes into a record.
         """
         self._policy, self._trial, self._within, self._on_close = policy, trial, within, on_close
         self._counter = Counter()
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the next actions of the policy.
-
-        Raises:
-            InvalidInputError: If the request is malformed.
-            PolicyError: If the policy answers something that is no chunk of actions.
-        """
+        """Return the next actions of the policy."""
         request = read_request(message)
         if request.observation is None:
             raise InvalidInputError(

@@ -57,15 +57,9 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return what the policy does from a control step on.
+        """Return what the policy does from a control step on: (1 to ``count``, 7), fewer if it fails on the way.
 
-        Args:
-            step: Control steps that the client has taken since reset.
-            count: Number of actions wanted; fewer are returned if the policy fails on the way.
-            seen: What the client measures at that step, to be compared, or None.
-
-        Returns:
-            (1 to count, 7) float64 actions.
+        ``seen`` is what the client measures at that step, to be compared.
 
         Raises:
             InvalidInputError: If the trial has ended by that step.
@@ -132,12 +126,7 @@ class ShadowSimulations:
         self._lock = threading.Lock()
 
     def of(self, trial: TrialId) -> ShadowSimulation:
-        """Return the shadow of a trial; a new one if it is not kept.
-
-        Raises:
-            UnknownNameError: If there is no such task or condition.
-            PolicyError: If the scene does not show what its instruction presupposes.
-        """
+        """Return the shadow of a trial; a new one if it is not kept."""
         with self._lock:
             shadow = self._kept.get(trial)
             if shadow is None:

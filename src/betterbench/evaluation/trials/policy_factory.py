@@ -23,12 +23,7 @@ SOURCE = "source file"
 
 
 def check_policy(address: str, *, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:
-    """Return what a policy says about itself, and check it against a run; a server is asked for its conventions.
-
-    Args:
-        address: Address of the policy.
-        action_space: Action space of the run, which the policy has to answer in; None where there is no run yet.
-        observation: Observation preset of the run, likewise.
+    """Return what a policy says about itself, and check it against a run, if one is named; a server is asked.
 
     Raises:
         UnknownNameError: If no policy has such an address.
@@ -157,11 +152,7 @@ class PolicyFactory:
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:
-    """Check that a policy answers in the action space of a run, if there is a run yet; a replay names no action space.
-
-    Raises:
-        InvalidInputError: If it answers in another one.
-    """
+    """Raise InvalidInputError if a policy answers in another action space than the run, where there is a run yet."""
     if info.action_space and action_space not in (None, info.action_space):
         raise InvalidInputError(
             "action space",

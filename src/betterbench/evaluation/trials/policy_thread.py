@@ -47,12 +47,8 @@ class PolicyThread:
     ) -> None:
         """Start the thread.
 
-        Args:
-            make: Makes the policy; called again at the next question if it fails.
-            outbox: Where answers are put.
-            tickets: Gives the next number of a question.
-            client: Whether the policy is one of our own clients of a server: it counts its requests, and it is told
-                the trial, which it passes on only to a server that declares to serve an expert.
+        ``make`` is called again at the next question if it fails. ``client`` says that the policy is one of our own
+        clients of a server: it counts its requests, and is told the trial, which only the server of an expert gets.
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None

@@ -46,10 +46,6 @@ class RunSettings:
     Attributes:
         run: Folder of the run.
         policy: Address of the policy, as the records name it.
-        action_space: Name of the action space.
-        observation: Name of the observation preset.
-        quality: Name of the render preset.
-        robot: Name of the robot.
         envs: Environments that a worker keeps open at once.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the process that holds the policy for all workers, or None.
@@ -80,19 +76,10 @@ class RunSettings:
 
 
 class TrialRunner:
-    """What the trials of one worker share.
-
-    Attributes:
-        settings: What all trials of the run share.
-        policies: Makes the policy.
-    """
+    """What the trials of one worker share."""
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Open the run, and ask the policy what it needs.
-
-        Raises:
-            BetterError: If the policy cannot be made, its server not be reached or the run not be read.
-        """
+        """Open the run, and ask the policy what it needs; BetterError if one of them fails."""
         self.settings = settings
         load_sources(settings.task_files)
         self.run = RunFolder.open(Path(settings.run))
@@ -104,11 +91,8 @@ class TrialRunner:
     def steps(self, trial: Trial) -> TrialSteps:
         """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
 
-        Yields:
-            As :func:`betterbench.episodes.episode_steps`; nothing where the policy needs no thread.
-
-        Returns:
-            The journal entry; the caller writes it, so that only one process appends.
+        Yields as :func:`betterbench.episodes.episode_steps`, and nothing where the policy needs no thread. Returns the
+        journal entry; the caller writes it, so that only one process appends.
 
         Raises:
             PremiseError: If the scene does not show what the instruction presupposes; the run has to stop.
@@ -198,11 +182,7 @@ def broken_entry(trial: Trial, reason: str) -> JournalEntry:
 
 @contextmanager
 def on_disk(place: Path) -> Iterator[None]:
-    """Turn an error of a disk that cannot be written any more into one line; further trials would fail alike.
-
-    Raises:
-        StorageError: If the disk is full or broken, or may not be written any more.
-    """
+    """Turn an error of a full, broken or protected disk into a StorageError; further trials would fail alike."""
     try:
         yield
     except OSError as problem:

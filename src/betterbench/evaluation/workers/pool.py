@@ -205,10 +205,7 @@ def interrupts_blocked() -> Iterator[None]:
 def work(settings: RunSettings, connection: Connection) -> None:
     """Take trials from a pipe and send back journal entries; the main function of a worker process.
 
-    Args:
-        settings: What all trials of the run share.
-        connection: The pipe. None means that there is no more work; sent back it means that the worker is ready. An
-            error sent back stops the run.
+    None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
     """
     prepare_process()
     with contextlib.suppress(EOFError, BrokenPipeError):

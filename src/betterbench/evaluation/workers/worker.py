@@ -89,12 +89,7 @@ class Worker:
     """
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own.
-
-        Raises:
-            InvalidInputError: If the number of environments is out of range.
-            BetterError: If the policy cannot be made, its server not be reached or the run not be read.
-        """
+        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own."""
         if not 1 <= settings.envs <= MAX_ENVS:
             raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
         self._settings = settings
@@ -123,11 +118,7 @@ class Worker:
         return sum(slot.steps is None for slot in self._slots)
 
     def start(self, trial: Trial) -> None:
-        """Take a trial, which :meth:`finished` runs.
-
-        Raises:
-            InvalidInputError: If no environment is free.
-        """
+        """Take a trial, which :meth:`finished` runs; InvalidInputError if no environment is free."""
         for slot in self._slots:
             if slot.steps is None:
                 slot.steps, slot.trial = self._trial_runner.steps(trial), trial.id

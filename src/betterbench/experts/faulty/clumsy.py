@@ -1,4 +1,4 @@
-"""``zoo:clumsy``: the right decision, a bad hand."""
+"""``zoo:clumsy``: the right decision, and a grasp that misses or drops the object."""
 
 from __future__ import annotations
 

@@ -100,13 +100,7 @@ class Bridge:
     """Answers the questions of all connections with one policy, one after the other."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
-        """Prepare.
-
-        Args:
-            policy: What answers.
-            inference_delay: Control steps that pass while the policy computes, for real-time chunking.
-            api_key: Key that clients have to show, or None.
-        """
+        """Prepare; ``inference_delay`` is the number of control steps that pass while the policy computes."""
         self._policy, self._delay, self._api_key = policy, inference_delay, api_key
         self._one_at_a_time = threading.Lock()
         self._told = False
@@ -168,14 +162,9 @@ class Bridge:
 def continue_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
-    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first of its new chunk, so the old one is moved
-    up by the steps that have passed, and filled up with its last row, which the policy does not look at.
-
-    Args:
-        asked_at: Control step of the question that brought the old chunk.
-        chunk: The old chunk, (..., horizon, dim).
-        step: Control step of this question.
-        delay: Control steps that pass while the policy computes.
+    The policy keeps the first ``delay`` rows of ``prev_chunk`` as the first of its new chunk, so the old one, (...,
+    horizon, dim), is moved up by the steps that have passed, and filled up with its last row, which the policy does not
+    look at.
     """
     passed = step - asked_at
     if not delay or chunk.shape[-2] - passed < delay:
@@ -199,11 +188,7 @@ def _plain(value: object) -> object:
 
 
 def serve_from_command_line() -> int:
-    """Serve the policy that the command line names.
-
-    Returns:
-        Exit status.
-    """
+    """Serve the policy that the command line names, and return the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("make", help="MODULE:FUNCTION that makes the policy when it is called without arguments")
     parser.add_argument("--host", default="127.0.0.1", help="interface to listen on (default: %(default)s)")

@@ -1,7 +1,5 @@
 """Arrangement: on which side of an anchor an object lies or stands."""
 
-from __future__ import annotations
-
 import math
 
 from betterbench.geometry import IDENTITY_QUATERNION, yaw_of
@@ -43,7 +41,6 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
     if x * x + y * y > REACH**2 or z > HEIGHT:
         return None
-    found = None
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
             continue
@@ -52,11 +49,9 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
         else:
             dx, dy, _ = region.pose.inverse().apply((x, y, z))
         if abs(dx) <= region.half_size[0] and abs(dy) <= region.half_size[1]:
-            found = region.name
-            break
-    if found is None or not upright(state, name) or not state.touching(name, "table"):
-        return None
-    return found if _aligned(state, name, anchor) else None
+            lies = upright(state, name) and state.touching(name, "table") and _aligned(state, name, anchor)
+            return region.name if lies else None
+    return None
 
 
 def _is_long(info: ObjectInfo) -> bool:

@@ -1,7 +1,5 @@
 """Articulation: whether a drawer is shut, how far it is open, and what has to be moved before it can be loaded."""
 
-from __future__ import annotations
-
 from betterbench.geometry import distance
 from betterbench.state import WorldState
 from betterbench.tasks.condition import Condition, ObjectSpec

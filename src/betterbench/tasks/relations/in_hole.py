@@ -1,7 +1,5 @@
 """Insertion: in which hole of a rack an object stands."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by

@@ -1,20 +1,11 @@
 """Containment: whether an object is in a container that is open at the top."""
 
-from __future__ import annotations
-
 import math
 
 from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
-from betterbench.tasks.relations.relation import (
-    PlaceGoal,
-    Relation,
-    RestingPlace,
-    offers,
-    register,
-    single,
-)
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(
@@ -45,8 +36,7 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     center = state.pose(name).apply((0.0, 0.0, 0.5 * info.size_m[2]))
     x, y, z = (state.pose(container) @ region.pose).inverse().apply(center)
     hx, hy, hz = region.half_size
-    margin = MARGIN
-    return abs(x) <= hx - margin and abs(y) <= hy - margin and -hz <= z <= hz
+    return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
@@ -99,8 +89,7 @@ def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[flo
 def _preplace(place: RestingPlace) -> Pose:
     dx, dy, dyaw = place.draw
     (x, y, z), half_size = place.target_regions["inside"]
-    position = (x + SPREAD_M * dx, y + SPREAD_M * dy, z - half_size[2])
-    return Pose(position, from_yaw(dyaw))
+    return Pose((x + SPREAD_M * dx, y + SPREAD_M * dy, z - half_size[2]), from_yaw(dyaw))
 
 
 INSIDE = register(

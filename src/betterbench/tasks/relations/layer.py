@@ -1,7 +1,5 @@
 """Assembly: which layer of a stack an object is, counted from the base."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
@@ -33,19 +31,13 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     position = foot(state, name)
     if not _over(state, name, base) or position[2] <= state.pose(base).position[2]:
         return None
-    below = base
-    seen = {base}
+    below, seen = base, {base}
     for number in LAYERS:
         top = _top(state, below)
-        above = [
-            o.name
-            for o in state.info.objects
-            if o.name not in seen
-            and not o.fixed
-            and _over(state, o.name, base)
-            and abs(foot(state, o.name)[2] - top) <= GAP
-            and state.touching(o.name, below)
-        ]
+        loose = (
+            o.name for o in state.info.objects if o.name not in seen and not o.fixed and _over(state, o.name, base)
+        )
+        above = [n for n in loose if abs(foot(state, n)[2] - top) <= GAP and state.touching(n, below)]
         if len(above) != 1:
             return None  # nothing there, or two things share the layer
         if name in above:
@@ -68,8 +60,7 @@ def _over(state: WorldState, name: str, base: str) -> bool:
 
 def _top(state: WorldState, name: str) -> float:
     """Return the height of the surface that the next layer lies on [m]."""
-    info = state.info.object(name)
-    pose = state.pose(name)
+    info, pose = state.info.object(name), state.pose(name)
     for region in info.regions:
         if region.name == "top":
             return pose.apply(region.position)[2]
@@ -78,11 +69,7 @@ def _top(state: WorldState, name: str) -> float:
 
 def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
     """Return goals on what is below the layer that is asked for, centered over the base: offsets do not add up."""
-    beneath = {
-        where: o.name
-        for o in state.info.objects
-        if o.name != base and (where := layer(state, o.name, base)) is not None
-    }
+    beneath = {layer(state, o.name, base): o.name for o in state.info.objects if o.name != base}
     below = beneath.get(str(int(region) - 1), base)
     x, y, _ = state.pose(base).position
     z = state.pose(below).apply(state.info.object(below).region("top").position)[2]

@@ -1,18 +1,9 @@
 """Stacking: whether a plate stands in the middle of another one."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.placing import foot, resting_at, standing_goals, turned_by
-from betterbench.tasks.relations.relation import (
-    PlaceGoal,
-    Relation,
-    RestingPlace,
-    offers,
-    register,
-    single,
-)
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 OFFSET = threshold(

@@ -1,18 +1,9 @@
 """Constrained positioning: whether an object stands centered on a marked ring with its handle clear of the spout."""
 
-from __future__ import annotations
-
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
-from betterbench.tasks.relations.relation import (
-    PlaceGoal,
-    Relation,
-    RestingPlace,
-    offers,
-    register,
-    single,
-)
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
 
@@ -48,8 +39,7 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether no corner of the object's handle is under the fixture's spout, seen from above."""
-    info = state.info.object(name)
-    handles = [r for r in info.regions if r.name == "handle"]
+    handles = [r for r in state.info.object(name).regions if r.name == "handle"]
     spout = state.info.object(fixture).region("spout")
     to_spout = (state.pose(fixture) @ spout.pose).inverse()
     hx, hy = spout.half_size[0] + SPOUT, spout.half_size[1] + SPOUT

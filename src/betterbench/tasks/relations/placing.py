@@ -1,7 +1,5 @@
 """Where the foot of an object is, and how a gripper lets go of an object that it has set down."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from betterbench.geometry import Pose, Vector, from_yaw, rotate, yaw_of
@@ -21,10 +19,7 @@ def foot_offset(info: ObjectInfo) -> Vector:
 
 def foot(state: WorldState, name: str) -> Vector:
     """Return the center of an object's foot in the world [m]."""
-    for region in state.info.object(name).regions:
-        if region.name == "base":
-            return state.pose(name).apply(region.position)
-    return state.pose(name).position
+    return state.pose(name).apply(foot_offset(state.info.object(name)))
 
 
 def slim_opening_m(info: ObjectInfo) -> float | None:
@@ -36,14 +31,9 @@ def slim_opening_m(info: ObjectInfo) -> float | None:
 def standing_goals(
     state: WorldState, name: str, point: Vector, yaws: Iterable[float], *, release_width_m: float | None
 ) -> tuple[PlaceGoal, ...]:
-    """Return the goals to let go of an object with its foot just above a point, one per heading.
+    """Return the goals to let go of an object with its foot just above a point [m], one per heading, the best first.
 
-    Args:
-        state: State now.
-        name: Name of the object.
-        point: Where its foot goes, world frame [m].
-        yaws: Headings of the object [rad], the best first.
-        release_width_m: How far the gripper opens [m]; None for all the way.
+    The point is in the world frame; the gripper opens by ``release_width_m``, or all the way.
     """
     offset = foot_offset(state.info.object(name))
     goals = []

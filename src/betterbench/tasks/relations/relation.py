@@ -1,11 +1,9 @@
 """What a relation between an object and a target is, and the registry of all relations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from betterbench.errors import PlanningError, UnknownNameError
+from betterbench.errors import PlanningError, find_named
 from betterbench.geometry import Pose, Vector
 from betterbench.state import ObjectInfo, WorldState
 
@@ -125,10 +123,7 @@ def relation(name: str) -> Relation:
     Raises:
         UnknownNameError: If there is no such relation.
     """
-    try:
-        return RELATIONS[name]
-    except KeyError:
-        raise UnknownNameError("relation", name, RELATIONS) from None
+    return find_named("relation", name, RELATIONS.values())
 
 
 def single(test: Callable[[WorldState, str, str], bool]) -> Where:

@@ -1,7 +1,5 @@
 """Release: whether the gripper has let go of an object."""
 
-from __future__ import annotations
-
 from betterbench.state import WorldState
 
 

@@ -1,7 +1,5 @@
 """Rest: whether an object or the arm has come to a stop, and whether an object stands upright."""
 
-from __future__ import annotations
-
 from betterbench.geometry import tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.thresholds import THRESHOLDS
