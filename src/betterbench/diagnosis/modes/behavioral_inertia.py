@@ -34,8 +34,9 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="A step that is frequent in training is begun unasked, the step that followed in training is played "
-    "unasked or at an empty slot, or the right object is put where training put its kind.",
+    definition="A step that is frequent in training is started without being instructed; the step that followed "
+    "in training is executed without being instructed or at an empty slot; or the right object is "
+    "placed where its kind was placed in training.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
     finding="Plays a step of training that was not asked for",
     rule=HABIT,

@@ -20,7 +20,7 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.CAUSAL_CONFUSION,
     short="causal",
-    definition="A required step whose object is present is skipped for a later one, or a finished one is repeated.",
+    definition="A required step whose object is present is skipped for a later step, or a finished step is repeated.",
     conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
     finding="Skips a required step or repeats a finished one",
     exposed_by=_exposed,

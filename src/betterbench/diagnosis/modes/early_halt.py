@@ -19,7 +19,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
-    definition="The arm stands still for 3 s with steps open and no attempt under way, and never grasps again.",
+    definition="The arm stands still for 3 s while steps are open and no attempt is under way, and does not "
+    "grasp again.",
     conclusion="It stops before the work is done.",
     finding="Stops for good with something left to do",
     exposed_by=_exposed,

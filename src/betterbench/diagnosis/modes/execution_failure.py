@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
-    definition="The right target at the right time, but slipped, dropped, collided, missed, knocked away again, or a "
-    "drawer left halfway.",
+    definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
+    "again, the arm collided, or a drawer was left halfway.",
     conclusion="It goes for the right things, but its manipulation fails.",
     finding="Chooses the right target and fails at the manipulation",
     exposed_by=_exposed,

@@ -23,8 +23,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.LEXICAL_KINEMATIC_SHORTCUT,
     short="lexical",
-    definition="The first attempt goes where the word of the instruction led in training, to another object that the "
-    "instruction could have meant in another layout.",
+    definition="The first attempt is where a word of the instruction led in training, at an object that the "
+    "instruction would mean in another layout.",
     conclusion="It maps words to motions: it goes where a word led in training, not to what the word means.",
     finding="Goes where the word led in training, to another object",
     rule=WORD,

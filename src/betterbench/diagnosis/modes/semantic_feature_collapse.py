@@ -36,7 +36,7 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task means.",
+    definition="The attempt is at an object that no instruction of the task refers to.",
     conclusion="It takes look-alikes for the real thing.",
     finding="Goes for an object that no instruction means",
     detail=_shared_by,

@@ -21,7 +21,7 @@ def _find(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_FREEZE,
     short="stayed still",
-    definition="Nothing was left to do, nothing was touched, and the arm settled.",
+    definition="Nothing was left to do, nothing was touched, and the arm came to rest.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly did nothing."""
@@ -31,7 +31,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_REFUSAL,
     short="refused",
-    definition="What was asked for was absent, and nothing was grasped in its place.",
+    definition="The instructed object was absent, and no other object was grasped instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly took nothing in place of what is absent."""

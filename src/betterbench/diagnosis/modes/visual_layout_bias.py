@@ -32,7 +32,7 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
     short="layout bias",
-    definition="The first attempt goes to the same place whatever the instruction; decided over several trials.",
+    definition="The first attempt is at the same slot whatever the instruction; decided over several trials.",
     conclusion="It goes to the same place whatever the instruction says.",
     finding="Goes to the same place whatever the instruction",
     rule=PLACE,

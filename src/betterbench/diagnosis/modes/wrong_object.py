@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.WRONG_OBJECT,
     short="wrong object",
-    definition="An attempt at an object or place of another instruction, by no rule that this run proves.",
+    definition="An attempt at an object or target of another instruction, without proof of a rule in this run.",
     conclusion="It goes for the wrong object; this run cannot tell by which rule.",
     finding="Goes for a wrong object, by no proven rule",
 )
