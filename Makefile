@@ -10,7 +10,8 @@ JOBS ?= 2
 ARGS ?=
 # One thread per process: processes scale, threads of the software renderer and of small matrix products do not.
 # The set-up script notes the GL back end that works here; MUJOCO_GL of the caller wins.
-RUN = MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
+# Bytecode is kept: the tests start many processes, and each would compile the package anew.
+RUN = PYTHONDONTWRITEBYTECODE= MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
 
 .PHONY: help setup env demo test test-slow bench golden certify check fmt fmt-check lint types arch docs lock clean distclean
 

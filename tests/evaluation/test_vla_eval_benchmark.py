@@ -278,7 +278,7 @@ def test_an_episode_cut_short_is_run_again_and_one_that_is_done_is_only_told(ben
         ({"actions": np.zeros(8)}, "shape (8,)"),
         ({"action": np.zeros(7)}, "no 'actions'"),
         ({"actions": np.zeros((0, 7))}, "empty chunk"),
-        ({"actions": "left"}, "no array of real numbers"),
+        ({"actions": "left"}, "not an array of real numbers"),
     ],
 )
 def test_a_broken_reply_ends_the_trial_with_its_reason(bench, tmp_path, reply, reason):
@@ -321,7 +321,7 @@ def test_bad_settings_are_named(bench):
         bench(conditions="morning_coffee/T11")
     with pytest.raises(UnknownNameError, match="observation preset"):
         bench(observation="defualt")
-    with pytest.raises(InvalidInputError, match="adapter"):
+    with pytest.raises(InvalidInputError, match="there_is_no_such_file.json"):
         bench(adapter="there_is_no_such_file.json")
     with pytest.raises(InvalidInputError, match="answers absolute poses, and adapter vla_eval reads ee_delta"):
         bench(absolute_action=True)
