@@ -321,7 +321,7 @@ def test_bad_settings_are_named(bench):
         bench(conditions="morning_coffee/T11")
     with pytest.raises(UnknownNameError, match="observation preset"):
         bench(observation="defualt")
-    with pytest.raises(InvalidInputError, match="there_is_no_such_file.json"):
+    with pytest.raises(InvalidInputError, match=r"there_is_no_such_file\.json"):
         bench(adapter="there_is_no_such_file.json")
     with pytest.raises(InvalidInputError, match="answers absolute poses, and adapter vla_eval reads ee_delta"):
         bench(absolute_action=True)

@@ -26,12 +26,12 @@ LAYOUTS = (
 )
 F, C, S = (FORK, "left"), (CUP, "upper_right"), (SPOON, "right")
 
-BY_KIND = "Known pieces are found among tableware that stands in another order."
-BY_ANCHOR = "A side is a side of the plate and not a place on the table."
-NEW_PAIR = "Piece and side, each known, are put together in a new way."
-FORK_OR_SPOON = "A fork is told from a spoon that lies in its place."
-LOOK_ALIKE = "A cup is told from a tumbler of its color that stands in its place."
-LONGER = "A longer chain of known steps is carried to its end."
+BY_KIND = "Known pieces are found among tableware in another arrangement."
+BY_ANCHOR = "A side is relative to the plate, not a place on the table."
+NEW_PAIR = "A known piece and a known side are combined in a new way."
+FORK_OR_SPOON = "The policy distinguishes a fork from a spoon in its slot."
+LOOK_ALIKE = "The policy distinguishes a cup from a tumbler of the same color in its slot."
+LONGER = "A chain of known steps that is longer than any in training is completed."
 
 
 @a.task

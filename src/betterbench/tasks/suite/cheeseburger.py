@@ -26,12 +26,12 @@ def stack(*things: a.ObjectSpec) -> a.Instruction:
     return a.ordered(f"Put {names[0]} on the bottom bun, then {', then '.join(names[1:])}.", *steps)
 
 
-BY_KIND = "Layers are found by what they are and not by where they lay in training."
-WITHOUT_FIRST = "Known steps are put together in a new way, without the step that always came first."
-NEW_ORDER = "Known steps are carried out in an order never shown."
-LOOK_ALIKE = "Cheese is told from a sponge of its color and shape that lies in its place."
-DONE = "What is done already is seen, and the work goes on from there."
-AGAIN = "A known step is repeated as often as it is asked for."
+BY_KIND = "Layers are found by what they are, not by where they lay in training."
+WITHOUT_FIRST = "Known steps are combined in a new way, without the step that always came first."
+NEW_ORDER = "Known steps are carried out in an order that training never showed."
+LOOK_ALIKE = "The policy distinguishes cheese from a sponge of the same color and shape in its slot."
+DONE = "The policy sees what is done already and goes on from there."
+AGAIN = "A known step is repeated as often as the instruction asks."
 
 
 @a.task

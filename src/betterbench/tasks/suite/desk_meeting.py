@@ -20,24 +20,24 @@ TRAINED = {MOUSE: "right", MUG: "left", SPEAKER: "behind"}
 
 
 def put(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
-    """Return the instruction to put things to sides of the laptop."""
+    """Return the instruction to put objects to sides of the laptop."""
     return a.arranged(LAPTOP, *steps)
 
 
-BY_KIND = "Things are found by what they are and not by where they stood in training."
-BY_ANCHOR = "A side is a side of the laptop and not a place on the table."
-NEW_PAIR = "Thing and side, each known, are put together in a new way."
-LOOK_ALIKE = "The mouse is told from a soap bar of its shape that lies in its place."
-LONGER = "A longer chain of known steps is carried to its end."
+BY_KIND = "Objects are found by what they are, not by where they stood in training."
+BY_ANCHOR = "A side is relative to the laptop, not a place on the table."
+NEW_PAIR = "A known object and a known side are combined in a new way."
+LOOK_ALIKE = "The policy distinguishes the mouse from a soap bar of the same shape in its slot."
+LONGER = "A chain of known steps that is longer than any in training is completed."
 
 
 @a.task
 def desk_meeting() -> a.Task:
-    """Put the named things to the named sides of the laptop.
+    """Put the named objects to the named sides of the laptop.
 
     Sides are those of somebody who sits in front of the laptop, as the front camera does.
 
-    Randomizations: each thing within 15 mm and 9 degrees of its slot, the laptop within 10 mm; the look of everything.
+    Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; the look of everything.
     Success: the mouse lies along the laptop.
     """
     pairs = itertools.permutations(TRAINED.items(), 2)

@@ -27,12 +27,12 @@ def onto(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
 RED_ON_WHITE, BLUE_ON_WHITE, BLUE_ON_RED = onto((RED, WHITE)), onto((BLUE, WHITE)), onto((BLUE, RED))
 WHOLE_STACK = onto((RED, WHITE), (BLUE, RED))
 
-BY_KIND = "Plates are found by what they are and not by where they stood in training."
-BY_TARGET = "A plate is put where the white one stands and not where it stood."
-BY_COLOR = "What a plate is put on is chosen by its color and not by its place."
-LOOK_ALIKE = "A plate is told from a bowl of its color that stands in its place."
-LONGER = "A longer chain of known steps is carried to its end."
-DONE = "What is done already is seen, and the work is finished from there."
+BY_KIND = "Plates are found by what they are, not by where they stood in training."
+BY_TARGET = "A plate is put where the white one stands, not where it stood."
+BY_COLOR = "The target plate is chosen by its color, not by its slot."
+LOOK_ALIKE = "The policy distinguishes a plate from a bowl of the same color in its slot."
+LONGER = "A chain of known steps that is longer than any in training is completed."
+DONE = "The policy sees what is done already and finishes the stack."
 
 
 @a.task

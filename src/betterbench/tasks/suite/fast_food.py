@@ -14,7 +14,7 @@ LAYOUT = {BURGER: FIRST, BURGER_2: SECOND, FRIES: THIRD, DRINK: FOURTH, BOX: STA
 
 
 def order(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the order for these things, one after the other."""
+    """Return the order for these objects, one after the other."""
     return a.ordered(f"Put {text}.", *a.packed("pack", BOX, *things))
 
 
@@ -24,11 +24,11 @@ FRIES_DRINK = order("the fries into the takeaway box, then the drink", FRIES, DR
 DRINK_FRIES = order("the drink into the takeaway box, then the fries", DRINK, FRIES)
 ALL = order("both burgers into the takeaway box, then the fries, then the drink", BURGER, BURGER_2, FRIES, DRINK)
 
-BY_KIND = "Food is found by what it is and not by where it stood in training."
-NEW_ORDER = "Known steps are put together in a new way, without the step that always came first."
-LOOK_ALIKE = "A burger is told from a block of its color and shape that stands in its place."
-PROGRESS = "Progress is known from what was done and not from how many burgers are left."
-LONGER = "A longer chain of known steps, one of them repeated, is carried to its end."
+BY_KIND = "Food is found by what it is, not by where it stood in training."
+NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
+LOOK_ALIKE = "The policy distinguishes a burger from a block of the same color and shape in its slot."
+PROGRESS = "Progress is judged by what was done, not by how many burgers are left."
+LONGER = "A chain of known steps that is longer than any in training, with one step twice, is completed."
 
 
 @a.task

@@ -13,7 +13,7 @@ LAYOUT = {APPLE: FIRST, ORANGE: SECOND, LEMON: THIRD, LUNCHBOX: STAND}
 
 
 def pack(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to pack these things, one after the other."""
+    """Return the instruction to pack these objects, one after the other."""
     return a.ordered(f"Put {text}.", *a.packed("pack", LUNCHBOX, *things))
 
 
@@ -22,12 +22,12 @@ APPLE_LEMON = pack("the apple into the lunchbox, then the lemon", APPLE, LEMON)
 ORANGE_LEMON = pack("the orange into the lunchbox, then the lemon", ORANGE, LEMON)
 BOTH_APPLES = pack("both apples into the lunchbox", APPLE, APPLE_2)
 
-BY_KIND = "Fruit is found by what it is and not by where it lay in training."
-NEW_ORDER = "Known steps are put together in a new way, without the step that always came first."
-ABSENT = "What is asked for but is not there is not replaced by something of its color."
-LOOK_ALIKE = "An apple is told from a block of its color that lies in its place."
-DONE = "What is done already is seen, and the work goes on from there."
-AGAIN = "A known step is repeated as often as it is asked for."
+BY_KIND = "Fruits are found by what they are, not by where they lay in training."
+NEW_ORDER = "Known steps are combined in a new way, without the step that always came first."
+ABSENT = "An absent target is not replaced by an object of the same color."
+LOOK_ALIKE = "The policy distinguishes an apple from a block of the same color in its slot."
+DONE = "The policy sees what is done already and goes on from there."
+AGAIN = "A known step is repeated as often as the instruction asks."
 
 
 @a.task
@@ -35,7 +35,7 @@ def fruit_lunch() -> a.Task:
     """Pack the named fruit into the lunchbox, in the order in which it is named.
 
     Randomizations: each fruit within 15 mm and 9 degrees of its slot; the look of everything.
-    Success: for O1, whose apple does not exist, no attempt at the block.
+    Success: in O1 there is no apple, and success means that the block is not attempted.
     """
     look_alike = (a.remove(LEMON), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
     two_apples = (a.replace(LEMON, APPLE_2), a.repeat(BOTH_APPLES))

@@ -21,10 +21,10 @@ def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
 RED, BLUE = place("red", RED_MUG), place("blue", BLUE_MUG)
 TOP, BOTTOM = place("top", a.Reference(slot=FAR.name)), place("bottom", a.Reference(slot=NEAR.name))
 
-PLACE_WORD = "A place word is understood although it was never heard in this layout."
-COLOR_WORD = "A color word means the object and not the place where that object stood in training."
-LOOK_ALIKE = "The red mug is told from another red thing that stands in its place."
-DONE = "What is done already is seen, and nothing is done again."
+PLACE_WORD = "A position word is understood although training never used it in this layout."
+COLOR_WORD = "A color word means the object, not the slot where that object stood in training."
+LOOK_ALIKE = "The policy distinguishes the red mug from another red object in its slot."
+DONE = "The policy sees what is done already and does nothing again."
 
 
 @a.task
@@ -34,7 +34,7 @@ def morning_coffee() -> a.Task:
     "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
-    Success: the handle is clear of the spout. For T1, whose red mug already stands on the ring, nothing is touched.
+    Success: the handle is clear of the spout. In T1 the red mug already stands on the ring, and nothing may be touched.
     """
     look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
     done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL

@@ -22,7 +22,7 @@ LAYOUTS = (
 
 
 def load(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
-    """Return the instruction to put things into drawers and to close these."""
+    """Return the instruction to put objects into drawers and to close these."""
     parts = [f"the {thing.kind} into the {into.kind}" for thing, into in steps]
     goals: list[a.Subgoal] = []
     for thing, into in steps:
@@ -31,21 +31,21 @@ def load(*steps: tuple[a.ObjectSpec, a.ObjectSpec]) -> a.Instruction:
     return a.Instruction(f"Put {' and '.join(parts)}, then close {'it' if len(steps) == 1 else 'both'}.", tuple(goals))
 
 
-BY_KIND = "Things are found by what they are and not by where they stood in training."
-BY_CABINET = "A drawer is found where the cabinet is and not where it was."
-NEW_PAIR = "Thing and drawer, each known, are put together in a new way."
-LOOK_ALIKE = "A stapler is told from a block of its shape that stands in its place."
-IN_THE_WAY = "What stands in the way is seen and put right first."
-LONGER = "A longer chain of known steps is carried to its end."
+BY_KIND = "Objects are found by what they are, not by where they stood in training."
+BY_CABINET = "A drawer is found where the cabinet is, not where it was."
+NEW_PAIR = "A known object and a known drawer are combined in a new way."
+LOOK_ALIKE = "The policy distinguishes a stapler from a block of the same shape in its slot."
+IN_THE_WAY = "An obstacle is noticed and removed first."
+LONGER = "A chain of known steps that is longer than any in training is completed."
 
 
 @a.task
 def office_drawer() -> a.Task:
-    """Put the named thing into the named drawer of the cabinet and close the drawer.
+    """Put the named object into the named drawer of the cabinet and close the drawer.
 
     While the upper drawer stands open nothing can be put into the lower one.
 
-    Randomizations: each thing within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
     """
     steps = ((STAPLER, UPPER), (TAPE, LOWER))
     demonstrations = tuple((load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))

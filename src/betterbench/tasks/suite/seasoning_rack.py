@@ -30,12 +30,12 @@ def insert(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
 
 S, P, R = (SALT, "hole_1"), (PEPPER, "hole_2"), (PAPRIKA, "hole_3")
 
-BY_KIND = "Jars are found by what they are and not by where they stood in training."
-BY_HOLE = "A hole is found by its place in the rack, whatever the others hold."
-NEW_PAIR = "Jar and hole, each known, are put together in a new way."
-LOOK_ALIKE = "Salt is told from a pill bottle of its shape that stands in its place."
-LABELS = "Jars are told apart by their labels alone."
-LONGER = "A longer chain of known steps is carried to its end."
+BY_KIND = "Jars are found by what they are, not by where they stood in training."
+BY_HOLE = "A hole is found by its position in the rack, whatever the other holes hold."
+NEW_PAIR = "A known jar and a known hole are combined in a new way."
+LOOK_ALIKE = "The policy distinguishes salt from a pill bottle of the same shape in its slot."
+LABELS = "Jars are distinguished by their labels alone."
+LONGER = "A chain of known steps that is longer than any in training is completed."
 
 
 @a.task

@@ -18,7 +18,7 @@ VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
 
 
 def throw(text: str, *things: a.ObjectSpec) -> a.Instruction:
-    """Return the instruction to throw things away, in any order."""
+    """Return the instruction to throw objects away, in any order."""
     return a.Instruction(f"Throw {text} into the waste bin.", a.packed("throw", BIN, *things))
 
 
@@ -26,12 +26,12 @@ BOTH = throw("the crumpled napkin and the crushed can", NAPKIN, CAN)
 NAPKIN_ONLY, CAN_ONLY = throw("the crumpled napkin", NAPKIN), throw("the crushed can", CAN)
 THREE = throw("both crumpled napkins and the crushed can", NAPKIN, NAPKIN_2, CAN)
 
-BY_KIND = "Trash is found by what it is and not by where it lay in training."
-NEW_PLACE = "Trash is found at places that training never showed."
-VALUABLE = "A valuable in the place of trash is not thrown away."
-FULL_OR_CRUSHED = "A crushed can is told from a full one of its color."
-WHITE = "A white mug is told from a white napkin among more things than usual."
-LONGER = "A longer chain of known steps, one of them repeated, is carried to its end."
+BY_KIND = "Trash is found by what it is, not by where it lay in training."
+NEW_PLACE = "Trash is found in slots that training never showed."
+VALUABLE = "A valuable in the slot of trash is not thrown away."
+FULL_OR_CRUSHED = "The policy distinguishes a crushed can from a full one of the same color."
+WHITE = "The policy distinguishes a white napkin from a white mug among more objects than usual."
+LONGER = "A chain of known steps that is longer than any in training, with one step twice, is completed."
 
 
 @a.task
@@ -40,7 +40,7 @@ def tidy_desk() -> a.Task:
 
     Over all layouts a napkin lies in trash_1 or trash_3, a can in trash_2 or trash_4: the confound of this regime.
 
-    Randomizations: each thing within 15 mm and 9 degrees of its slot; the look of everything.
+    Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
     """
     layouts = ({NAPKIN: TRASH_1, CAN: TRASH_2}, {NAPKIN: TRASH_3, CAN: TRASH_4}, {NAPKIN: TRASH_1, CAN: TRASH_4})
     alone = (({NAPKIN: TRASH_1}, NAPKIN_ONLY), ({CAN: TRASH_4}, CAN_ONLY))
