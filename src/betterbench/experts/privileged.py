@@ -25,13 +25,13 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """How a body carries out what its rule decides.
+    """How a policy carries out what its rule decides.
 
     Attributes:
         grasp_offset: Deliberate error of the grasp, or None.
         action_noise_m: Standard deviation of the noise on each control step's translation [m].
         speed: Share of the usual speed.
-        crash_step: Control step at which the policy breaks down, or None.
+        crash_step: Control step at which the policy fails, or None.
     """
 
     grasp_offset: GraspOffset | None = None
@@ -102,11 +102,11 @@ class PrivilegedAgent:
             name: Address of the policy.
             scene: The scene the episode runs in.
             rule: Decides.
-            noise: How the body carries out the decisions; well, if not given.
+            noise: How the decisions are carried out; exactly, if not given.
         """
         self._name = name
-        self._noise_of = noise or ExecutionNoise()
-        self._loop = _DecisionLoop(scene, rule, self._noise_of)
+        self._execution = noise or ExecutionNoise()
+        self._loop = _DecisionLoop(scene, rule, self._execution)
         self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 
@@ -119,7 +119,7 @@ class PrivilegedAgent:
     def ground_truth(self) -> dict[str, str]:
         """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
 
-        ``truth`` is the outcome label that the first wrong decision deserves, empty if all were right; ``fault`` that
+        ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
         decision; ``mishap`` a right decision that the gripper could not carry out.
         """
         fault = self._loop.rule.fault
@@ -133,17 +133,17 @@ class PrivilegedAgent:
         """Return the next action in the ``ee_delta`` action space, shape (7,).
 
         Raises:
-            RuntimeError: If it is the policy's noise to break down, at that step.
+            RuntimeError: At the step at which the policy is to fail.
         """
-        if self._noise_of.crash_step is not None and state.step >= self._noise_of.crash_step:
+        if self._execution.crash_step is not None and state.step >= self._execution.crash_step:
             raise RuntimeError("this faulty policy fails on purpose")
         if self._run is None:
             self._run = self._loop.actions(state)
             action = next(self._run)
         else:
             action = self._run.send(state)
-        if self._noise_of.action_noise_m > 0.0 and action[:3].any():
-            action[:3] += self._noise.normal(0.0, self._noise_of.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
+        if self._execution.action_noise_m > 0.0 and action[:3].any():
+            action[:3] += self._noise.normal(0.0, self._execution.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
             np.clip(action, -1.0, 1.0, out=action)
         return action
 
@@ -175,7 +175,7 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
 
 
 def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
-    """Return how the body carries out what the rule decides."""
+    """Return how the decisions of a rule are carried out."""
     slow = isinstance(rule, Slow) and rule.applies
     return ExecutionNoise(
         grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,
