@@ -98,6 +98,8 @@ def subgoal(
 
 def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
     """Return the steps to put things into a container; of two of one kind the second asks for a second one."""
+    if not isinstance(verb, str):
+        raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
     kinds = [thing.kind for thing in things]
     steps = []
     for i, thing in enumerate(things):
@@ -135,6 +137,10 @@ def condition(
         preplaced: Objects of the layout that already rest at a target instead of in their slot.
         opened: Drawers that stand open at the start, with the distance by which they are drawn out [m].
     """
+    if not isinstance(instruction, Instruction):
+        raise TypeError(
+            "an instruction is made of a text and its steps: ordered(text, *steps) or Instruction(text, steps)"
+        )
     resting = preplaced or {}
     return Condition(
         task="",

@@ -226,7 +226,8 @@ def require_origins(plan: Mapping[str, Any], run: Path) -> None:
             where = f"a copy is {copy}: read it before you pass it" if copy.is_file() else "pass the file"
             raise RecordError(
                 f"{run}: tasks of this run are defined by {_safe(name)} (sha256 {_safe(sha256)[:12]}), which is not "
-                f"loaded. A file in the folder of a run is not executed by itself; {where} with --task-file."
+                "loaded, or only with another text: then give a new --out. A file in the folder of a run is not "
+                f"executed by itself; {where} with --task-file."
             )
     packages = {origin.package[0] for origin in _origins.values() if origin.package}
     for name, version in _pairs(plan, "plugins", "version"):

@@ -29,7 +29,7 @@ def slim_opening_m(info: ObjectInfo) -> float | None:
 
 
 def standing_goals(
-    state: WorldState, name: str, point: Vector, yaws: Iterable[float], *, release_width_m: float | None
+    state: WorldState, name: str, point: Vector, yaws: Iterable[float], *, release_width_m: float | None = None
 ) -> tuple[PlaceGoal, ...]:
     """Return the goals to let go of an object with its foot just above a point [m], one per heading, the best first.
 
