@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
-from betterbench.diagnosis.modes.behavioral_inertia import habit
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
 from betterbench.diagnosis.verdict import TrialDiagnosis
@@ -143,7 +142,7 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         right = frozenset(first.asked_slots) - ({first.grasp.slot} if another is not None else set())
         slot, correct = first.grasp.slot, first.target is AttemptTarget.ASKED and another is None
         goal = another if another is not None else first.goal or 0
-    kind = habit(trained)
+    kind = trained.habit
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
     return Choice(
         layout=frozenset((s, episode.kind(i)) for s, i in standing.items()), right=right, slot=slot, correct=correct,

@@ -57,10 +57,6 @@ def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
             return ResolvedCondition(task, condition)
     for variation in task.variations:
         if variation.name == name:
-            return ResolvedCondition(task, *_varied(task, variation))
+            condition, changes = vary(task, variation)
+            return ResolvedCondition(task, condition, variation, changes)
     raise UnknownNameError(f"condition of {task.id}", name, condition_names(task))
-
-
-def _varied(task: Task, variation: Variation) -> tuple[Condition, Variation, Changes]:
-    condition, changes = vary(task, variation)
-    return condition, variation, changes

@@ -33,6 +33,20 @@ class TrainingDistribution:
     sequences: tuple[tuple[str, ...], ...]
     initial_items: int
 
+    @property
+    def habit(self) -> str | None:
+        """Kind with which strictly most demonstrations begin, or None if there is no such kind."""
+        ranked = self.first_kinds
+        if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
+            return None
+        return ranked[0][0]
+
+    @property
+    def favorite_slot(self) -> str:
+        """Slot that was picked from for most words of instructions; the first by name of several."""
+        counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
+        return min(counts, key=lambda slot: (-counts[slot], slot))
+
 
 def training_distribution_of(task: Task) -> TrainingDistribution:
     """Return the regularities of a task's training regime."""

@@ -9,16 +9,13 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import TrainingDistribution
 from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
     """The first step, the target or the slot that training made frequent is not what is asked for."""
-    ranked = x.trained.first_kinds
-    frequent = ranked[0][0] if ranked and (len(ranked) == 1 or ranked[0][1] > ranked[1][1]) else None
     due = {kind for goal in x.due for kind in x.kinds(goal)}
-    if frequent is not None and frequent not in due:
+    if x.trained.habit is not None and x.trained.habit not in due:
         return True
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
@@ -61,17 +58,9 @@ def _find(trial: TrialView) -> Evidence | None:
     return None
 
 
-def habit(trained: TrainingDistribution) -> str | None:
-    """Return the kind with which strictly most demonstrations begin, or None if there is no such kind."""
-    ranked = trained.first_kinds
-    if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
-        return None
-    return ranked[0][0]
-
-
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:
     """Return evidence if an attempt is at the kind that demonstrations begin with, which is not asked for now."""
-    kind = habit(episode.trained)
+    kind = episode.trained.habit
     if kind is None or step.at is None or episode.kind(step.at) != kind:
         return None
     not_asked = step.target is AttemptTarget.OTHER

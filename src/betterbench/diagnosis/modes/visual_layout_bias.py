@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import collections
-
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
@@ -20,9 +18,7 @@ def _exposed(x: Exposure) -> bool:
     """
     first = x.base.instruction.subgoals[0]
     slots = {x.base.layout[n] for n in x.base.resolve(first.reference) if n in x.base.layout}
-    counts = collections.Counter(slot for trained in x.trained.word_slots.values() for slot in trained)
-    slots.add(min(counts, key=lambda slot: (-counts[slot], slot)))
-    for slot in slots - x.right_slots:
+    for slot in (slots | {x.trained.favorite_slot}) - x.right_slots:
         kind = x.movable_in(slot)
         if kind is None or x.known(kind):
             return True

@@ -20,14 +20,14 @@ class Inertia(BrokenRule):
         """Return the next decision."""
         if any(not isinstance(decision, Draw) for decision in history):
             return super().broken(state, history)
-        first = self.trained.first_kinds
+        habit = self.trained.habit
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
-        if len(first) > 1 and first[0][1] == first[1][1]:
+        if habit is None:
             names = list(self.condition.resolve(goal.reference))
             memorized = self.trained.word_slots.get(goal.word, ())
         else:
-            names = [o.name for o in state.info.of_kind(first[0][0])]
-            memorized = self.trained.kind_slots[first[0][0]]
+            names = [o.name for o in state.info.of_kind(habit)]
+            memorized = self.trained.kind_slots[habit]
         way = self.make_way(state, goal.target)
         if way is not None:
             return way

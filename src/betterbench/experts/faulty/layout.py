@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from betterbench.experts.decisions import Decision, Draw, carried
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
@@ -19,9 +17,5 @@ class Layout(BrokenRule):
         """Return the next decision."""
         if any(not isinstance(decision, Draw) for decision in history):
             return super().broken(state, history)
-        counts: Counter[str] = Counter()
-        for slots in self.trained.word_slots.values():
-            counts.update(slots)
-        favorite = min(counts, key=lambda slot: (-counts[slot], slot))
         goal = next((g for g in self.goals if carried(g)), self.goals[0])
-        return self.make_way(state, goal.target) or self.take_at(state, favorite, goal)
+        return self.make_way(state, goal.target) or self.take_at(state, self.trained.favorite_slot, goal)

@@ -46,10 +46,9 @@ class Reorder(BrokenRule):
     def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
         """Return the label; where the later step is the one that most demonstrations began with, that is why."""
         label = super()._label_of(state, history, decision)
-        first = self.trained.first_kinds
-        unique = len(first) == 1 or first[0][1] > first[1][1]
-        if label == self.label and isinstance(decision, Bring) and unique:
-            return Label.BEHAVIORAL_INERTIA if state.info.object(decision.object).kind == first[0][0] else label
+        if label == self.label and isinstance(decision, Bring):
+            is_habit = state.info.object(decision.object).kind == self.trained.habit
+            return Label.BEHAVIORAL_INERTIA if is_habit else label
         return label
 
 
