@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import multiprocessing
-import os
 import platform
 import signal
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +23,7 @@ from betterbench.certification.journal import CertificationJournal
 from betterbench.errors import InvalidInputError, WorkerError
 from betterbench.interventions import resolve_condition
 from betterbench.recording import RetryLedger, write_durably
+from betterbench.recording.worker_process import prepare_process
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 
@@ -150,15 +149,6 @@ def _pooled(
 
 
 def _prepare_worker() -> None:
-    """Keep a worker to one thread, deaf to Ctrl-C (the first process decides), and no longer alive than its parent."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    """Prepare a worker; Ctrl-C is for the first process alone, which decides."""
+    prepare_process()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

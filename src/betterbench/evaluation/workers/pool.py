@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import multiprocessing
-import os
 import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -19,6 +17,7 @@ from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.recording import JournalEntry, RetryLedger
+from betterbench.recording.worker_process import prepare_process
 from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
@@ -226,22 +225,6 @@ def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
             worker.start(trial)
         for entry in worker.finished(_TURN_S):
             connection.send(entry)
-
-
-def prepare_process() -> None:
-    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    os.environ.setdefault("LP_NUM_THREADS", "0")
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this process when the run is killed, so that it cannot write into a run that is resumed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _exit_text(exitcode: int | None) -> str:

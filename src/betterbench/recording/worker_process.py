@@ -1,0 +1,23 @@
+"""What a worker process of a run or of a certification does first."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+
+
+def prepare_process() -> None:
+    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    os.environ.setdefault("LP_NUM_THREADS", "0")
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the run is killed, so that it cannot write into a run that is resumed."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
