@@ -32,12 +32,14 @@ def what_trials_show(plan: Plan) -> str:
             hidden.append(f"{name} ({pairs})")
             continue
         best.append(f"{found} points {name} ({pairs})")
-        usual.append(_smallest(fewest, most, opposite=USUAL_OPPOSITE) or "any size not")
+        usual.append(_smallest(fewest, most, opposite=USUAL_OPPOSITE))
     sentences = []
     if best:
+        shown = [points for points in usual if points]
+        of_what = f"of {_listed(shown)} points" if shown else "they show none"
         sentences.append(
             f"With 80 % power they show a drop against the twins, or against another policy, of {_listed(best)}. "
-            f"Where {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, of {_listed(usual)} points."
+            f"Where {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {of_what}."
         )
     if hidden:
         sentences.append(f"They are too few to show any drop {_listed(hidden)}; give more --trials.")
