@@ -79,32 +79,16 @@ class Exposure:
 
     def known(self, kind: str) -> bool:
         """Tell whether some instruction of the task means a kind of object."""
-        asked = {self.test.object(n).kind for g in self.goals for n in self.test.resolve(g.reference)}
-        return kind in asked or kind in self.trained.kind_slots
+        return kind in self.trained.known_kinds(self.test)
 
     def kinds(self, goal: Subgoal) -> set[str]:
         """Return the kinds of object that a subgoal means."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
 
-    def items(self, condition: Condition) -> int:
-        """Return the number of movable objects on the table at the start of a condition."""
-        return sum(o.role in ("item", "distractor") and o.name in condition.layout for o in condition.objects)
 
-    @property
-    def longest_trained(self) -> int:
-        """Largest number of subgoals of a training condition."""
-        return max(len(c.instruction.subgoals) for c in self.task.training)
-
-    def stand_of(self, condition: Condition, name: str) -> str | None:
-        """Return the slot in which a target, or the cabinet of a drawer, stands in a condition, or None."""
-        if name not in {o.name for o in condition.objects}:
-            return None
-        mount = condition.object(name).mount
-        return condition.layout.get(name if mount is None else mount.target)
-
-
-def shown_by(condition: Condition) -> frozenset[tuple[str, str]]:
-    """Return what an initial scene shows: which kind stands where, and which drawers are open."""
-    places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
-    places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
-    return frozenset(places | {(n, f"open {distance}") for n, distance in condition.opened.items()})
+def stand_of(condition: Condition, name: str) -> str | None:
+    """Return the slot in which a target, or the cabinet of a drawer, stands in a condition, or None."""
+    if name not in {o.name for o in condition.objects}:
+        return None
+    mount = condition.object(name).mount
+    return condition.layout.get(name if mount is None else mount.target)

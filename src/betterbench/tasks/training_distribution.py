@@ -47,6 +47,18 @@ class TrainingDistribution:
         counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
         return min(counts, key=lambda slot: (-counts[slot], slot))
 
+    @property
+    def longest(self) -> int:
+        """Largest number of subgoals of a demonstration."""
+        return max(len(sequence) for sequence in self.sequences)
+
+    def known_kinds(self, condition: Condition) -> frozenset[str]:
+        """Return the kinds of object that some instruction means: that of a condition, or one of training."""
+        asked = {
+            condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
+        }
+        return frozenset(asked | self.kind_slots.keys())
+
 
 def training_distribution_of(task: Task) -> TrainingDistribution:
     """Return the regularities of a task's training regime."""
@@ -58,7 +70,7 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
     sequences: list[tuple[str, ...]] = []
     items = 0
     for condition in task.training:
-        items = max(items, len(_on_table(condition)))
+        items = max(items, len(on_table(condition)))
         for name, slot in condition.layout.items():
             standing.setdefault(slot, set()).add(condition.object(name).kind)
         kinds: list[str] = []
@@ -83,5 +95,14 @@ def training_distribution_of(task: Task) -> TrainingDistribution:
     )
 
 
-def _on_table(condition: Condition) -> tuple[str, ...]:
+def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
+    """Return the instruction of a condition and its initial scene: which kind is where, which drawers are open."""
+    places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
+    places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
+    places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}
+    return condition.instruction.text, frozenset(places)
+
+
+def on_table(condition: Condition) -> tuple[str, ...]:
+    """Return the names of the movable objects that stand in slots at the start of a condition."""
     return tuple(o.name for o in condition.objects if o.role in ("item", "distractor") and o.name in condition.layout)

@@ -7,14 +7,15 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+from betterbench.tasks.training_distribution import on_table
 
 
 def _exposed(x: Exposure) -> bool:
     """A step is done or repeated, fewer things are there than in the twin, or more steps are asked for than ever."""
     done = len(x.open_goals) < len(x.goals) and bool(x.test.preplaced)
     repeated = any(goal.count > 1 for goal in x.goals)
-    fewer = x.items(x.test) < x.items(x.base) and not done
-    return done or repeated or fewer or len(x.goals) > x.longest_trained
+    fewer = len(on_table(x.test)) < len(on_table(x.base)) and not done
+    return done or repeated or fewer or len(x.goals) > x.trained.longest
 
 
 @FailureMode(

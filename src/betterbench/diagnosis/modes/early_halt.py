@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.exposure import Exposure, shown_by
+from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
+from betterbench.tasks.training_distribution import pairing
 
 
 def _exposed(x: Exposure) -> bool:
     """Instruction and scene never met in training, and something is to be done."""
-    met = {(c.instruction.text, shown_by(c)) for c in x.task.training}
-    return x.test.expected is Expected.SUCCEED and (x.test.instruction.text, shown_by(x.test)) not in met
+    met = {pairing(condition) for condition in x.task.training}
+    return x.test.expected is Expected.SUCCEED and pairing(x.test) not in met
 
 
 @FailureMode(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.exposure import Exposure, stand_of
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
@@ -17,7 +17,7 @@ from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 
 def _exposed(x: Exposure) -> bool:
     """What something is to be put at stands elsewhere than in the twin, or a slot is outside the training regime."""
-    return any(x.stand_of(x.test, goal.target) != x.stand_of(x.base, goal.target) for goal in x.open_goals)
+    return any(stand_of(x.test, goal.target) != stand_of(x.base, goal.target) for goal in x.open_goals)
 
 
 @FailureMode(

@@ -10,7 +10,7 @@ from betterbench.tasks.labels import Label
 
 def _exposed(x: Exposure) -> bool:
     """More steps are asked for than in any demonstration."""
-    return len(x.open_goals) > x.longest_trained
+    return len(x.open_goals) > x.trained.longest
 
 
 @FailureMode(

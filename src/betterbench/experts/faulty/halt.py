@@ -5,16 +5,17 @@ from __future__ import annotations
 from betterbench.experts.decisions import Bring, Decision, Freeze, Wander
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, Expected
+from betterbench.tasks import Expected
+from betterbench.tasks.training_distribution import pairing
 
 
 class Halt(BrokenRule):
-    """Starts, and stops for good where words and scene were never met together in training."""
+    """Starts, and stops for good where training never showed this instruction in this scene."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""
         right = super().broken(state, history)
-        if any(_pairing(self.condition) == _pairing(known) for known in self.situation.task.training):
+        if pairing(self.condition) in {pairing(known) for known in self.situation.task.training}:
             return right
         return Freeze(right.object if isinstance(right, Bring) else None)
 
@@ -39,8 +40,3 @@ class Phase(BrokenRule):
             return super().broken(state, history)
         wanders = self.condition.expected is Expected.SUCCEED and self.draw("wander") < 0.5
         return Wander() if wanders else Freeze(None)
-
-
-def _pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]], frozenset[str]]:
-    standing = frozenset((slot, condition.object(name).kind) for name, slot in condition.layout.items())
-    return condition.instruction.text, standing, frozenset(condition.opened)

@@ -125,8 +125,7 @@ class BrokenRule(ExpertRule):
 
     def known(self, kind: str) -> bool:
         """Tell whether some instruction of the task means a kind of object."""
-        asked = {self.condition.object(n).kind for g in self.goals for n in self.condition.resolve(g.reference)}
-        return kind in asked or kind in self.trained.kind_slots
+        return kind in self.trained.known_kinds(self.condition)
 
     def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
         """Return all decisions that would be right now, none if nothing is left to do."""
