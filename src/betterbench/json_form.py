@@ -27,6 +27,9 @@ FormT = TypeVar("FormT")
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 """Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
 
+open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
+"""Likewise, but unknown keys are left alone: for parts of a file that another version may have written."""
+
 
 def read_form(
     adapter: TypeAdapter[FormT], form: object, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
@@ -64,21 +67,25 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
             wrong = InvalidInputError(f"{where}: {error.where}", error.problem, f"{error.cure.rstrip('.')}. {cure}")
         else:  # of json.dumps
             wrong = InvalidInputError(where, f"is not JSON ({error})", cure)
-        raise wrong if raises is InvalidInputError else raises(str(wrong)) from error
+        raise _as(raises, wrong) from error
 
 
-def read_bounded(path: Path, *, max_bytes: int, cure: str) -> bytes:
+def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
     """Return the content of a file that must not be larger than a limit.
 
     Raises:
-        InvalidInputError: If it is missing, larger or cannot be read.
+        BetterError: Of the class ``raises``, if it is missing, larger or cannot be read.
     """
     try:
-        if path.stat().st_size > max_bytes:
-            raise InvalidInputError(str(path), f"is larger than {max_bytes} bytes", cure)
-        return path.read_bytes()
+        if path.stat().st_size <= max_bytes:
+            return path.read_bytes()
     except OSError as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", cure) from error
+        raise _as(raises, InvalidInputError(str(path), f"cannot be read ({error.strerror})", cure)) from error
+    raise _as(raises, InvalidInputError(str(path), f"is larger than {max_bytes} bytes", cure))
+
+
+def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
+    return wrong if raises is InvalidInputError else raises(str(wrong))
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:

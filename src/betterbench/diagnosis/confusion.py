@@ -10,7 +10,9 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from betterbench.diagnosis.forms import LabelField, file_form, read_file_form
+from betterbench.diagnosis.forms import LabelField
+from betterbench.errors import RecordError
+from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
@@ -18,7 +20,7 @@ PACKAGED = "calibration.json"
 """File of the packaged calibration, beside this module in ``data``."""
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class ProbeCell:
     """One probe on one variation.
@@ -47,7 +49,7 @@ class ProbeCell:
         return self.chance >= 1.0
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class Judged:
     """One trial of a faulty policy with its true label and the one that it was given.
@@ -185,7 +187,7 @@ class Calibration:
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        file = read_file_form(_FILE, raw, where=where, cure="Run better calibrate again")
+        file = read_form(_FILE, raw, where=where, cure="Run better calibrate again", raises=RecordError)
         return cls(
             {(c.truth, c.label): c.n for c in file.counts},
             file.policies,
@@ -196,7 +198,7 @@ class Calibration:
         )
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class _CountForm:
     truth: LabelField
@@ -204,7 +206,7 @@ class _CountForm:
     n: int
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class _File:
     counts: list[_CountForm]

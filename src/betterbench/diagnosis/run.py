@@ -10,7 +10,6 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -20,8 +19,8 @@ from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import RecordError
 from betterbench.interventions.resolve import resolve_condition
+from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
-from betterbench.recording.metadata import dump_json
 from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
 
@@ -110,7 +109,7 @@ def _policy_notes(context: Mapping[str, Any]) -> Iterator[str]:
             )
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class _PlannedForm:
     """One trial of a plan, as the file names it."""
@@ -121,7 +120,7 @@ class _PlannedForm:
     variation: str | None = None
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class _PlanForm:
     """What the diagnosis reads of a plan."""
@@ -140,7 +139,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
         RecordError: If the plan lacks them or they are malformed.
     """
     where = f"{run.path / 'run.json'}: plan"
-    plan = read_file_form(_PLAN, dump_json(run.plan), where=where, cure="Restore the file, or start the run again")
+    plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start the run again", raises=RecordError)
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
     if len(set(trials)) < len(trials):
         twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])

@@ -11,10 +11,9 @@ from typing import Annotated, Any
 from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 
 import betterbench
-from betterbench.diagnosis.forms import file_form, read_file_form
 from betterbench.diagnosis.verdict import RunDiagnosis
-from betterbench.errors import InvalidInputError, RecordError
-from betterbench.json_form import read_bounded
+from betterbench.errors import RecordError
+from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
 
@@ -25,7 +24,7 @@ _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or delete it to store a new one"
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
     """What a stored diagnosis says about one grasp attempt: when it began [s], at what, and its result."""
@@ -39,7 +38,7 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
     return Field(validation_alias=AliasPath("evidence", name))
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
     """What a stored diagnosis says about one trial.
@@ -63,7 +62,7 @@ class StoredTrial:
     has_record: Annotated[bool, BeforeValidator(lambda path: path is not None), Field(validation_alias="record")]
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
     """What a stored diagnosis says about one metric."""
@@ -81,7 +80,7 @@ def _readable(version: object) -> object:
     return version
 
 
-@file_form
+@open_form
 @dataclass(frozen=True, slots=True)
 class _File:
     schema_version: Annotated[int, BeforeValidator(_readable)]
@@ -115,7 +114,7 @@ class StoredDiagnosis:
         Raises:
             RecordError: If the schema version is another one, or a field is missing or of the wrong type.
         """
-        file = read_file_form(_FILE, raw, where=where, cure=_CURE)
+        file = read_form(_FILE, raw, where=where, cure=_CURE, raises=RecordError)
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,
@@ -155,8 +154,5 @@ def read_stored(run: RunFolder) -> StoredDiagnosis | None:
     path = stored_path(run)
     if not path.exists():
         return None
-    try:
-        raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
-    except InvalidInputError as error:
-        raise RecordError(str(error)) from error
+    raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     return StoredDiagnosis.from_json(raw, where=str(path))

@@ -101,10 +101,7 @@ class RunFolder:
         if not (path / "run.json").is_file():
             raise RecordError(f"{path}: holds no run (no run.json). Give the folder that `--out` named.")
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
-        try:
-            data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure)
-        except InvalidInputError as error:
-            raise RecordError(str(error)) from error
+        data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)
         require_origins(document.plan, path)
         return cls(path, document.plan, document.context)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, with_config
+from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan, Trial
-from betterbench.json_form import read_form
+from betterbench.json_form import open_form, read_form
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
 from betterbench.tasks import TrialId
@@ -21,16 +21,14 @@ from betterbench.tasks import TrialId
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
 
-_STORED = ConfigDict(extra="ignore", strict=True)
 
-
-@with_config(_STORED)
+@open_form
 @dataclass(frozen=True, slots=True)
 class _Preset:
     name: str
 
 
-@with_config(_STORED)
+@open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
     """What is read back of a plan in ``run.json``; the rest is compared with what would be written here."""
@@ -67,10 +65,7 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
     """
     run = _open(path)
     where = run.path / "run.json"
-    try:
-        stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file")
-    except InvalidInputError as error:
-        raise RecordError(str(error)) from error
+    stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     plan = Plan(
         policy or stored.policy,
         stored.trials,
