@@ -13,9 +13,10 @@ from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.scenes.contacts import ContactReader
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
-from betterbench.state import Contact, ObjectInfo, SceneInfo, SlotInfo, WorldState
+from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
@@ -67,13 +68,7 @@ class Scene:
         self._slides = tuple((int(i), int(c.dof_addresses[i])) for i in np.flatnonzero(c.slides))
         self._names = tuple(p.spec.name for p in self.placements)
         self._labels = (*self._names, *LABELS)
-        n = len(self._names)
-        self._pair_numbers, self._pair_names = _pairs(self._labels, n + 3)
-        numbers, left, right, table = self._pair_numbers, n, n + 1, n + 4
-        self._holds = tuple(
-            (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
-            for i in range(n)
-        )
+        self._contacts = ContactReader(c, self._names)
         self._quaternion = np.empty(4)
 
     def _initial_qpos(self) -> np.ndarray:
@@ -176,7 +171,7 @@ class Scene:
             angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
         for i, address in self._slides:
             linear[i] = abs(float(data.qvel[address]))
-        contacts, held = self._contacts()
+        contacts, held = self._contacts.read(data)
         return WorldState(
             info=self.info,
             step=self._step,
@@ -200,48 +195,6 @@ class Scene:
         mujoco.mju_mat2Quat(self._quaternion, self.data.site_xmat[self._tcp])
         x, y, z = self.data.site_xpos[self._tcp].tolist()
         return Pose((x, y, z), normalize(self._quaternion.tolist()))
-
-    def _contacts(self) -> tuple[tuple[Contact, ...], str | None]:
-        data = self.data
-        if data.ncon == 0:
-            return (), None
-        contact = data.contact
-        pairs = self.compiled.geom_labels[contact.geom].tolist()
-        addresses = contact.efc_address.tolist()
-        forces = data.efc_force.tolist()
-        total: dict[int, float] = {}
-        table = self._pair_numbers
-        for (a, b), address in zip(pairs, addresses, strict=True):
-            number = table[a][b]
-            if number >= 0:
-                force = forces[address] if address >= 0 else 0.0
-                total[number] = total[number] + force if number in total else force
-        names = self._pair_names
-        contacts = tuple([Contact(*names[number], total[number]) for number in sorted(total)])
-        return contacts, self._held(total)
-
-    def _held(self, touching: dict[int, float]) -> str | None:
-        """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
-        for i, (left, right, supports) in enumerate(self._holds):
-            if left in touching and right in touching and supports.isdisjoint(touching):
-                return self._names[i]
-        return None
-
-
-def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
-    """Return the numbers of all pairs of labels, -1 for a pair that does not count, and the names by number.
-
-    Labels below ``relevant`` are objects or parts of the gripper; pairs without any of them do not count. The last row
-    and the last column are for geometries without a label. Numbers are in the order of the labels.
-    """
-    n = len(labels)
-    numbers = [[-1] * (n + 1) for _ in range(n + 1)]
-    names = {}
-    for a in range(min(relevant, n)):
-        for b in range(a + 1, n):
-            numbers[a][b] = numbers[b][a] = a * n + b
-            names[a * n + b] = (labels[a], labels[b])
-    return numbers, names
 
 
 def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
