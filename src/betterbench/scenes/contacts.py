@@ -32,8 +32,11 @@ class ContactReader:
         self._trees = self._model.body_treeid[self._bodies]
         self._movable = self._trees >= 0
         self._awake = mujoco.MjData(self._model)
+        self._sleep_state = b""
+        self._sleeping = np.empty(0, np.int32)
         self._kept_for: tuple[bytes, bytes] = (b"", b"")
         self._kept: dict[int, float] = {}
+        self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
 
     def read(self, data: mujoco.MjData) -> tuple[tuple[Contact, ...], str | None]:
@@ -42,10 +45,17 @@ class ContactReader:
         An object is held if both fingers touch it and neither another object nor the table does.
         """
         total = self._touching(data)
-        asleep = self._movable & (data.tree_asleep[self._trees] >= 0)
-        if asleep.any():
-            self._keep(data, asleep)
-            total = {number: force for number, force in total.items() if number not in self._kept_numbers}
+        sleep_state = data.tree_asleep.tobytes()
+        if sleep_state != self._sleep_state:
+            self._sleep_state = sleep_state
+            asleep = self._movable & (data.tree_asleep[self._trees] >= 0)
+            self._sleeping = np.flatnonzero(asleep)
+        if len(self._sleeping):
+            self._keep(data)
+            kept = self._kept_numbers
+            total = {number: force for number, force in total.items() if number not in kept}
+            if not total:
+                return self._kept_contacts, None  # what the gripper touches is awake
             total |= self._kept
         names = self._pair_names
         contacts = tuple([Contact(*names[number], total[number]) for number in sorted(total)])
@@ -68,18 +78,19 @@ class ContactReader:
                 total[number] = total[number] + force if number in total else force
         return total
 
-    def _keep(self, data: mujoco.MjData, asleep: np.ndarray) -> None:
+    def _keep(self, data: mujoco.MjData) -> None:
         """Compute what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
-        state = (asleep.tobytes(), data.xpos.take(self._bodies[asleep], 0).tobytes())
+        state = (self._sleeping.tobytes(), data.xpos.take(self._bodies[self._sleeping], 0).tobytes())
         if state == self._kept_for:
             return
         self._kept_for = state
         self._awake.qpos[:] = data.qpos
         mujoco.mj_forward(self._model, self._awake)
-        sleeping = np.flatnonzero(asleep).tolist()
+        sleeping = self._sleeping.tolist()
         self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
         found = self._touching(self._awake)
-        self._kept = {number: force for number, force in found.items() if number in self._kept_numbers}
+        self._kept = {number: found[number] for number in sorted(found) if number in self._kept_numbers}
+        self._kept_contacts = tuple(Contact(*self._pair_names[number], force) for number, force in self._kept.items())
 
     def _held(self, touching: dict[int, float]) -> str | None:
         """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
