@@ -25,7 +25,7 @@ from betterbench.recording import Record
 from betterbench.scenes import Scene, renderer_fingerprint
 from betterbench.scenes.stage import Quality
 from betterbench.state import WorldState
-from betterbench.tasks import get_task
+from betterbench.tasks import GoalTracker, get_task
 
 CONTEXT = TrialContext(
     policy="bench", variation=None, axis=None, base_condition=None, interventions=(), camera_preset=None
@@ -187,6 +187,38 @@ class RawPhysics:
         if not np.array_equal(data.qpos, record.qpos[last]):
             raise ValueError(f"the raw physics took another course before control step {last}")
         return seconds
+
+
+class SleeplessEpisode:
+    """The same actions in a scene of its own in which nothing sleeps: what a control step costs without that."""
+
+    def __init__(self, rehearsal: Rehearsal) -> None:
+        """Prepare a scene of its own on the same model."""
+        self._rehearsal = rehearsal
+        s = rehearsal.scene
+        self._scene = Scene(s.task, s.condition, seed=s.seed, action_space=s.action_space, quality=s.quality)
+        self._tracker = self._new_tracker()
+
+    def _new_tracker(self) -> GoalTracker:
+        s = self._scene
+        return GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.control_rate_hz)
+
+    def __call__(self, first: int, last: int) -> float:
+        """Run control steps ``first`` to ``last - 1`` and return the seconds."""
+        scene = self._scene
+        options, flag = scene.model.opt, int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        if first == 0:
+            self._tracker = self._new_tracker()
+            self._tracker.update(scene.reset())
+        options.enableflags &= ~flag
+        try:
+            began = time.perf_counter()
+            for action in self._rehearsal.actions[first:last]:
+                scene.step(action)
+                self._tracker.update(scene.state())
+            return time.perf_counter() - began
+        finally:
+            options.enableflags |= flag
 
 
 class RawViews:

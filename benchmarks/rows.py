@@ -30,7 +30,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, GoalTracker, Task, get_task
 from dummy import dummy_server
-from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, play, rehearse
+from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, SleeplessEpisode, play, rehearse
 from peer import Peer, PeerUnavailableError
 
 HEAVIEST = "breakfast_table"
@@ -114,6 +114,28 @@ def step_row(*, quick: bool) -> Iterator[Figure]:
         # what an idle core would show.
         least = [sum(map(min, zip(*blocks, strict=True))) for blocks in _columns(policies)]
         yield Figure("step", f"the same, least time of each block, {task}", (least[0] / least[1],), "x")
+
+
+def sleep_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare the loop without cameras with the same loop in a world in which nothing sleeps."""
+    for task in TASKS:
+        rehearsal = rehearse(task, QUALITIES["fast"])
+        sleepless = SleeplessEpisode(rehearsal)
+        ratios, own, theirs = [], [], []
+        for _ in range(2 if quick else 5):
+            policy = play(rehearsal, sleepless, every=BLOCK, limit=len(rehearsal.actions), observer=None)
+            ratios.append(sum(policy.reference_s) / sum(policy.own_s))
+            own += [1e3 * s / BLOCK for s in policy.own_s]
+            theirs += [1e3 * s / BLOCK for s in policy.reference_s]
+        yield Figure(
+            "sleep",
+            f"step in a world without sleep / ours, {task}",
+            tuple(ratios),
+            "x",
+            ">=",
+            2.8,
+            f"{_range(theirs)} / {_range(own)} ms",
+        )
 
 
 def _columns(policies: list[PacedMind]) -> tuple[list[list[float]], list[list[float]]]:
@@ -469,6 +491,7 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
     """Return all rows by name, in the order of the table."""
     return {
         "step": step_row,
+        "sleep": sleep_row,
         "pixels": pixels_row,
         "peer-rgb": peer.colors,
         "peer-all": peer.everything,
