@@ -1,0 +1,297 @@
+"""A blind test of whether objects look like what they are: crops of scenes without names, and the judging of answers.
+
+The first command draws numbered crops as the front camera sees them, on sheets of 25. Somebody who knows neither the
+list of categories nor this file writes what each marked object is, ``{"1": "red mug", "2": "fork", ...}``. The second
+command compares the answers and writes the page of the documentation::
+
+    MUJOCO_GL=egl python tools/legibility_sheet.py draw SHEETS
+    MUJOCO_GL=egl python tools/legibility_sheet.py judge ANSWERS.json --out docs
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Condition, Task, all_tasks
+
+CROPS = 200
+PER_SHEET = 25
+SIDE_PX = 64
+"""Side of a crop [pixel of an image of 256 x 256]."""
+SHOWN_PX = 224
+"""Side at which a crop is shown [pixel]."""
+SEEN = 0.6
+"""Least share of an object that has to be visible for it to be asked about."""
+REQUIRED = 0.95
+"""Share of answers that have to be right."""
+
+ACCEPTED: dict[str, str] = {
+    "apple": "apple",
+    "block": "block|cube|brick|box",
+    "bun_bottom": "bun|bread|roll",
+    "bun_top": "bun|bread|roll",
+    "burger": "burger|hamburger|cheeseburger",
+    "can": "can|soda|tin|coke|cola",
+    "cereal_bowl": "bowl",
+    "cheese_slice": "cheese",
+    "coffee_machine": "coffee|espresso",
+    "computer_mouse": "mouse",
+    "crumpled_napkin": "napkin|tissue|paper|crumpled",
+    "crushed_can": "can|soda|tin|coke|cola",
+    "cup": "cup|mug",
+    "drawer_cabinet": "cabinet|drawer|drawers|chest|organizer",
+    "drink_cup": "drink|soda|cup|beverage",
+    "egg_cup": "egg",
+    "fork": "fork",
+    "fries_box": "fries|chips",
+    "jam_jar": "jam|jar|jelly|marmalade|honey",
+    "keyboard": "keyboard",
+    "laptop": "laptop|notebook|computer",
+    "lemon": "lemon",
+    "lettuce_leaf": "lettuce|leaf|salad|cabbage",
+    "lower_drawer": "drawer|drawers|cabinet|chest|organizer",
+    "lunchbox": "lunchbox|lunch|box|container|tray|bin",
+    "mug": "mug|cup",
+    "orange": "orange|tangerine|mandarin|clementine",
+    "patty": "patty|burger|meat|hamburger",
+    "pill_bottle": "pill|pills|medicine|bottle|vitamin",
+    "place_plate": "plate|dish",
+    "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
+    "plate_large": "plate|dish",
+    "plate_medium": "plate|dish",
+    "plate_small": "plate|dish",
+    "round_block": "block|cylinder|disc|disk|puck|wood|wooden|round",
+    "salt_shaker": "salt|shaker|pepper",
+    "shallow_bowl": "bowl",
+    "soap_bar": "soap|bar",
+    "speaker": "speaker|loudspeaker",
+    "spice_jar": "jar|spice|salt|pepper|paprika|shaker|bottle",
+    "spice_rack": "rack|holder|stand|block|tray",
+    "sponge": "sponge",
+    "spoon": "spoon",
+    "stapler": "stapler",
+    "stapler_block": "block|brick|bar|wood|wooden|box",
+    "takeaway_box": "box|takeaway|container|carton|tray",
+    "tape_roll": "tape|roll",
+    "tumbler": "tumbler|glass|cup",
+    "upper_drawer": "drawer|drawers|cabinet|chest|organizer",
+    "waste_bin": "bin|trash|basket|wastebasket|garbage|bucket|can",
+}
+"""Words of which an answer has to hold one, by category."""
+
+REFUSED: dict[str, str] = {
+    "can": "crushed|crumpled|dented",
+    "shallow_bowl": "plate",
+    "plate_large": "bowl",
+    "plate_medium": "bowl",
+    "plate_small": "bowl",
+    "tumbler": "mug|teacup|coffee",
+    "stapler_block": "stapler",
+    "stapler": "block",
+    "waste_bin": "plant|flower|pot|planter",
+    "patty": "cookie|biscuit",
+    "bun_bottom": "biscuit|cookie",
+}
+"""Words of which an answer may hold none, by category: those of what it must not be taken for."""
+
+REQUIRED_TOO: dict[str, str] = {"crushed_can": "crushed|crumpled|dented|squashed|bent|crumpled|flattened|smashed"}
+"""Further words of which an answer has to hold one, where the instruction depends on it."""
+
+COLORS = "red|blue|green|yellow|white|black|gray|grey|orange|brown|purple|pink"
+NAMED_BY_COLOR = ("mug", "plate_large", "plate_medium", "plate_small", "cup", "spice_jar", "plain_jar")
+"""Categories whose objects are told apart by color: an answer that names a color has to name the right one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crop:
+    """One numbered crop and what it shows."""
+
+    number: int
+    task: str
+    condition: str
+    seed: int
+    object: str
+    category: str
+    color: str
+    image: Image.Image
+
+
+def crops(number: int = CROPS) -> list[Crop]:
+    """Return crops of all categories in turn, in an order that tells nothing."""
+    rng = np.random.default_rng(20261122)
+    places = _places()
+    found: list[Crop] = []
+    categories = sorted(places)
+    while len(found) < number:
+        category = categories[len(found) % len(categories)]
+        task, condition, name = places[category][int(rng.integers(len(places[category])))]
+        crop = _crop(task, condition, name, int(rng.integers(10_000)))
+        if crop is not None:
+            found.append(crop)
+    order = rng.permutation(len(found))
+    return [_numbered(found[int(i)], n) for n, i in enumerate(order, start=1)]
+
+
+def _numbered(crop: Crop, number: int) -> Crop:
+    return Crop(number, crop.task, crop.condition, crop.seed, crop.object, crop.category, crop.color, crop.image)
+
+
+def _places() -> dict[str, list[tuple[Task, Condition, str]]]:
+    """Return where each category occurs: task, condition and name of the object."""
+    places: dict[str, list[tuple[Task, Condition, str]]] = {}
+    for task in all_tasks():
+        for condition in (*task.training, *(vary(task, v)[0] for v in task.variations)):
+            for o in condition.objects:
+                places.setdefault(o.category, []).append((task, condition, o.name))
+    return places
+
+
+def _crop(task: Task, condition: Condition, name: str, seed: int) -> Crop | None:
+    """Return the crop of one object, or None if too little of it is visible."""
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("standard"))
+    with Renderer(scene.model, width=256, height=256, quality=scene.quality) as renderer:
+        view = renderer.render(scene.data, "front", masks=True)
+        body = int(scene.compiled.bodies[scene.info.index(name)])
+        if view.rgb is None or view.masks is None:
+            raise AssertionError("colors and masks were asked for")
+        mask = view.masks == body
+        alone = renderer.render(_without_others(scene, name), "front", rgb=False, masks=True).masks == body
+    if mask.sum() < SEEN * alone.sum() or not mask.any():
+        return None
+    rows, columns = np.nonzero(mask)
+    v, u = (rows.min() + rows.max()) / 2.0, (columns.min() + columns.max()) / 2.0
+    side = max(SIDE_PX, int(1.25 * max(np.ptp(rows), np.ptp(columns))))
+    left, top = (int(np.clip(round(c - side / 2), 0, 256 - side)) for c in (u, v))
+    scale = SHOWN_PX / side
+    image = Image.fromarray(view.rgb).crop((left, top, left + side, top + side))
+    image = image.resize((SHOWN_PX, SHOWN_PX), Image.Resampling.LANCZOS)
+    box = [
+        scale * (e - o)
+        for e, o in zip(
+            (columns.min() - 1, rows.min() - 1, columns.max() + 2, rows.max() + 2), (left, top, left, top), strict=True
+        )
+    ]
+    ImageDraw.Draw(image).rectangle([max(0, round(b)) for b in box], outline=(255, 64, 160), width=1)
+    o = scene.info.object(name)
+    return Crop(0, task.id, condition.name, seed, name, o.category, o.color, image)
+
+
+def _without_others(scene: Scene, name: str) -> mujoco.MjData:
+    """Return the state at reset with every other movable object below the floor."""
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = scene.data.qpos
+    c = scene.compiled
+    for i, address in enumerate(c.qpos_addresses.tolist()):
+        if address >= 0 and not c.slides[i] and i != scene.info.index(name):
+            data.qpos[address + 2] = -5.0
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_camlight(scene.model, data)
+    return data
+
+
+def sheets(found: list[Crop]) -> list[Image.Image]:
+    """Return the crops on numbered sheets."""
+    font = ImageFont.load_default(18)
+    pages = []
+    for first in range(0, len(found), PER_SHEET):
+        page = Image.new("RGB", (5 * (SHOWN_PX + 8) + 8, 5 * (SHOWN_PX + 34) + 8), (250, 250, 248))
+        draw = ImageDraw.Draw(page)
+        for i, crop in enumerate(found[first : first + PER_SHEET]):
+            x, y = 8 + (i % 5) * (SHOWN_PX + 8), 8 + (i // 5) * (SHOWN_PX + 34)
+            draw.text((x, y), str(crop.number), fill=(28, 28, 30), font=font)
+            page.paste(crop.image, (x, y + 24))
+        pages.append(page)
+    return pages
+
+
+def is_right(answer: str, category: str, color: str) -> bool:
+    """Tell whether a free answer names an object: by an accepted word, no refused one, and no other color."""
+    words = set(re.findall(r"[a-z]+", answer.lower()))
+
+    def holds(pattern: str) -> bool:
+        return bool(words & set(pattern.split("|")))
+
+    if not holds(ACCEPTED[category]) or (category in REFUSED and holds(REFUSED[category])):
+        return False
+    if category in REQUIRED_TOO and not holds(REQUIRED_TOO[category]):
+        return False
+    named = words & set(COLORS.split("|"))
+    return category not in NAMED_BY_COLOR or not named or color in named
+
+
+def page(found: list[Crop], answers: dict[str, str]) -> str:
+    """Return the page of the documentation with every answer."""
+    right = {c.number: is_right(answers.get(str(c.number), ""), c.category, c.color) for c in found}
+    share = sum(right.values()) / len(right)
+    verdicts = {number: "yes" if known else "**no**" for number, known in right.items()}
+    rows = [
+        f"| {c.number} | {c.category} ({c.color}) | {answers.get(str(c.number), '–')} | {verdicts[c.number]} |"
+        for c in found
+    ]
+    pages = -(-len(found) // PER_SHEET)
+    return "\n".join(
+        [
+            "# Can a person tell what it is?",
+            "",
+            (
+                f"{len(found)} crops of scenes as the front camera of a policy sees them at 256 x 256 pixels, in an "
+                "order drawn by seed and without names. Somebody who did not know the list of categories wrote what "
+                f"each outlined object is. **{sum(right.values())} of {len(right)} answers are right "
+                f"({100 * share:.1f} %; required: {100 * REQUIRED:.0f} %).** An answer is right if it names the "
+                "object by an everyday word and by no color that it does not have. `tools/legibility_sheet.py` draws "
+                "the sheets and judges the answers."
+            ),
+            "",
+            *(
+                f"![crops {PER_SHEET * i + 1} to {PER_SHEET * (i + 1)}](pictures/legibility_{i + 1}.jpg)"
+                for i in range(pages)
+            ),
+            "",
+            "| crop | what it is | answer | right |",
+            "|---|---|---|---|",
+            *rows,
+            "",
+        ]
+    )
+
+
+def main() -> None:
+    """Draw the sheets, or judge answers."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("what", choices=("draw", "judge"))
+    parser.add_argument("path", type=Path, help="folder of the sheets, or file of the answers")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
+    options = parser.parse_args()
+    found = crops()
+    if options.what == "draw":
+        options.path.mkdir(parents=True, exist_ok=True)
+        for i, sheet in enumerate(sheets(found), start=1):
+            sheet.save(options.path / f"sheet_{i}.png", optimize=True)
+        print(f"wrote {-(-len(found) // PER_SHEET)} sheets to {options.path}")
+        return
+    answers = json.loads(options.path.read_text(encoding="utf-8"))
+    wrong = [c for c in found if not is_right(answers.get(str(c.number), ""), c.category, c.color)]
+    for c in wrong:
+        print(f"{c.number}: {c.category} ({c.color}) was named {answers.get(str(c.number), 'nothing')!r}")
+    print(f"{len(found) - len(wrong)} of {len(found)} right")
+    pictures = options.out / "pictures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    for i, sheet in enumerate(sheets(found), start=1):
+        sheet.save(pictures / f"legibility_{i}.jpg", quality=72, optimize=True)
+    (options.out / "legibility.md").write_text(page(found, answers), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
