@@ -33,7 +33,7 @@ class ContactReader:
         self._movable = self._trees >= 0
         self._awake = mujoco.MjData(self._model)
         self._sleep_state = b""
-        self._sleeping = np.empty(0, np.int32)
+        self._sleeping: np.ndarray = np.empty(0, np.int64)
         self._kept_for: tuple[bytes, bytes] = (b"", b"")
         self._kept: dict[int, float] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
