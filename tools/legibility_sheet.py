@@ -167,8 +167,8 @@ def _crop(task: Task, condition: Condition, name: str, seed: int) -> Crop | None
         if view.rgb is None or view.masks is None:
             raise AssertionError("colors and masks were asked for")
         mask = view.masks == body
-        alone = renderer.render(_without_others(scene, name), "front", rgb=False, masks=True).masks == body
-    if mask.sum() < SEEN * alone.sum() or not mask.any():
+        alone = renderer.render(_without_others(scene, name), "front", rgb=False, masks=True).masks
+    if mask.sum() < SEEN * np.count_nonzero(alone == body) or not mask.any():
         return None
     rows, columns = np.nonzero(mask)
     v, u = (rows.min() + rows.max()) / 2.0, (columns.min() + columns.max()) / 2.0
