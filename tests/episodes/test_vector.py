@@ -67,7 +67,7 @@ def test_every_environment_has_its_own_seed_and_sentence():
     told = envs.get_attr("instruction")
     assert told == tuple(info["instruction"])
     assert told[0].endswith(".")
-    assert envs.get_attr("step_limit") == (350, 350)
+    assert envs.get_attr("step_limit") == (540, 540)
     envs.close()
 
 

@@ -52,7 +52,11 @@ def check_solved(record):
 
 @pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=IDS)
 def test_expert_solves_every_condition(episode, task_id, name):
-    check_solved(episode("expert", task_id, name))
+    record = episode("expert", task_id, name)
+    check_solved(record)
+    if record.metadata.expected == Expected.SUCCEED:
+        limit = get_task(task_id).step_limit(resolve_condition(task_id, name).condition)
+        assert (len(record) - 1) * 2.8 <= limit, "a person who teleoperates takes about three times as long"
 
 
 @pytest.mark.slow

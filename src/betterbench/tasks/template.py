@@ -56,13 +56,14 @@ class Protocol:
     Attributes:
         dwell_s: Time for which the goal has to hold [s].
         base_steps: Control steps allowed for an episode, besides those per subgoal.
-        steps_per_subgoal: Control steps allowed for each subgoal.
+        steps_per_subgoal: Control steps allowed for each subgoal. Together they leave three times the expert's median,
+            room for a policy at the speed of a person who teleoperates (suite, section 3).
         still_steps: Control steps for which a policy is watched where the right answer is to stay still.
     """
 
     dwell_s: float = 0.5
-    base_steps: int = 150
-    steps_per_subgoal: int = 200
+    base_steps: int = 60
+    steps_per_subgoal: int = 480
     still_steps: int = 200
 
 

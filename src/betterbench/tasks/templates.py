@@ -106,7 +106,8 @@ CONTAINER_LOADING = Template(
     exclusive=True,
     order="free",
     also=("closed",),
-    steps_per_subgoal=260,
+    base_steps=300,
+    steps_per_subgoal=600,
 )
 """Things go into drawers that have to be opened before and closed after."""
 
