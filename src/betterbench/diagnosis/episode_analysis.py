@@ -7,10 +7,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from betterbench.diagnosis.attempts import GraspAttempt, find_grasps
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.attempts import GraspAttempt, find_grasps
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 
