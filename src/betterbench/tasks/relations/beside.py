@@ -57,7 +57,7 @@ def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
 
 
 def _side(state: WorldState, point: Vector, anchor: str) -> tuple[str | None, float]:
-    """Return the side of an anchor over whose region a point is, or None, and its height above the anchor's foot [m]."""
+    """Return the side over whose region a point is, or None, and its height above the anchor's foot [m]."""
     x, y, z = state.pose(anchor).inverse().apply(point)
     if x * x + y * y > REACH**2:
         return None, z

@@ -68,9 +68,7 @@ def _over(state: WorldState, name: str, base: str) -> bool:
 
 def _inverted(state: WorldState, name: str) -> bool:
     """Tell whether a layer that has no up and down lies on what its asset calls its top."""
-    return (
-        state.info.object(name).category in EITHER_WAY_UP and tilt_of(state.pose(name).quaternion) > 0.5 * math.pi
-    )
+    return state.info.object(name).category in EITHER_WAY_UP and tilt_of(state.pose(name).quaternion) > 0.5 * math.pi
 
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
