@@ -125,7 +125,7 @@ class GoalTracker:
                 if name not in settled:
                     settled[name] = at_rest(state, name) and released(state, name)
                 there += settled[name]
-            done.append(there >= due.count and all(done[j] for j in after))
+            done.append(there >= due.least and all(done[j] for j in after))
         return tuple(done)
 
     def _track_order(self, done: tuple[bool, ...], before: tuple[bool, ...]) -> None:

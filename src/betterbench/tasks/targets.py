@@ -52,12 +52,13 @@ class Due(NamedTuple):
     Attributes:
         watch: Number of the watched target.
         candidates: Numbers, among the subjects, of the objects that it can mean.
+        least: How many of them must be there.
     """
 
     watch: int
     region: str
     candidates: tuple[int, ...]
-    count: int
+    least: int
 
 
 class Intruder(NamedTuple):
@@ -141,7 +142,7 @@ class Targets:
         most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
         for due in self.due:
             counts = most.setdefault((due.watch, due.region), {})
-            counts[due.candidates] = max(counts.get(due.candidates, 0), due.count)
+            counts[due.candidates] = max(counts.get(due.candidates, 0), due.least)
         return {where: tuple(counts.items()) for where, counts in most.items()}
 
 
