@@ -4,7 +4,7 @@ import math
 
 from betterbench.geometry import Pose, Vector, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.loose import rests_on
+from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
 from betterbench.tasks.thresholds import threshold
@@ -80,12 +80,11 @@ def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
-    """Return the layer below which, at the latest, an object lies on a stack in any posture, or None.
+    """Return the first layer that is missing if an object lies or is held on a stack in any posture, or None.
 
-    It lies on the base or on something on it, with its middle over the base. As layers are counted by what lies flat,
-    what does not counts as the first layer that is missing.
+    It lies on the base or on something on it, with its middle over the base. Layers are counted by what lies flat.
     """
-    if not rests_on(state, name, base):
+    if not (rests_on(state, name, base) or held_upon(state, name, base)):
         return None
     taken = {layer(state, o.name, base) for o in state.info.objects if not o.fixed and o.name != base}
     return next((number for number in LAYERS if number not in taken), LAYERS[-1])

@@ -58,18 +58,31 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
 def rests_on(state: WorldState, name: str, target: str) -> bool:
     """Tell whether an object lies on a target or on something that lies on it, whatever its posture.
 
-    Its middle is over the target's bounding box, seen from above, it is no deeper than the target's foot, and a chain
-    of touching things leads from it to the target; a fixed thing, the gripper and the table are no part of a chain.
+    Its middle is over the target's bounding box, seen from above, it is no deeper than the target, and a chain of
+    touching things leads from it to the target; a fixed thing, the gripper and the table are no part of a chain.
     """
     return target in _carriers(state, name) and _over(state, name, target)
 
 
+def held_upon(state: WorldState, name: str, target: str) -> bool:
+    """Tell whether the gripper holds an object as low over a target as the target, or what lies on it, reaches."""
+    if state.held != name or not _over(state, name, target):
+        return False
+    lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))
+    return lowest(state, name) <= OVERLAP + max(_highest(state, other) for other in (target, *lying))
+
+
+def _highest(state: WorldState, name: str) -> float:
+    """Return the height of the highest corner of an object's bounding box [m]."""
+    return 2.0 * middle(state, name)[2] - lowest(state, name)
+
+
 def _over(state: WorldState, name: str, target: str) -> bool:
-    sx, sy, sz = state.info.object(target).size_m
-    x, y, z = state.pose(target).inverse().apply(middle(state, name))
-    if state.pose(target).apply((0.0, 0.0, sz))[2] < state.pose(target).position[2]:  # the target is upside down
-        z += sz
-    return abs(x) <= 0.5 * sx and abs(y) <= 0.5 * sy and z > 0.0
+    sx, sy, _ = state.info.object(target).size_m
+    center = middle(state, name)
+    x, y, _ = state.pose(target).inverse().apply(center)
+    bottom = lowest(state, target)
+    return abs(x) <= 0.5 * sx and abs(y) <= 0.5 * sy and center[2] > bottom and lowest(state, name) > bottom - OVERLAP
 
 
 def _carriers(state: WorldState, name: str) -> frozenset[str]:

@@ -2,7 +2,7 @@
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import WorldState
-from betterbench.tasks.relations.loose import rests_on
+from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, resting_at, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
@@ -36,8 +36,9 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
-    """Return "" if an object lies on a plate, or on something on it, in any posture and with its middle over it."""
-    return "" if name != plate and rests_on(state, name, plate) else None
+    """Return "" if an object lies or is held on a plate, or on something on it, in any posture, its middle over it."""
+    there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
+    return "" if there else None
 
 
 def _goals(state: WorldState, name: str, plate: str, _region: str) -> tuple[PlaceGoal, ...]:
