@@ -20,6 +20,12 @@ DISPLACED = threshold(
     "its slot, also if it is brought back; suite, law 7.",
 )
 
+NO_HARM = (
+    "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, or is "
+    "at a target in any posture."
+)
+"""What no success may do, as documents say it."""
+
 HarmSort = Literal["on_the_floor", "displaced", "at_the_target"]
 
 

@@ -35,7 +35,8 @@ def _exposed(x: Exposure) -> bool:
     short="inertia",
     definition="A step that is frequent in training is started without being instructed; the step that followed "
     "in training is executed without being instructed or at an empty slot; or the right object is "
-    "placed where its kind was placed in training.",
+    "placed where its kind was placed in training. Where something is to be left alone: the open gripper stays "
+    "over it.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
     finding="Plays a step of training that was not asked for",
     rule=HABIT,

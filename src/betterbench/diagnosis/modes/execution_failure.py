@@ -24,7 +24,7 @@ def _exposed(x: Exposure) -> bool:
     Label.EXECUTION_FAILURE,
     short="execution",
     definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
-    "again, the arm collided, or a drawer was left halfway.",
+    "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
     finding="Chooses the right target and fails at the manipulation",
     exposed_by=_exposed,
