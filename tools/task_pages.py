@@ -22,6 +22,7 @@ from betterbench.tasks import (
     Variation,
     training_distribution_of,
 )
+from betterbench.tasks.harm import NO_HARM
 from betterbench.tasks.registry import notes_of
 from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.template_form import template_to_json
@@ -76,7 +77,7 @@ def task_page(task: Task) -> str:
     summary, *notes = _docstring(task)
     described = [part for part in notes if not part.startswith(HEADINGS)]
     headed = {part.partition(":")[0]: part.partition(":")[2].strip() for part in notes if part.startswith(HEADINGS)}
-    general = {"Success": task.template.goal, "Premise": task.template.premise}
+    general = {"Success": f"{task.template.goal} {NO_HARM}", "Premise": task.template.premise}
     notes_by_heading = {
         heading: [text for text in (general.get(heading), _capitalized(headed.get(heading, ""))) if text]
         for heading in HEADINGS
@@ -172,7 +173,7 @@ def templates_page(tasks: Sequence[Task]) -> str:
 def _template_section(template: Template) -> list[str]:
     names = [template.relation, *template.also]
     total = template.base_steps + template.steps_per_subgoal
-    only = " No other object may satisfy the relation at the end." if template.exclusive else ""
+    only = f" {NO_HARM}" if template.exclusive else ""
     return [
         f"## {template.title}",
         "",

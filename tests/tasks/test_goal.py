@@ -143,15 +143,17 @@ def test_both_at_once_is_in_order(at_reset, packed):
     assert course.see(packed(state, "burger_2", "fries")).in_order
 
 
-@pytest.mark.parametrize("extra", ["drink", "burger_2"])
-def test_a_wrong_extra_object_spoils_the_goal_until_it_is_taken_out(at_reset, packed, extra):
+@pytest.mark.parametrize(("extra", "forgiven"), [("drink", False), ("burger_2", True)])
+def test_a_wrong_extra_object_spoils_the_goal_and_only_one_that_was_meant_may_be_taken_out(
+    at_reset, packed, extra, forgiven
+):
     state, _, course = start(at_reset, "train1")
     course.see(packed(state, "burger_1"))
     truth = course.see(packed(state, "burger_1", "fries", extra), 3 * DWELL)
     assert all(truth.subgoals)
     assert not truth.goal
     assert not truth.success
-    assert course.see(packed(state, "burger_1", "fries"), DWELL + 1).success
+    assert course.see(packed(state, "burger_1", "fries"), DWELL + 1).success is forgiven
 
 
 def test_a_look_alike_in_the_bag_spoils_the_goal_and_stands_for_nothing(at_reset, packed):
@@ -327,6 +329,8 @@ def test_on_ring_goal_over_time(at_reset, posed):
         return Pose((gx - x, gy - y, gz - z), normalize(multiply(machine.quaternion, (1.0, 0.0, 0.0, 0.0))))
 
     assert not course.see(posed(state, poses={"blue_mug": placed("blue_mug")}), 3 * DWELL).success
+    state, _, course = start(at_reset, "train1", "morning_coffee")
+    course.see(state)
     assert course.see(posed(state, poses={"red_mug": placed("red_mug")}), DWELL + 1).success
     assert done.info.object("red_mug").kind == "red mug"
     assert math.isclose(done.time_s, 0.0)

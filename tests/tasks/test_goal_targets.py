@@ -88,7 +88,7 @@ def test_a_thing_at_the_side_of_the_other_is_not_done(start, put):
 
 
 @pytest.mark.parametrize("side", ["behind", "left", "right"])
-def test_a_thing_brought_to_a_side_that_was_not_asked_spoils_the_goal_until_it_is_taken_away(start, put, side):
+def test_a_thing_brought_to_a_side_that_was_not_asked_spoils_the_goal_for_good(start, put, side):
     state, course = start("desk_meeting", "train1")
     course.see(state)
     spoilt = put(state, "laptop", mug="left", mouse="right", speaker=side)
@@ -96,7 +96,8 @@ def test_a_thing_brought_to_a_side_that_was_not_asked_spoils_the_goal_until_it_i
     assert all(truth.subgoals)
     assert not truth.goal
     assert not truth.success
-    assert course.see(put(state, "laptop", mug="left", mouse="right"), DWELL + 1).success
+    brought_back = put(state, "laptop", mug="left", mouse="right")
+    assert not course.see(brought_back, 3 * DWELL).success, "it was carried out of its slot"
 
 
 # ------------------------------------------------------------------------------------------------- holes and plates
@@ -108,7 +109,7 @@ def test_jars_in_holes_that_were_not_asked_spoil_the_goal(start, put):
     truth = course.see(put(state, "rack", salt="hole_1", pepper="hole_3"), 3 * DWELL)
     assert truth.subgoals == (True,)
     assert not truth.goal
-    assert course.see(put(state, "rack", salt="hole_1"), DWELL + 1).success
+    assert not course.see(put(state, "rack", salt="hole_1"), 3 * DWELL).success, "the pepper was carried about"
 
 
 def test_what_was_in_its_hole_from_the_start_spoils_nothing_unless_it_is_moved_to_another(start, put):
@@ -123,14 +124,14 @@ def test_what_was_in_its_hole_from_the_start_spoils_nothing_unless_it_is_moved_t
     assert not truth.goal, "the others were to be left where they were"
 
 
-def test_taking_a_preplaced_jar_out_and_putting_it_back_is_forgiven(start, put, posed):
+def test_a_preplaced_jar_that_is_taken_out_and_put_back_was_not_left_alone(start, put, posed):
     state, course = start("seasoning_rack", "L2")
     course.see(state)
     out = posed(
         put(state, "rack", salt="hole_1"), poses={"pepper": Pose((0.4, 0.0, 0.0))}, contacts=(("pepper", "table"),)
     )
     course.see(out)
-    assert course.see(put(state, "rack", salt="hole_1"), DWELL + 1).success
+    assert not course.see(put(state, "rack", salt="hole_1"), 3 * DWELL).success
 
 
 def test_a_jar_in_the_wrong_hole_is_not_done_and_two_swapped_ones_are_neither(start, put):
@@ -165,7 +166,6 @@ def test_a_second_plate_on_the_plate_that_is_asked_for_spoils_the_goal(start, pu
     truth = course.see(put(state, "white_plate", red_plate="floor", blue_plate="floor"), 3 * DWELL)
     assert truth.subgoals == (True,)
     assert not truth.goal, "the blue plate was not asked for"
-    assert course.see(put(state, "white_plate", red_plate="floor"), DWELL + 1).success
 
 
 # ----------------------------------------------------------------------------------------------------------- drawers
@@ -211,7 +211,7 @@ def test_the_right_thing_in_the_wrong_drawer_is_nothing_done_and_spoils_the_goal
     truth = course.see(fill(state, opened={}, stapler="upper", tape="lower"), 3 * DWELL)
     assert all(truth.subgoals)
     assert not truth.goal, "the tape was to stay on the table"
-    assert course.see(fill(state, opened={}, stapler="upper"), DWELL + 1).success
+    assert not course.see(fill(state, opened={}, stapler="upper"), 3 * DWELL).success, "and was carried about"
 
 
 def test_a_second_thing_in_the_right_drawer_spoils_the_goal(start, fill, posed):
@@ -291,14 +291,14 @@ def test_a_top_bun_in_the_second_layer_is_not_done_in_the_third(start, pile):
     assert not course.see(pile(state, "patty", "top_bun", "cheese"), 3 * DWELL).success
 
 
-def test_a_layer_too_many_spoils_the_goal_until_it_is_taken_off(start, pile):
+def test_a_layer_too_many_spoils_the_goal(start, pile):
     state, course = start("cheeseburger", "train1")
     for things in ((), ("patty",), ("patty", "cheese")):
         course.see(pile(state, *things))
     truth = course.see(pile(state, "patty", "cheese", "top_bun", "lettuce"), 3 * DWELL)
     assert all(truth.subgoals)
     assert not truth.goal
-    assert course.see(pile(state, "patty", "cheese", "top_bun"), DWELL + 1).success
+    assert not truth.success
 
 
 def test_a_preplaced_patty_is_done_from_the_start(start, pile):

@@ -7,12 +7,14 @@ from enum import StrEnum
 
 import numpy as np
 
-from betterbench.diagnosis.attempts import GraspAttempt, find_grasps
+from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.attempts import GraspAttempt, find_grasps
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.restraint import off_limits
 
 
 class AttemptTarget(StrEnum):
@@ -62,6 +64,7 @@ class EpisodeAnalysis:
 
     Attributes:
         meant: Per subgoal the indices of the objects that it can mean.
+        harm: What was done to things that were not asked for, in time.
     """
 
     trace: Trace
@@ -69,6 +72,7 @@ class EpisodeAnalysis:
     trained: TrainingDistribution
     meant: tuple[tuple[int, ...], ...]
     steps: tuple[Step, ...]
+    harm: tuple[DatedHarm, ...] = ()
 
     @property
     def instruction(self) -> Instruction:
@@ -95,6 +99,17 @@ class EpisodeAnalysis:
         """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
         telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
         return next(telling, self.steps[0] if self.steps else None)
+
+    @property
+    def off_limits(self) -> tuple[int, ...]:
+        """Indices of what was to be left alone; empty where something was to be done with all of it or none."""
+        if self.condition.expected is Expected.STAY_STILL:
+            return self.trace.items
+        return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
+
+    def harm_words(self) -> tuple[str, ...]:
+        """Return clauses for what was done to things that were not asked for, in time."""
+        return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
         """Return the kind of an object."""
@@ -264,13 +279,15 @@ class EpisodeAnalysis:
         return valid / len(asked)
 
 
-def analyze_episode(trace: Trace, condition: Condition, trained: TrainingDistribution) -> EpisodeAnalysis:
+def analyze_episode(
+    trace: Trace, condition: Condition, trained: TrainingDistribution, *, harm: tuple[DatedHarm, ...] = ()
+) -> EpisodeAnalysis:
     """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
-    return EpisodeAnalysis(trace, condition, trained, trace.meant, steps)
+    return EpisodeAnalysis(trace, condition, trained, trace.meant, steps, harm)
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
-from betterbench.diagnosis.trace import Bools, Trace
+from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.motion import Bools
 
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:

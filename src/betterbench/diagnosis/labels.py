@@ -34,9 +34,19 @@ def gather(record: Record, episode: EpisodeAnalysis) -> tuple[LabelEvidence, ...
     view = TrialView(record, episode)
     return (
         _found(view, Kind.NONE, Kind.SYSTEM)
-        or _found(view, Kind.REASONING, Kind.EXECUTION)
-        or _found(replace(view, unexplained=True), Kind.REASONING, Kind.EXECUTION)
+        or _with_harm(view, _found(view, Kind.REASONING, Kind.EXECUTION))
+        or _with_harm(view, _found(replace(view, unexplained=True), Kind.REASONING, Kind.EXECUTION))
     )
+
+
+def _with_harm(view: TrialView, findings: tuple[LabelEvidence, ...]) -> tuple[LabelEvidence, ...]:
+    """Return the findings with a sentence on what no success may do, where it was done and they do not say it yet."""
+    said = []
+    for label, evidence in findings:
+        clauses = [words for words in view.episode.harm_words() if words not in evidence.text]
+        more = f" No success: {', '.join(clauses)}." if clauses else ""
+        said.append(LabelEvidence(label, replace(evidence, text=evidence.text + more)))
+    return tuple(said)
 
 
 def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:

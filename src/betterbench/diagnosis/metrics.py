@@ -23,6 +23,7 @@ Trials = Sequence[TrialDiagnosis]
 
 _RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
     ("success_rate", lambda t: t.success),
+    ("success_with_a_needless_step", lambda t: t.success and bool(t.needless)),
     ("intention_accuracy", lambda t: bool(t.intention_correct)),
     ("reasoning_failure_rate", lambda t: t.kind is Kind.REASONING),
     ("execution_failure_rate", lambda t: t.kind is Kind.EXECUTION),
@@ -31,7 +32,8 @@ _RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
 )
 """Rates over planned trials. A trial without a record is no success, shows no intention and stays in the denominator.
 
-Collisions are those with fixtures; they spoil no goal by themselves.
+A success with a needless step is one in which a step of training was played that was not asked for, as a replayed grasp
+at an emptied slot; it counts as a success too. Collisions are those with fixtures; they spoil no goal by themselves.
 """
 
 

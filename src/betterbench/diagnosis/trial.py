@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
+from betterbench.diagnosis.harm import find_harm
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
+from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
 from betterbench.diagnosis.verdict import TrialDiagnosis
@@ -86,7 +88,8 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
-    episode = analyze_episode(trace, condition, _trained(task.id))
+    harm = () if record.outcome.success else find_harm(record, trace, condition)
+    episode = analyze_episode(trace, condition, _trained(task.id), harm=harm)
     findings = gather(record, episode)
     label, evidence = decide(findings)
     first = episode.first_attempt
@@ -102,6 +105,7 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         intended_kind=episode.kind(intended[0]) if intended else None,
         intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
         progress=episode.progress(), attempts=tuple(s.attempt for s in episode.steps), evidence=evidence,
+        harm=episode.harm_words(), needless=tuple(inertia_in(episode)) if record.outcome.success else (),
         collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
     )  # fmt: skip
     return Reading(diagnosis, findings, _choice(episode))

@@ -68,6 +68,10 @@ class TrialDiagnosis:
             then of the slots in which they stand.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
         progress: Subgoals completed in a valid order divided by subgoals asked.
+        harm: What was done to things that were not asked for, which no success may do, one clause each ("the mouse
+            lies on the floor"); empty for a success.
+        needless: For a success, the steps of training that it played although they were not asked for, as a replayed
+            grasp at an emptied slot: evidence of inertia that did not spoil the goal. Empty otherwise.
         collisions: How often the robot, or what it held, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
     """
@@ -96,6 +100,8 @@ class TrialDiagnosis:
     steps: int
     duration_s: float
     record: str | None
+    harm: tuple[str, ...] = ()
+    needless: tuple[Evidence, ...] = ()
 
     @property
     def kind(self) -> Kind:
@@ -127,8 +133,9 @@ class Metric:
     """One number with its uncertainty.
 
     Attributes:
-        name: What is measured ("success_rate", "intention_accuracy", "delta_sr", "distractor_grasp_rate",
-            "illusion_gap", "reasoning_failure_rate", "execution_failure_rate", "collision_rate", "progress").
+        name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy", "delta_sr",
+            "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate", "execution_failure_rate",
+            "collision_rate", "progress").
         scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".

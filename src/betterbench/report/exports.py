@@ -106,7 +106,8 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
         "policy", "task", "variation", "condition", "axis", "seed", "instruction", "expected", "success", "label",
         "kind", "intended", "intended_kind", "intended_any", "first_attempt", "first_attempt_kind", "first_slot",
         "intention_correct", "progress", "attempts", "rule", "evidence", "evidence_start_s", "evidence_end_s",
-        "shared", "candidates", "collisions", "steps", "duration_s", "record",
+        "shared", "candidates", "harm", "needless_steps", "needless_start_s", "collisions", "steps", "duration_s",
+        "record",
     )  # fmt: skip
     rows = tuple(
         (
@@ -114,7 +115,9 @@ def trial_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
             t.label.value, t.kind.value, t.intended, t.intended_kind, " ".join(t.intended_any), t.first_attempt,
             t.first_attempt_kind, t.first_slot, t.intention_correct, t.progress,
             len(t.attempts), t.evidence.rule, t.evidence.text, t.evidence.start_s, t.evidence.end_s,
-            " ".join(t.evidence.shared), " ".join(t.evidence.candidates), t.collisions, t.steps, t.duration_s, t.record,
+            " ".join(t.evidence.shared), " ".join(t.evidence.candidates), "; ".join(t.harm),
+            " ".join(e.text for e in t.needless), " ".join(f"{e.start_s:.2f}" for e in t.needless),
+            t.collisions, t.steps, t.duration_s, t.record,
         )
         for d in diagnoses
         for t in d.trials

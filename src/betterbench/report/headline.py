@@ -65,6 +65,7 @@ class Headline:
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
+        needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
     """
 
@@ -77,6 +78,7 @@ class Headline:
     gap: Figure
     intention: Figure
     grasps: Figure
+    needless: Figure
     failure: Failure | None
     segments: tuple[Segment, ...]
 
@@ -104,6 +106,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         gap,
         intention,
         Figure.of(diagnosis.metric("distractor_grasp_rate", "overall"), noun="grasps"),
+        Figure.of(diagnosis.metric("success_with_a_needless_step", "overall")),
         leading_failure(varied),
         segments_of(varied),
     )

@@ -85,6 +85,8 @@ def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mappin
         _s(trial.duration_s),
         strings[trial.record],
         films.get(film_key(policy, trial.key), -1),
+        [strings[e.text] for e in trial.needless],
+        [_s(e.start_s) for e in trial.needless],
     ]
 
 

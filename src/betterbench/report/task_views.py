@@ -30,6 +30,7 @@ class TaskLine:
     variation: Figure
     gap: Figure
     grasps: Figure
+    needless: Figure
     segments: tuple[Segment, ...]
     failure: Failure | None
     findings: tuple[str, ...]
@@ -95,6 +96,7 @@ def _line(d: RunDiagnosis, task: str, varied: list[TrialDiagnosis]) -> TaskLine:
         Figure.of(d.metric("success_rate", task)),
         Figure.of(d.metric("illusion_gap", task), difference=True, noun="pairs"),
         Figure.of(d.metric("distractor_grasp_rate", task), noun="grasps"),
+        Figure.of(d.metric("success_with_a_needless_step", task)),
         segments_of(varied),
         leading_failure(varied),
         tuple(sentence for sentence in d.findings if about.search(sentence)),

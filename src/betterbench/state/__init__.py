@@ -1,6 +1,15 @@
 """The privileged state of a scene, which no policy under test ever sees."""
 
 from betterbench.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
-from betterbench.state.world import Contact, PrivilegedPolicy, WorldState
+from betterbench.state.world import GRIPPER_BODIES, Contact, PrivilegedPolicy, WorldState
 
-__all__ = ["Contact", "ObjectInfo", "PrivilegedPolicy", "Region", "SceneInfo", "SlotInfo", "WorldState"]
+__all__ = [
+    "GRIPPER_BODIES",
+    "Contact",
+    "ObjectInfo",
+    "PrivilegedPolicy",
+    "Region",
+    "SceneInfo",
+    "SlotInfo",
+    "WorldState",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
@@ -10,6 +11,7 @@ from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+from betterbench.tasks.restraint import first_hover
 
 
 def _exposed(x: Exposure) -> bool:
@@ -33,15 +35,20 @@ def _exposed(x: Exposure) -> bool:
     short="inertia",
     definition="A step that is frequent in training is started without being instructed; the step that followed "
     "in training is executed without being instructed or at an empty slot; or the right object is "
-    "placed where its kind was placed in training.",
+    "placed where its kind was placed in training. Where something is to be left alone: the open gripper stays "
+    "over it.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
     finding="Plays a step of training that was not asked for",
     rule=HABIT,
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the first evidence of inertia."""
-    episode = trial.episode
+    """Return the first evidence of inertia, or of one that was begun where something was to be left alone."""
+    return next(inertia_in(trial.episode), None) or _approach(trial.episode)
+
+
+def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
+    """Yield the evidence of inertia of every attempt that shows some, in time."""
     before: Step | None = None
     for step in episode.steps:
         evidence = (
@@ -52,10 +59,19 @@ def _find(trial: TrialView) -> Evidence | None:
             or _empty(episode, step)
         )
         if evidence is not None:
-            return evidence
+            yield evidence
         if not episode.trace.is_drawer(step.at):
             before = step
-    return None
+
+
+def _approach(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if an open gripper comes down over something to be left alone and stays there."""
+    found = first_hover(episode.trace, episode.off_limits) if episode.off_limits and not episode.steps else None
+    if found is None:
+        return None
+    start, end, i = found
+    text = f"The open gripper comes down over the {episode.kind(i)} and stays there, although it was to be left alone."
+    return episode.evidence("approach_to_what_is_to_be_left_alone", text, rows=(start, end), objects=(i,))
 
 
 def _unasked(episode: EpisodeAnalysis, step: Step, *, first: bool) -> Evidence | None:

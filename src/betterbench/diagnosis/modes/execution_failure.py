@@ -24,7 +24,7 @@ def _exposed(x: Exposure) -> bool:
     Label.EXECUTION_FAILURE,
     short="execution",
     definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
-    "again, the arm collided, or a drawer was left halfway.",
+    "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
     finding="Chooses the right target and fails at the manipulation",
     exposed_by=_exposed,
@@ -35,7 +35,9 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    found += [e for e in (_knocked(episode), _undone(episode), _forbidden_touch(episode)) if e is not None]
+    found += [
+        e for e in (_knocked(episode), _undone(episode), _forbidden_touch(episode), _harm(episode)) if e is not None
+    ]
     return min(found, key=lambda e: e.start_s, default=None)
 
 
@@ -141,6 +143,16 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
     row, i = min(found)
     text = f"The {episode.kind(i)} is knocked over without having been grasped."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))
+
+
+def _harm(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if something was moved that was not asked for; an attempt at it is earlier evidence."""
+    if not episode.harm:
+        return None
+    row, harm = episode.harm[0]
+    words = harm.words(episode.trace.info)
+    text = f"{words[0].upper()}{words[1:]}; it was to be left alone."
+    return episode.evidence("harm", text, rows=(row, row), objects=(episode.trace.info.index(harm.object),))
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:

@@ -11,7 +11,7 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.SUCCESS,
     short="solved",
-    definition="The goal is met, at rest and released, before the step limit.",
+    definition="The goal is met, at rest and released, before the step limit, and nothing else came to harm.",
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a goal that is met."""
@@ -21,7 +21,7 @@ def _find(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_FREEZE,
     short="stayed still",
-    definition="Nothing was left to do, nothing was touched, and the arm came to rest.",
+    definition="Nothing was left to do, nothing was touched or approached, and the arm came to rest.",
 )
 def _find_freeze(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly did nothing."""
@@ -31,7 +31,7 @@ def _find_freeze(trial: TrialView) -> Evidence | None:
 @FailureMode(
     Label.CORRECT_REFUSAL,
     short="refused",
-    definition="The instructed object was absent, and no other object was grasped instead.",
+    definition="The instructed object was absent, and no other object was attempted or moved instead.",
 )
 def _find_refusal(trial: TrialView) -> Evidence | None:
     """Return the evidence of an arm that rightly took nothing in place of what is absent."""

@@ -14,7 +14,7 @@
   const text = (i) => (i < 0 ? null : data.strings[i]);
   const COLUMNS = ["policy", "task", "variation", "condition", "axis", "seed", "instruction", "success", "expected",
     "label", "first", "slot", "intended", "intention", "progress", "attempts", "rule", "why", "start", "end",
-    "objects", "shared", "candidates", "steps", "duration", "record", "film"];
+    "objects", "shared", "candidates", "steps", "duration", "record", "film", "needless", "needlessAt"];
   const TEXTS = new Set(["policy", "task", "variation", "condition", "axis", "instruction", "expected", "label",
     "first", "slot", "intended", "rule", "why", "record"]);
   const trials = data.trials.map((row) => {
@@ -158,6 +158,7 @@
     if (t.candidates.length) facts.push(`could also be: ${t.candidates.map(text).join(", ")}`);
     if (t.record !== null) facts.push(t.record);
     box.append(make("p", "facts", facts.join(" · ")));
+    t.needless.forEach((said, i) => box.append(make("p", "", `Needless step at ${seconds(t.needlessAt[i])}: ${text(said)}`)));
     const times = make("div", "times");
     times.append(timeline(t, "This trial"));
     const twin = t.variation === null ? null : byKey.get(id(t.policy, `${t.task}/${t.condition}/${t.seed}`));

@@ -8,7 +8,7 @@ import pkgutil
 
 from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, RestingPlace, relation
 from betterbench.tasks.relations.released import released
-from betterbench.tasks.relations.rest import arm_still, at_rest, upright
+from betterbench.tasks.relations.rest import arm_still, at_rest, on_floor, upright
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
@@ -20,6 +20,7 @@ __all__ = [
     "RestingPlace",
     "arm_still",
     "at_rest",
+    "on_floor",
     "relation",
     "released",
     "upright",

@@ -2,8 +2,9 @@
 
 import math
 
-from betterbench.geometry import IDENTITY_QUATERNION, yaw_of
+from betterbench.geometry import IDENTITY_QUATERNION, Vector, yaw_of
 from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks.relations.loose import lowest, middle
 from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers_each, register
 from betterbench.tasks.relations.rest import upright
@@ -38,9 +39,28 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     The center of the object's foot lies in the region of that side, on the table and not on something. It stands as it
     is meant to stand, and a long object lies along the anchor's front-to-back axis, either way round.
     """
-    x, y, z = state.pose(anchor).inverse().apply(foot(state, name))
-    if x * x + y * y > REACH**2 or z > HEIGHT:
+    side, height = _side(state, foot(state, name), anchor)
+    if side is None or height > HEIGHT:
         return None
+    lies = upright(state, name) and state.touching(name, "table") and _aligned(state, name, anchor)
+    return side if lies else None
+
+
+def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
+    """Return the side of an anchor at which an object is in any posture, on the table or on what lies there, or None.
+
+    Its foot or its middle is over the region of that side; what the gripper holds above the table is not there yet.
+    """
+    if state.held == name and lowest(state, name) - state.pose(anchor).position[2] > HEIGHT:
+        return None
+    return _side(state, foot(state, name), anchor)[0] or _side(state, middle(state, name), anchor)[0]
+
+
+def _side(state: WorldState, point: Vector, anchor: str) -> tuple[str | None, float]:
+    """Return the side over whose region a point is, or None, and its height above the anchor's foot [m]."""
+    x, y, z = state.pose(anchor).inverse().apply(point)
+    if x * x + y * y > REACH**2:
+        return None, z
     for region in state.info.object(anchor).regions:
         if region.name not in SIDES:
             continue
@@ -49,9 +69,8 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
         else:
             dx, dy, _ = region.pose.inverse().apply((x, y, z))
         if abs(dx) <= region.half_size[0] and abs(dy) <= region.half_size[1]:
-            lies = upright(state, name) and state.touching(name, "table") and _aligned(state, name, anchor)
-            return region.name if lies else None
-    return None
+            return region.name, z
+    return None, z
 
 
 def _is_long(info: ObjectInfo) -> bool:
@@ -83,6 +102,7 @@ BESIDE = register(
         name="beside",
         words="{object} is on the {region} side of {target}",
         where=beside,
+        loosely=_loosely,
         regions=offers_each(*SIDES),
         needs=tuple(SIDES),
         tolerances=("side_reach", "side_height", "side_turn", "long_ratio"),

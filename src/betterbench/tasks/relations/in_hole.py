@@ -2,6 +2,7 @@
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks.relations.loose import middle, nearest, reaches_into, rests_on
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
 from betterbench.tasks.thresholds import threshold
@@ -36,6 +37,21 @@ def in_hole(state: WorldState, name: str, rack: str) -> str | None:
     return None
 
 
+def _loosely(state: WorldState, name: str, rack: str) -> str | None:
+    """Return the hole that an object is in or over in any posture: jammed, on its side upon the rack, half out, held.
+
+    What only leans against the rack with its foot on the table is at none.
+    """
+    frame, info = state.pose(rack), state.info.object(rack)
+    holes = {r.name: frame.apply(r.position) for r in info.regions if r.name.startswith(PREFIX)}
+    for hole, (x, y, z) in holes.items():
+        _, _, depth = info.region(hole).half_size
+        width = 0.25 * max(state.info.object(name).size_m[:2])
+        if reaches_into(state, name, Pose((x, y, z + 0.5 * depth), frame.quaternion), (width, width, 0.5 * depth)):
+            return hole
+    return nearest(holes, middle(state, name)) if rests_on(state, name, rack) else None
+
+
 def _holes(info: ObjectInfo) -> tuple[str, ...]:
     return tuple(r.name for r in info.regions if r.name.startswith(PREFIX))
 
@@ -56,6 +72,7 @@ IN_HOLE = register(
         name="in_hole",
         words="{object} stands in {region} of {target}",
         where=in_hole,
+        loosely=_loosely,
         regions=_holes,
         needs=("hole_1", "hole_2", "hole_3"),
         tolerances=("hole_depth", "hole_tilt"),

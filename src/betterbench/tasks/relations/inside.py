@@ -4,6 +4,7 @@ import math
 
 from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
+from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import threshold
@@ -37,6 +38,17 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     x, y, z = (state.pose(container) @ region.pose).inverse().apply(center)
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
+
+
+def _loosely(state: WorldState, name: str, container: str) -> str | None:
+    """Return "" if an object is in a container with any part of it, or lies across its rim or on what is in it."""
+    region = state.info.object(container).region("inside")
+    space = state.pose(container) @ region.pose
+    if reaches_into(state, name, space, region.half_size):
+        return ""
+    x, y, z = space.inverse().apply(middle(state, name))
+    over = abs(x) <= region.half_size[0] and abs(y) <= region.half_size[1] and z > 0.0
+    return "" if over and rests_on(state, name, container) else None
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
@@ -97,6 +109,7 @@ INSIDE = register(
         name="inside",
         words="{object} is inside {target}",
         where=single(inside),
+        loosely=_loosely,
         regions=offers("inside"),
         needs=("inside",),
         tolerances=("inside_margin",),

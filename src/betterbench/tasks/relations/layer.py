@@ -1,7 +1,10 @@
 """Assembly: which layer of a stack an object is, counted from the base."""
 
-from betterbench.geometry import Pose, horizontal_distance, tilt_of
+import math
+
+from betterbench.geometry import Pose, Vector, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
 from betterbench.tasks.thresholds import threshold
@@ -19,6 +22,8 @@ GAP = threshold(
     "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
 )
 TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
+EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
+"""Categories of layers that look the same from both sides: nobody calls a patty upside down. A bun has a cut face."""
 SPREAD_M = 0.003
 """Largest distance from the middle at which a pre-placed layer lies [m]."""
 
@@ -27,17 +32,19 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     """Return the layer of a stack that an object is, "1" being what lies on the base itself, or None.
 
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base.
+    A patty, a slice or a leaf may lie either way up, a bun not, and the base has to stand itself.
     """
-    position = foot(state, name)
-    if not _over(state, name, base) or position[2] <= state.pose(base).position[2]:
+    if not _over(state, name, base) or _faces(state, name)[0][2] <= state.pose(base).position[2]:
+        return None
+    if tilt_of(state.pose(base).quaternion) > TILT:
         return None
     below, seen = base, {base}
     for number in LAYERS:
-        top = _top(state, below)
+        top = _faces(state, below)[1][2]
         loose = (
             o.name for o in state.info.objects if o.name not in seen and not o.fixed and _over(state, o.name, base)
         )
-        above = [n for n in loose if abs(foot(state, n)[2] - top) <= GAP and state.touching(n, below)]
+        above = [n for n in loose if abs(_faces(state, n)[0][2] - top) <= GAP and state.touching(n, below)]
         if len(above) != 1:
             return None  # nothing there, or two things share the layer
         if name in above:
@@ -53,18 +60,34 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 
 def _over(state: WorldState, name: str, base: str) -> bool:
     middle = state.pose(base).position
-    if horizontal_distance(foot(state, name), middle) > OFFSET:
+    if horizontal_distance(_faces(state, name)[0], middle) > OFFSET:
         return False
-    return tilt_of(state.pose(name).quaternion) <= TILT
+    tilt = tilt_of(state.pose(name).quaternion)
+    return tilt <= TILT or (_inverted(state, name) and math.pi - tilt <= TILT)
 
 
-def _top(state: WorldState, name: str) -> float:
-    """Return the height of the surface that the next layer lies on [m]."""
-    info, pose = state.info.object(name), state.pose(name)
-    for region in info.regions:
-        if region.name == "top":
-            return pose.apply(region.position)[2]
-    return pose.position[2] + info.size_m[2]
+def _inverted(state: WorldState, name: str) -> bool:
+    """Tell whether a layer that has no up and down lies on what its asset calls its top."""
+    return state.info.object(name).category in EITHER_WAY_UP and tilt_of(state.pose(name).quaternion) > 0.5 * math.pi
+
+
+def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
+    """Return the middles of the face that a layer lies on and of the one that the next layer lies on [m], world."""
+    info, lower = state.info.object(name), foot(state, name)
+    top = next((r.position for r in info.regions if r.name == "top"), (0.0, 0.0, info.size_m[2]))
+    upper = state.pose(name).apply(top)
+    return (upper, lower) if _inverted(state, name) else (lower, upper)
+
+
+def _loosely(state: WorldState, name: str, base: str) -> str | None:
+    """Return the first layer that is missing if an object lies or is held on a stack in any posture, or None.
+
+    It lies on the base or on something on it, with its middle over the base. Layers are counted by what lies flat.
+    """
+    if not (rests_on(state, name, base) or held_upon(state, name, base)):
+        return None
+    taken = {layer(state, o.name, base) for o in state.info.objects if not o.fixed and o.name != base}
+    return next((number for number in LAYERS if number not in taken), LAYERS[-1])
 
 
 def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceGoal, ...]:
@@ -86,6 +109,7 @@ LAYER = register(
         name="layer",
         words="{object} is layer {region} of the stack on {target}",
         where=layer,
+        loosely=_loosely,
         regions=_layers,
         needs=("top",),
         tolerances=("layer_offset", "layer_gap", "layer_tilt"),

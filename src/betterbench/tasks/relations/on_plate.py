@@ -2,6 +2,7 @@
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import WorldState
+from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, resting_at, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
@@ -34,6 +35,12 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
     return tilt_of(state.pose(name).quaternion) <= THRESHOLDS.upright_tilt and state.touching(name, plate)
 
 
+def _loosely(state: WorldState, name: str, plate: str) -> str | None:
+    """Return "" if an object lies or is held on a plate, or on something on it, in any posture, its middle over it."""
+    there = name != plate and (rests_on(state, name, plate) or held_upon(state, name, plate))
+    return "" if there else None
+
+
 def _goals(state: WorldState, name: str, plate: str, _region: str) -> tuple[PlaceGoal, ...]:
     floor = state.pose(plate).apply(state.info.object(plate).region("floor").position)
     yaws = turned_by(state, name, (0.0, 0.4, -0.4, 0.8, -0.8, 1.6, -1.6))
@@ -49,6 +56,7 @@ ON_PLATE = register(
         name="on_plate",
         words="{object} stands on {target}",
         where=single(on_plate),
+        loosely=_loosely,
         regions=offers("floor"),
         needs=("floor",),
         tolerances=("plate_offset", "plate_gap"),

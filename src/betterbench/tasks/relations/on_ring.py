@@ -2,6 +2,7 @@
 
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
+from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
 from betterbench.tasks.relations.rest import upright
@@ -35,6 +36,22 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     if abs(position[2] - ring[2]) > HEIGHT or not upright(state, name):
         return False
     return handle_clear(state, name, fixture)
+
+
+def _loosely(state: WorldState, name: str, fixture: str) -> str | None:
+    """Return "" if an object is on the ring in any posture: beside its middle, on its side, upside down, or held there.
+
+    Its middle or its foot is over the disc of the ring, and below the spout.
+    """
+    target, frame = state.info.object(fixture), state.pose(fixture)
+    ring, spout = target.region("ring"), target.region("spout")
+    x, y, z = frame.apply(ring.position)
+    top = frame.apply(spout.position)[2]
+    over = (
+        horizontal_distance(point, (x, y)) <= ring.half_size[0] and z - HEIGHT <= point[2] <= top
+        for point in (foot(state, name), middle(state, name))
+    )
+    return "" if any(over) else None
 
 
 def handle_clear(state: WorldState, name: str, fixture: str) -> bool:
@@ -85,6 +102,7 @@ ON_RING = register(
         name="on_ring",
         words="{object} stands on the ring of {target}",
         where=single(on_ring),
+        loosely=_loosely,
         regions=offers("ring", "spout"),
         needs=("ring", "spout"),
         tolerances=("ring_radius", "ring_height", "spout_margin"),

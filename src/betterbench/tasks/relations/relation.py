@@ -1,11 +1,12 @@
 """What a relation between an object and a target is, and the registry of all relations."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from betterbench.errors import PlanningError, find_named
 from betterbench.geometry import Pose, Vector
 from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks.relations.rest import on_floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,9 @@ class Relation:
         words: How documents say it: "{object} is inside {target}"; ``{region}`` where the target offers several.
         where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
             target offers one alone, or None if the object is at none.
+        loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
+            on top, held there. It is asked wherever ``where`` says None and the question is whether the target is free
+            of something. None where ``where`` leaves no posture out.
         regions: Names of the target regions that an object offers; none if it cannot be a target of this relation.
         needs: Regions that the asset of a target has: all of them, or for several target regions any of them.
         tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
@@ -71,6 +75,7 @@ class Relation:
     where: Where
     regions: Regions
     needs: tuple[str, ...]
+    loosely: Where | None = None
     tolerances: tuple[str, ...] = ()
     goals: Goals | None = None
     preplace: Preplace | None = None
@@ -86,6 +91,11 @@ class Relation:
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
         """Tell whether an object is at a target region."""
         return self.where(state, name, target) == region
+
+    def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
+        """Return the target region at which an object is, strictly or in any other posture, or None."""
+        place = self.where(state, name, target)
+        return place if place is not None or self.loosely is None else self.loosely(state, name, target)
 
     def label(self, name: str, target: str, region: str = "") -> str:
         """Return the name of a predicate: "inside(burger_1, box)", "in_hole(salt, rack.hole_1)"."""
@@ -106,15 +116,29 @@ RELATIONS: dict[str, Relation] = {}
 
 
 def register(relation: Relation) -> Relation:
-    """Add a relation to the registry.
+    """Add a relation to the registry, and return it as it is registered.
+
+    A target that lies on the floor is none any more, and what lies on the floor is at none: this holds for every
+    relation and stands here alone.
 
     Raises:
         ValueError: If another one has the same name.
     """
     if relation.name in RELATIONS:
         raise ValueError(f"there is a relation {relation.name!r} already: {RELATIONS[relation.name].words}")
+    loosely = None if relation.loosely is None else _on_the_table(relation.loosely)
+    relation = replace(relation, where=_on_the_table(relation.where), loosely=loosely)
     RELATIONS[relation.name] = relation
     return relation
+
+
+def _on_the_table(where: Where) -> Where:
+    """Return a ``where`` that knows no place for or at what lies on the floor."""
+
+    def guarded(state: WorldState, name: str, target: str) -> str | None:
+        return None if on_floor(state, name) or on_floor(state, target) else where(state, name, target)
+
+    return guarded
 
 
 def relation(name: str) -> Relation:

@@ -11,6 +11,11 @@ def at_rest(state: WorldState, name: str) -> bool:
     return state.linear_speeds[i] < THRESHOLDS.rest_speed and state.angular_speeds[i] < THRESHOLDS.rest_turning
 
 
+def on_floor(state: WorldState, name: str) -> bool:
+    """Tell whether an object has fallen below the table top."""
+    return state.positions[state.info.index(name)][2] < -THRESHOLDS.fallen_below
+
+
 def upright(state: WorldState, name: str) -> bool:
     """Tell whether an object stands as its asset is meant to stand."""
     return tilt_of(state.quaternions[state.info.index(name)]) <= THRESHOLDS.upright_tilt

@@ -1,0 +1,92 @@
+"""Harm: what a success must not have done to anything that was not asked for (law 7 of the suite), for all tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from betterbench.geometry import distance
+from betterbench.state import SceneInfo, WorldState
+from betterbench.tasks.relations import on_floor
+from betterbench.tasks.targets import Asked, Places, Targets
+from betterbench.tasks.thresholds import threshold
+
+DISPLACED = threshold(
+    "displaced",
+    0.05,
+    "m",
+    "Distance from its place at the start beyond which something that was not asked for was carried or pushed out of "
+    "its slot, also if it is brought back; suite, law 7.",
+)
+
+NO_HARM = (
+    "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, or is "
+    "at a target in any posture."
+)
+"""What no success may do, as documents say it."""
+
+HarmSort = Literal["on_the_floor", "displaced", "at_the_target"]
+
+
+@dataclass(frozen=True, slots=True)
+class Harm:
+    """One harm.
+
+    Attributes:
+        object: What it was done to.
+        target: The target at which something stands that was not asked for, else None.
+    """
+
+    sort: HarmSort
+    object: str
+    target: str | None = None
+
+    def words(self, info: SceneInfo) -> str:
+        """Return a clause that says it, "the mouse lies on the floor"."""
+        kind = info.object(self.object).kind
+        if self.sort == "on_the_floor":
+            return f"the {kind} lies on the floor"
+        if self.sort == "displaced":
+            return f"the {kind} was moved out of its place by more than {100 * DISPLACED:.0f} cm"
+        where = "" if self.target is None else info.object(self.target).kind
+        return f"the {kind} is at the {where} without having been asked for there"
+
+
+def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
+    """Return the names of all loose objects that an instruction neither means nor names as a target.
+
+    Drawers are none: to move them is on the way.
+    """
+    named = {name for a in asked for name in (*a.candidates, a.target)}
+    return tuple(o.name for o in info.objects if not o.fixed and o.role != "drawer" and o.name not in named)
+
+
+class HarmWatch:
+    """Watches an episode for harm. Feed it the state at reset first, then others in order of time."""
+
+    def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
+        """Prepare; where a template is not ``exclusive``, other things may be at its targets."""
+        self._targets, self._exclusive = targets, exclusive
+        self._watched = tuple(info.index(name) for name in bystanders(asked, info))
+        self._loose = tuple(o.name for o in info.objects if not o.fixed)
+        self._start: tuple[tuple[float, float, float], ...] = ()
+        self._at_start: Places = ()
+        self._displaced: dict[str, None] = {}
+
+    def see(self, state: WorldState, places: Places) -> None:
+        """Take note of a state and of where every subject is in it, strictly."""
+        if not self._start:
+            self._start = state.positions
+            self._at_start = self._targets.in_any_posture(state, places)
+        for i in self._watched:
+            if distance(state.positions[i], self._start[i]) > DISPLACED:
+                self._displaced[state.info.objects[i].name] = None
+
+    def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
+        """Return the harm that was done up to a state that was seen; empty if there is none."""
+        floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
+        moved = [Harm("displaced", name) for name in self._displaced if name not in floor]
+        intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
+        there = [] if intruder is None else [Harm("at_the_target", intruder.object, intruder.target)]
+        return (*floor.values(), *moved, *there)

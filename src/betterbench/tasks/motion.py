@@ -1,0 +1,177 @@
+"""What the gripper and the objects did so far, as arrays: what grasp attempts are read from, live and from records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.tasks.thresholds import THRESHOLDS
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """An episode, or its beginning, as arrays. ``T`` rows, ``n`` objects; world frame, meters, seconds.
+
+    Attributes:
+        tool: (T, 3) tool center point.
+        width: (T,) distance of the finger pads.
+        closing: (T,) whether the gripper is commanded to close; a command of zero keeps the last one.
+        positions: (T, n, 3) object positions (center of the bottom face).
+        quaternions: (T, n, 4) object rotations (w, x, y, z).
+        left: (T, n) whether the left finger touches the object.
+        right: (T, n) whether the right finger touches it.
+        held: (T,) index of the held object, or -1.
+        there: (T, n) whether the object is at some place of a target, asked for or not; shut drawers are left out.
+    """
+
+    info: SceneInfo
+    rate_hz: float
+    tool: Floats
+    width: Floats
+    closing: Bools
+    positions: Floats
+    quaternions: Floats
+    left: Bools
+    right: Bools
+    held: npt.NDArray[np.int16]
+    there: Bools
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.tool.shape[0])
+
+    @property
+    def items(self) -> tuple[int, ...]:
+        """Indices of what can be grasped: items, distractors and drawers."""
+        return graspable(self.info)
+
+    @property
+    def pick_slots(self) -> tuple[str, ...]:
+        """Names of the slots that are no stand of a container or fixture."""
+        stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
+        return tuple(s.name for s in self.info.slots if s.name not in stands)
+
+    def steps(self, seconds: float) -> int:
+        """Return the number of control steps in a time, at least one."""
+        return max(1, round(seconds * self.rate_hz))
+
+    def on_table(self, row: int, i: int) -> bool:
+        """Tell whether an object has not fallen off the table."""
+        return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
+
+    def is_drawer(self, i: int | None) -> bool:
+        """Tell whether an object is a drawer."""
+        return i is not None and self.info.objects[i].role == "drawer"
+
+    def box_distances(self, row: int, point: Floats) -> Floats:
+        """Return the distance of a point to every object's oriented bounding box, shape (n,)."""
+        return box_distances(self.info.objects, self.positions[row], self.quaternions[row], point)
+
+    def center_distances(self, row: int, point: Floats) -> Floats:
+        """Return the horizontal distance [m] of a point to every object, shape (n,)."""
+        distances: Floats = np.linalg.norm(self.positions[row, :, :2] - point[:2], axis=1)
+        return distances
+
+    def within_reach(self, row: int, point: Floats) -> Bools:
+        """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their middle."""
+        boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
+        return in_reach(boxes, centers)
+
+    def slot_near(self, point: Floats, reach: float) -> str | None:
+        """Return the nearest pick slot within a horizontal distance of a point, or None."""
+        best: tuple[float, str] | None = None
+        for name in self.pick_slots:
+            x, y, _ = self.info.slot(name).position
+            gap = float(np.hypot(point[0] - x, point[1] - y))
+            if gap <= reach and (best is None or (gap, name) < best):
+                best = (gap, name)
+        return None if best is None else best[1]
+
+
+def graspable(info: SceneInfo) -> tuple[int, ...]:
+    """Return the indices of what can be grasped: items, distractors and drawers that are not fixed."""
+    roles = ("item", "distractor", "drawer")
+    return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
+
+
+def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions: Floats, point: Floats) -> Floats:
+    """Return the distance [m] of a point to every object's oriented bounding box, shape (n,).
+
+    Args:
+        objects: The n objects.
+        positions: (n, 3) centers of their bottom faces [m], world frame like everything here.
+        quaternions: (n, 4) their rotations (w, x, y, z).
+        point: (3,) the point [m].
+    """
+    size = np.array([o.size_m for o in objects]).reshape(-1, 3)
+    offset = point - positions
+    axis = -quaternions[:, 1:]
+    twice = 2.0 * _cross(axis, offset)
+    local = offset + quaternions[:, :1] * twice + _cross(axis, twice)
+    local[:, 2] -= 0.5 * size[:, 2]
+    outside: Floats = np.linalg.norm(np.maximum(np.abs(local) - 0.5 * size, 0.0), axis=1)
+    return outside
+
+
+def in_reach(boxes: Floats, centers: Floats) -> Bools:
+    """Tell for which objects a closing gripper is an attempt, from its distances [m] to their boxes and centers."""
+    near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
+    return near
+
+
+def closing_of(command: Floats) -> Bools:
+    """Return whether the gripper is commanded to close, keeping the last command through zeros; shapes (T,)."""
+    last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
+    closing: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    return closing
+
+
+class MotionBuilder:
+    """Collects what a :class:`Motion` holds, state by state."""
+
+    def __init__(self, info: SceneInfo, *, rate_hz: float) -> None:
+        self._info, self._rate_hz = info, rate_hz
+        self._states: list[WorldState] = []
+        self._there: list[list[bool]] = []
+
+    def append(self, state: WorldState, there: list[bool]) -> None:
+        """Append the next state and, per object, whether it is at some place of a target."""
+        self._states.append(state)
+        self._there.append(there)
+
+    def motion(self) -> Motion:
+        """Return everything so far."""
+        states, n = self._states, len(self._info.objects)
+        number = {o.name: i for i, o in enumerate(self._info.objects)}
+        left, right = (np.zeros((len(states), n), dtype=np.bool_) for _ in range(2))
+        fingers = {"left_finger": left, "right_finger": right}
+        for row, state in enumerate(states):
+            for a, b, _ in state.contacts:
+                for finger, thing in ((a, b), (b, a)):
+                    if finger in fingers and thing in number:
+                        fingers[finger][row, number[thing]] = True
+        held = [-1 if s.held is None else number[s.held] for s in states]
+        return Motion(
+            info=self._info, rate_hz=self._rate_hz, tool=np.array([s.ee_pose.position for s in states]),
+            width=np.array([s.finger_width_m for s in states]),
+            closing=closing_of(np.array([s.gripper_command for s in states])),
+            positions=np.array([s.positions for s in states]).reshape(len(states), n, 3),
+            quaternions=np.array([s.quaternions for s in states]).reshape(len(states), n, 4), left=left, right=right,
+            held=np.array(held, dtype=np.int16), there=np.array(self._there, dtype=np.bool_).reshape(len(states), n),
+        )  # fmt: skip
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the cross products of two lists of vectors, shape (n, 3); numpy's own is slow on short lists."""
+    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.stack((x, y, z), axis=1)

@@ -1,0 +1,108 @@
+"""Being at a target in any posture: leaning, jammed, on its side, upside down, half in, on top, in the gripper.
+
+A strict relation says whether something is where an instruction wants it. What fails it is not thereby absent: "nothing
+else is at the target" is asked with the loose companions that the files of the relations build from these parts.
+"""
+
+import itertools
+import math
+
+from betterbench.geometry import Pose, Vector, horizontal_distance, rotate
+from betterbench.state import WorldState
+from betterbench.tasks.thresholds import threshold
+
+OVERLAP = threshold(
+    "loose_overlap",
+    0.005,
+    "m",
+    "Depth by which a part of an object must reach into a target to be in it at all; what only leans against its "
+    "outside does not.",
+)
+_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+
+
+def middle(state: WorldState, name: str) -> Vector:
+    """Return the center of an object's bounding box in the world [m]; it stays in place when the object topples."""
+    return state.pose(name).apply((0.0, 0.0, 0.5 * state.info.object(name).size_m[2]))
+
+
+def lowest(state: WorldState, name: str) -> float:
+    """Return the height of the lowest corner of an object's bounding box [m]."""
+    x, y, z = (0.5 * v for v in state.info.object(name).size_m)
+    q = state.pose(name).quaternion
+    reach = abs(rotate(q, (x, 0.0, 0.0))[2]) + abs(rotate(q, (0.0, y, 0.0))[2]) + abs(rotate(q, (0.0, 0.0, z))[2])
+    return middle(state, name)[2] - reach
+
+
+def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -> bool:
+    """Tell whether a part of an object's bounding box is deeper than ``loose_overlap`` in a box of the world.
+
+    Args:
+        state: The state.
+        name: Name of the object.
+        space: Pose ``T_world_box`` of the center of the box.
+        half_size: Its half extents [m].
+    """
+    sx, sy, sz = (0.5 * v for v in state.info.object(name).size_m)
+    hx, hy, hz = (max(h - OVERLAP, 0.0) for h in half_size)
+    to_space = space.inverse() @ state.pose(name)
+    if math.dist(to_space.apply((0.0, 0.0, sz)), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
+        return False
+    for fx, fy, fz in itertools.product(_STEPS, _STEPS, _STEPS):
+        x, y, z = to_space.apply((fx * sx, fy * sy, sz + fz * sz))
+        if abs(x) <= hx and abs(y) <= hy and abs(z) <= hz:
+            return True
+    return False
+
+
+def rests_on(state: WorldState, name: str, target: str) -> bool:
+    """Tell whether an object lies on a target or on something that lies on it, whatever its posture.
+
+    Its middle is over the target's bounding box, seen from above, it is no deeper than the target, and a chain of
+    touching things leads from it to the target; a fixed thing, the gripper and the table are no part of a chain.
+    """
+    return target in _carriers(state, name) and _over(state, name, target)
+
+
+def held_upon(state: WorldState, name: str, target: str) -> bool:
+    """Tell whether the gripper holds an object as low over a target as the target, or what lies on it, reaches."""
+    if state.held != name or not _over(state, name, target):
+        return False
+    lying = (o.name for o in state.info.objects if not o.fixed and rests_on(state, o.name, target))
+    return lowest(state, name) <= OVERLAP + max(_highest(state, other) for other in (target, *lying))
+
+
+def _highest(state: WorldState, name: str) -> float:
+    """Return the height of the highest corner of an object's bounding box [m]."""
+    return 2.0 * middle(state, name)[2] - lowest(state, name)
+
+
+def _over(state: WorldState, name: str, target: str) -> bool:
+    sx, sy, _ = state.info.object(target).size_m
+    center = middle(state, name)
+    x, y, _ = state.pose(target).inverse().apply(center)
+    bottom = lowest(state, target)
+    return abs(x) <= 0.5 * sx and abs(y) <= 0.5 * sy and center[2] > bottom and lowest(state, name) > bottom - OVERLAP
+
+
+def _carriers(state: WorldState, name: str) -> frozenset[str]:
+    """Return everything to which a chain of touching things leads from an object."""
+    touching: dict[str, set[str]] = {}
+    for a, b, _ in state.contacts:
+        if a in state.info and b in state.info:
+            touching.setdefault(a, set()).add(b)
+            touching.setdefault(b, set()).add(a)
+    found, waiting = {name}, [name]
+    while waiting:
+        thing = waiting.pop()
+        if thing != name and state.info.object(thing).fixed:
+            continue
+        for other in sorted(touching.get(thing, set()) - found):
+            found.add(other)
+            waiting.append(other)
+    return frozenset(found - {name})
+
+
+def nearest(points: dict[str, Vector], point: Vector) -> str | None:
+    """Return the name of the point that is horizontally nearest, the first of equals; None if there are none."""
+    return min(points, key=lambda n: horizontal_distance(points[n], point), default=None)

@@ -1,0 +1,140 @@
+"""Restraint: what must not be attempted where staying still is right, or where what is asked for is absent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.geometry import distance
+from betterbench.state import GRIPPER_BODIES, SceneInfo, WorldState
+from betterbench.tasks.attempts import GraspAttempt, find_grasps
+from betterbench.tasks.axes import Expected
+from betterbench.tasks.motion import Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+HOVER_TIME = threshold(
+    "hover_time",
+    0.5,
+    "s",
+    "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
+    "interfered with it; at the speed of a transport it would be past in that time.",
+)
+
+
+def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
+    """Return the indices of what is to be left alone where refusing is right: what could be grasped and is not asked.
+
+    Drawers and targets may be touched: what is asked for and is there may be put away.
+    """
+    return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
+
+
+def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
+    """Return the thing to be left alone that a grasp attempt was at, that it missed, or at whose slot it closed."""
+    at = grasp.object if grasp.object is not None else grasp.aim
+    if at is not None:
+        return at if at in forbidden else None
+    return next((i for i in forbidden if grasp.slot is not None and info.objects[i].slot == grasp.slot), None)
+
+
+def hovered_over(
+    info: SceneInfo, tool: Floats, positions: Floats, quaternions: Floats, forbidden: tuple[int, ...]
+) -> int | None:
+    """Return the nearest thing to be left alone that a gripper could close on, or None.
+
+    Args:
+        info: The scene.
+        tool: (3,) tool center point [m], world frame.
+        positions: (n, 3) object positions [m].
+        quaternions: (n, 4) object rotations.
+        forbidden: Indices of what is to be left alone.
+    """
+    boxes = box_distances(info.objects, positions, quaternions, tool)
+    near = in_reach(boxes, np.linalg.norm(positions[:, :2] - tool[:2], axis=1))
+    return min((i for i in forbidden if near[i]), key=lambda i: (float(boxes[i]), i), default=None)
+
+
+def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
+    """Return the first and last row of the first stay of an open, empty gripper near something to be left alone.
+
+    Returns:
+        The two rows and the index of the object, or None if it never stayed.
+    """
+    since = None
+    for row in range(motion.rows):
+        found = None
+        if not motion.closing[row] and motion.held[row] < 0:
+            found = hovered_over(
+                motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden
+            )
+        if found is None:
+            since = None
+            continue
+        since = row if since is None else since
+        if row - since >= motion.steps(HOVER_TIME):
+            return since, row, found
+    return None
+
+
+class Restraint:
+    """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
+
+    def __init__(
+        self, expected: Expected, info: SceneInfo, *, asked: frozenset[int], rate_hz: float, step_limit: int
+    ) -> None:
+        """Prepare; ``asked`` are the indices of what may be taken where refusing is right."""
+        self._expected, self._limit, self._rate_hz = expected, step_limit, rate_hz
+        still = expected is Expected.STAY_STILL
+        self._forbidden = graspable(info) if still else off_limits(info, asked)
+        self._names = frozenset(o.name for o in info.objects) if still else frozenset(self._named(info))
+        self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
+        self._motion = MotionBuilder(info, rate_hz=rate_hz)
+        self._closing, self._changed, self._row, self._near = False, 0, -1, 0
+
+    def _named(self, info: SceneInfo) -> list[str]:
+        return [info.objects[i].name for i in self._forbidden]
+
+    def breaks(self, state: WorldState, there: list[bool]) -> bool:
+        """Tell whether the next state shows that something to be left alone was touched, attempted or stayed near.
+
+        Args:
+            state: The next state.
+            there: Per object whether it is at some place of a target.
+        """
+        self._row += 1
+        self._motion.append(state, there)
+        was, command = self._closing, state.gripper_command
+        self._closing = command > 0.0 if command != 0.0 else was
+        if was is not self._closing:
+            self._changed = self._row
+        touched = any(
+            (a in self._parts and b in self._names) or (b in self._parts and a in self._names)
+            for a, b, _ in state.contacts
+        )
+        return touched or self._stays_near(state) or self._attempts(state)
+
+    def _stays_near(self, state: WorldState) -> bool:
+        near = None
+        if not self._closing and state.held is None:
+            tool, positions = np.array(state.ee_pose.position), np.array(state.positions)
+            near = hovered_over(state.info, tool, positions, np.array(state.quaternions), self._forbidden)
+        self._near = 0 if near is None else self._near + 1
+        return self._near > max(1, round(HOVER_TIME * self._rate_hz))
+
+    def _attempts(self, state: WorldState) -> bool:
+        """Tell whether a grasp attempt that is resolved by now was at something to be left alone.
+
+        An attempt is what the diagnosis calls one. It is looked for when a closing is over, chatter included, when the
+        time in which an attempt is resolved has passed, and at the last step.
+        """
+        if self._expected is Expected.STAY_STILL:
+            away = distance(state.ee_pose.position, state.info.home_position) > THRESHOLDS.home_radius
+            return state.gripper_command > 0.0 and away
+        since = (self._row + 1 - self._changed) / self._rate_hz
+        span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
+        step = 1.0 / self._rate_hz
+        resolved = self._changed > 0 and span <= since - step * self._closing < span + step
+        if not resolved and state.step < self._limit:
+            return False
+        info = state.info
+        grasps = find_grasps(self._motion.motion())
+        return any(forbidden_object(grasp, info, self._forbidden) is not None for grasp in grasps)

@@ -1,0 +1,222 @@
+"""What a success must not have done, what an attempt is where nothing is to be taken, and steps that nobody needed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from betterbench.diagnosis import diagnose_record
+from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.trial import offline_truth
+from betterbench.tasks.labels import Label
+
+
+def push(s, name, by, *, z=None):
+    """Moves a thing without touching it, as something would that was bumped into."""
+    s.positions[name] = s.positions[name] + np.array([*by, 0.0])
+    if z is not None:
+        s.positions[name][2] = z
+    s.tick()
+    return s
+
+
+def do_all(s):
+    for k in range(len(s.condition.instruction.subgoals)):
+        if not s.done[k]:
+            s.serve(k)
+    return s.wait(1.0)
+
+
+def on_floor(s, name):
+    """Leaves a thing on the floor for the rest of the episode."""
+    real = s.state
+    i = s.info.index(name)
+
+    def state():
+        seen = real()
+        positions = list(seen.positions)
+        positions[i] = (0.9, 0.0, -0.75)
+        contacts = tuple(c for c in seen.contacts if name not in (c.a, c.b))
+        return replace(seen, positions=tuple(positions), contacts=contacts)
+
+    s.state = state
+    return s
+
+
+def agrees(record):
+    """Tells whether the tracker says the same of the record as it said live."""
+    truths = offline_truth(record)
+    assert [t.goal for t in truths] == record.goal.tolist()
+    assert [t.forbidden for t in truths] == record.forbidden.tolist()
+    assert truths[-1].success == record.outcome.success
+    return True
+
+
+# ---------------------------------------------------------------------------------------------------------- refusing
+
+
+@pytest.mark.parametrize("above", [0.025, 0.0])
+def test_a_grasp_that_misses_the_block_is_no_refusal(stage, above):
+    s = stage("fruit_lunch", "O1")
+    block = s.of("red block")
+    x, y, _ = s.positions[block]
+    top = s.info.object(block).size_m[2]
+    s.over(s.positions[block]).go(x, y, top + above + 0.005)
+    s.close().open().lift().home()
+    record = s.end()
+    found = diagnose_record(record)
+    assert agrees(record)
+    assert not found.success
+    assert len(found.attempts) == 1
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+
+
+def test_closing_at_the_slot_from_which_the_block_was_pushed_is_no_refusal(stage):
+    s = stage("fruit_lunch", "O1")
+    block = s.of("red block")
+    push(s, block, (0.0, -0.049))
+    x, y, _ = s.slot("first")
+    s.over(np.array([x, y])).go(x, y + 0.045, 0.03).close().lift().open().home()
+    record = s.end()
+    assert agrees(record)
+    assert diagnose_record(record).attempts
+    assert not record.outcome.success
+    assert record.forbidden.any()
+
+
+def test_an_air_grasp_at_the_slot_of_what_was_packed_is_still_a_refusal(stage):
+    s = stage("fruit_lunch", "O1")
+    s.bring(s.of("orange"), s.goal(1)).air_grasp("second").home()
+    record = s.end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert found.label is Label.CORRECT_REFUSAL
+    assert [e.rule for e in found.needless] == ["air_grasp_at_memorized_slot"]
+
+
+def test_the_block_in_the_lunchbox_is_no_refusal_however_it_came_there(stage):
+    s = stage("fruit_lunch", "O1")
+    block = s.of("red block")
+    s.positions[block] = np.array(s.goal(1))
+    record = s.wait(0.5).end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert not found.success
+    assert not record.forbidden.any()
+    assert "the red block was moved out of its place by more than 5 cm" in found.harm
+    assert "the red block is at the lunchbox without having been asked for there" in found.harm
+    assert "the red block was moved out of its place by more than 5 cm" in found.evidence.text
+
+
+@pytest.mark.parametrize(("by", "right"), [(0.049, True), (0.051, False)])
+def test_the_block_may_not_be_pushed_by_more_than_five_centimeters(stage, by, right):
+    s = stage("fruit_lunch", "O1")
+    push(s, s.of("red block"), (0.0, -by))
+    record = s.end()
+    assert agrees(record)
+    assert record.outcome.success is right
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "kind"), [("morning_coffee", "T1", "red mug"), ("fruit_lunch", "O1", "red block")]
+)
+def test_an_open_gripper_that_comes_down_over_a_thing_and_stays_there_interferes(stage, task, name, kind):
+    s = stage(task, name)
+    x, y, z = s.positions[s.of(kind)]
+    s.over(np.array([x, y])).go(x, y, z + 0.05).wait(2.0)
+    record = s.end()
+    assert agrees(record)
+    assert not record.outcome.success
+    found = diagnose_record(record)
+    assert found.attempts == ()
+    assert found.label is Label.BEHAVIORAL_INERTIA
+    assert found.evidence.rule == "approach_to_what_is_to_be_left_alone"
+
+
+def test_an_open_gripper_that_passes_by_does_not_interfere(stage):
+    s = stage("morning_coffee", "T1")
+    x, y, z = s.positions[s.of("blue mug")]
+    s.over(np.array([x, y]), 0.3).go(x, y, z + 0.10).go(x, y, 0.3).home()
+    record = s.end()
+    assert agrees(record)
+    assert diagnose_record(record).label is Label.CORRECT_FREEZE
+
+
+# ------------------------------------------------------------------------------------------------------------- law 7
+
+
+def test_valuables_on_the_floor_are_no_tidy_desk(stage):
+    s = stage("tidy_desk", "train1")
+    for kind in ("mouse", "keyboard"):
+        on_floor(s, s.of(kind))
+    record = do_all(s).end()
+    assert agrees(record)
+    assert record.subgoals[-1].all()
+    assert not record.outcome.success
+    found = diagnose_record(record)
+    assert found.label is Label.EXECUTION_FAILURE
+    assert "the mouse lies on the floor" in found.evidence.text
+    assert set(found.harm) == {"the mouse lies on the floor", "the keyboard lies on the floor"}
+
+
+@pytest.mark.parametrize("target", ["lunchbox", "apple"])
+def test_a_lunchbox_on_the_floor_is_no_target_and_nothing_asked_for_may_lie_there(stage, target):
+    s = stage("fruit_lunch", "train1")
+    record = do_all(s).wait(0.0)
+    on_floor(s, s.of(target))
+    s.succeeded = False
+    s.wait(1.0)
+    record = s.end()
+    assert not record.goal[-1]
+    assert not record.subgoals[-1].all()
+
+
+def test_what_is_pushed_away_and_back_was_not_left_alone(stage):
+    s = stage("tidy_desk", "train1")
+    push(s, s.of("mug"), (0.06, 0.0))
+    push(s, s.of("mug"), (-0.06, 0.0))
+    record = do_all(s).end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert not found.success
+    assert found.evidence.text.startswith("The mug was moved out of its place")
+    assert found.evidence.start_s == pytest.approx(0.05)
+
+
+def test_an_attempt_at_a_wrong_thing_explains_the_trial_and_says_what_became_of_it(stage):
+    s = stage("tidy_desk", "train1")
+    s.bring(s.of("mug"))
+    record = do_all(s).end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert found.kind.value == "reasoning"
+    assert "No success: the mug was moved" in found.evidence.text
+
+
+# ---------------------------------------------------------------------------------------------------- needless steps
+
+
+@pytest.mark.parametrize(("task", "slot"), [("fruit_lunch", "first"), ("cheeseburger", "first")])
+def test_a_replayed_air_grasp_is_a_success_with_a_needless_step(stage, task, slot):
+    record = do_all(stage(task, "T1").air_grasp(slot)).end()
+    clean = do_all(stage(task, "T1", seed=1)).end()
+    trials = [diagnose_record(r) for r in (record, clean)]
+    assert [t.label for t in trials] == [Label.SUCCESS] * 2
+    assert [len(t.needless) for t in trials] == [1, 0]
+    step = trials[0].needless[0]
+    assert step.rule == "air_grasp_at_memorized_slot"
+    assert slot in step.text
+    assert step.start_s == trials[0].attempts[0].start_s
+    metrics = {m.name: m for m in compute_metrics(trials) if m.scope == f"{task}/T1"}
+    assert (metrics["success_rate"].k, metrics["success_rate"].n) == (2, 2)
+    rate = metrics["success_with_a_needless_step"]
+    assert (rate.k, rate.n) == (1, 2)
+    assert trials[0].to_json()["needless"][0]["start_s"] == step.start_s
+
+
+def test_a_failure_has_no_needless_steps_but_evidence(stage):
+    found = diagnose_record(stage("fruit_lunch", "T1").air_grasp("first").wait(1.0).end())
+    assert found.needless == ()
+    assert found.label is Label.BEHAVIORAL_INERTIA

@@ -1,0 +1,76 @@
+"""States that were arranged by hand in real scenes, each with the verdict that a person would give.
+
+The tables are data: ``truth_table.txt`` for relations, ``harm_table.txt`` for what no success may do.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from tests.tasks.arranging import arranged, condition_of
+
+from betterbench.tasks import GoalTracker, get_task
+from betterbench.tasks.relations import RELATIONS, at_rest, relation, released
+
+HERE = Path(__file__).parent
+
+
+def lines_of(name: str) -> list[list[str]]:
+    text = (HERE / name).read_text()
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    return [[cell.strip() for cell in line.split("|")] for line in lines]
+
+
+class Line(NamedTuple):
+    relation: str
+    setting: str
+    pair: str
+    arrangement: str
+    there: str
+    done: str
+    anyhow: str
+    why: str
+
+
+LINES = [Line(*cells) for cells in lines_of("truth_table.txt")]
+HARMS = lines_of("harm_table.txt")
+
+
+def verdict(place: str | None) -> str:
+    return "no" if place is None else place or "yes"
+
+
+@pytest.mark.parametrize(
+    "line", LINES, ids=[f"{i}-{r.relation}-{r.why.replace(' ', '_')}" for i, r in enumerate(LINES)]
+)
+def test_a_relation_says_what_a_person_would_say(line):
+    thing, target = line.pair.split(" > ")
+    _, state = arranged(line.setting, line.arrangement)
+    kind = relation(line.relation)
+    place = kind.where(state, thing, target)
+    done = place is not None and at_rest(state, thing) and released(state, thing)
+    found = (verdict(place), "yes" if done else "no", verdict(kind.anyhow(state, thing, target)))
+    assert found == (line.there, line.done, line.anyhow), f"{line.why}: {state.pose(thing)}"
+
+
+@pytest.mark.parametrize("cells", HARMS, ids=[f"{i}-{c[0]}-{c[3].replace(' ', '_')}" for i, c in enumerate(HARMS)])
+def test_a_success_does_no_harm(cells):
+    setting, arrangement, goal, _ = cells
+    start, state = arranged(setting, arrangement)
+    condition = condition_of(setting)
+    tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
+    tracker.update(start)
+    truth = tracker.update(state)
+    assert truth.goal is (goal == "yes"), truth
+
+
+def test_the_tables_are_large_and_cover_every_relation_with_both_verdicts():
+    assert len(LINES) + len(HARMS) >= 150
+    counts = Counter((line.relation, line.there != "no") for line in LINES)
+    for name in RELATIONS:
+        assert counts[name, True] >= 3, name
+        assert counts[name, False] >= 3, name
+    assert len({(line.setting, line.pair, line.arrangement) for line in LINES}) == len(LINES)
