@@ -78,9 +78,18 @@ EXPERTS: dict[str, ExpertEntry] = {
 }
 
 REPLAYS = {
-    "probe:no-images": "Plays the demonstration of the instruction, without looking.",
-    "probe:replay": "Plays the demonstration of the twin, whatever the instruction, without looking.",
+    "probe:no-images": "Plays a demonstration of the instruction, without looking.",
+    "probe:replay": "Plays a demonstration of the twin's condition, without looking.",
 }
+
+WITNESS = "expert:witness"
+"""The expert that also writes down which faulty rules decide as it does (see :mod:`betterbench.experts.witness`)."""
+
+
+def witnessed() -> tuple[str, ...]:
+    """Return the rules that a witness asks: those that move as well as the expert and never break down."""
+    motion = (Clumsy, Slow, Crash)
+    return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +126,7 @@ def parse_address(address: str) -> Address | None:
         InvalidInputError: If an option is unknown or out of range.
     """
     name, _, query = address.partition("?")
-    if name not in EXPERTS and name not in REPLAYS:
+    if name not in EXPERTS and name not in REPLAYS and name != WITNESS:
         return None
     ranges = {"strength": (0.0, 1.0), "action_noise": (0.0, MAX_ACTION_NOISE_M)}
     found = {"strength": 1.0, "action_noise": 0.0}
