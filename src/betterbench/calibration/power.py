@@ -116,7 +116,9 @@ def measure_power(
     same: dict[tuple[Key, int], frozenset[str]] = {}
     expert: dict[tuple[Key, int], _Outcome] = {}
     for name, wanted in planned.of.items():
-        shared = {trial: expert[trial] for trial, rules in same.items() if name in rules and trial[1] < wanted[trial[0]]}
+        shared = {
+            trial: expert[trial] for trial, rules in same.items() if name in rules and trial[1] < wanted[trial[0]]
+        }
         plan = _plan(WITNESS if name == EXPERT else name, wanted, without=shared)
 
         def told(progress: Progress, name: str = name, offset: int = before + len(shared)) -> None:

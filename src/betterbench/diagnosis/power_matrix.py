@@ -261,7 +261,7 @@ class PowerMatrix:
         """Return the JSON document, one cell a line, so that two matrices can be compared line by line."""
         form = self.to_json()
         rows = [
-            f'  {json.dumps(name)}: {{\n'
+            f"  {json.dumps(name)}: {{\n"
             + ",\n".join(f"   {json.dumps(key)}: {json.dumps(cell)}" for key, cell in row.items())
             + "\n  }"
             for name, row in form.pop("cells").items()
