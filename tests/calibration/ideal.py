@@ -7,7 +7,6 @@ import functools
 from dataclasses import dataclass
 
 from betterbench.experts.decisions import Bring, Decision, Draw, Freeze, GraspAt, Rest, Situation, Wander
-from betterbench.experts.faulty import BrokenRule
 from betterbench.experts.registry import EXPERTS
 from betterbench.geometry import Pose, horizontal_distance
 from betterbench.interface.actions import EE_DELTA
@@ -16,7 +15,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
 from betterbench.state.world import GRIPPER_BODIES
-from betterbench.tasks import Condition, Expected, Label, get_task
+from betterbench.tasks import Condition, Expected, Label, Subgoal, get_task
 from betterbench.tasks.relations import relation
 
 MAX_DECISIONS = 12
@@ -52,7 +51,7 @@ class _IdealState(WorldState):
             return any(self.pose(n).position[2] < ON_TABLE_M for n in (a, b) if n != "table")
         return not {a, b} & GRIPPER_BODIES
 
-    def touched_by_gripper(self, name: str) -> bool:
+    def touched_by_gripper(self, _name: str) -> bool:
         return False
 
 
@@ -83,11 +82,6 @@ def walk(policy: str, task_id: str, name: str, seed: int = 0) -> Walk:
         reached.append(_done(state, condition))
     why = _wrong(begin, state, condition, history, reached)
     return Walk(not why, None if rule.fault is None else rule.fault.label, history, why)
-
-
-def differs(rule: BrokenRule) -> bool:
-    """Tells whether a rule decided wrongly."""
-    return rule.fault is not None
 
 
 def _carried_out(state: WorldState, decision: Decision, shut: dict[str, Pose]) -> WorldState:
@@ -123,42 +117,46 @@ def _wrong(
     begin: WorldState, end: WorldState, condition: Condition, history: tuple[Decision, ...], reached: list
 ) -> str:
     """Returns why a walk is no success, or nothing."""
-    taken = [d.object for d in history if isinstance(d, Bring)]
-    goals = condition.instruction.subgoals
-    meant = {n for g in goals for n in condition.resolve(g.reference)}
     if condition.expected is not Expected.SUCCEED:
+        goals = condition.instruction.subgoals
+        meant = {n for g in goals for n in condition.resolve(g.reference)}
         allowed = meant if condition.expected is Expected.REFUSE else set()
         bad = [d for d in history if isinstance(d, GraspAt) or (isinstance(d, Bring) and d.object not in allowed)]
         return f"forbidden: {bad[0]}" if bad else ""
+    return _unfinished(condition, history, reached) or _harm(begin, end, condition, history)
+
+
+def _unfinished(condition: Condition, history: tuple[Decision, ...], reached: list) -> str:
+    goals = condition.instruction.subgoals
     if isinstance(history[-1], Wander):
         return "wanders"
     if not all(reached[-1]):
         return f"open: {[g.name for g, done in zip(goals, reached[-1], strict=True) if not done]}"
-    if condition.instruction.ordered:
-        first = [next(i for i, done in enumerate(reached) if done[g]) for g in range(len(goals))]
-        if first != sorted(first):
-            return f"order: {first}"
-    for name in taken:
-        asked = any(
-            name in condition.resolve(g.reference) and relation(g.relation).holds(end, name, g.target, g.region)
-            for g in goals
-        )
-        if not asked and horizontal_distance(begin.pose(name).position, end.pose(name).position) > CARRIED_M:
-            return f"carried away unasked: {name}"
-    counts = {}
+    first = [next(i for i, done in enumerate(reached) if done[g]) for g in range(len(goals))]
+    return f"order: {first}" if condition.instruction.ordered and first != sorted(first) else ""
+
+
+def _harm(begin: WorldState, end: WorldState, condition: Condition, history: tuple[Decision, ...]) -> str:
+    """Returns what was done that was not asked for, or nothing."""
+    goals = condition.instruction.subgoals
+    for d in history:
+        if not isinstance(d, Bring):
+            continue
+        serves = any(d.object in condition.resolve(g.reference) and _at(end, d.object, g) for g in goals)
+        if not serves and horizontal_distance(begin.pose(d.object).position, end.pose(d.object).position) > CARRIED_M:
+            return f"carried away unasked: {d.object}"
     for g in goals:
-        key = (g.reference, g.target, g.region)
-        counts[key] = max(counts.get(key, 0), g.count)
-    for (reference, target, region), most in counts.items():
-        kind = next(g.relation for g in goals if (g.reference, g.target, g.region) == (reference, target, region))
-        if sum(relation(kind).holds(end, n, target, region) for n in condition.resolve(reference)) > most:
-            return f"too many of {reference}"
-    for g in goals:
+        same = [h for h in goals if (h.reference, h.target, h.region) == (g.reference, g.target, g.region)]
+        if sum(_at(end, n, g) for n in condition.resolve(g.reference)) > max(h.count for h in same):
+            return f"too many of {g.reference}"
         asked = {n for h in goals if h.target == g.target for n in condition.resolve(h.reference)}
         for o in end.info.objects:
-            if o.role not in ("item", "distractor") or o.name in (g.target, *asked):
-                continue
-            place = relation(g.relation)
-            if place.where(end, o.name, g.target) is not None and place.where(begin, o.name, g.target) is None:
-                return f"not asked for there: {o.name}"
+            if o.role in ("item", "distractor") and o.name not in (g.target, *asked):
+                where = relation(g.relation).where
+                if where(end, o.name, g.target) is not None and where(begin, o.name, g.target) is None:
+                    return f"not asked for there: {o.name}"
     return ""
+
+
+def _at(state: WorldState, name: str, goal: Subgoal) -> bool:
+    return relation(goal.relation).holds(state, name, goal.target, goal.region)

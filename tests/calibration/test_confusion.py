@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+from betterbench.calibration.probes import chance_of
 
 from betterbench.calibration import CalibrationPolicy, calibration_policies, true_label
-from betterbench.calibration.probes import chance_of
 from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.experts import EXPERTS, REPLAYS, parse_address

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from betterbench.calibration.probes import chance_of
+from betterbench.calibration.chance import chance_of
 from betterbench.calibration.run import CalibrationProgress
 from betterbench.diagnosis import TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.power_matrix import BLIND, EXPERT, FLOOR, REPLAY_LIMIT, Key, PowerCell, PowerMatrix

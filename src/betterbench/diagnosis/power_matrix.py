@@ -185,7 +185,7 @@ class PowerMatrix:
         return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
 
     def control(self, key: Key) -> bool:
-        """Tell whether the pretenders rightly succeed on a variation: none fails it but the one that fails everywhere."""
+        """Tell whether the pretenders rightly succeed on a variation: no rule fails it but the one that fails all."""
         return any(self.cell(name, key) is not None for name in self.rules) and not (
             set(self.failing(key)) - {STOPPING_AT_NEWS}
         )

@@ -232,8 +232,8 @@ def _said(standing: Standing) -> Iterator[str]:
         return
     others = f" (as near: {', '.join(standing.rivals)})" if standing.rivals else ""
     yield (
-        f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's in {_share(best)} of the "
-        f"trials; those of the expert in {_share(standing.expert)}."
+        f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's in {_share(best)} of "
+        f"the trials; those of the expert in {_share(standing.expert)}."
     )
     proven = standing.proven
     if proven.n:

@@ -121,8 +121,8 @@ class PrivilegedAgent:
         """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
 
         ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
-        decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names of
-        the rules that decided as it did, with spaces between them.
+        decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names
+        of the rules that decided as it did, with spaces between them.
         """
         rule = self._loop.rule
         fault = rule.fault
