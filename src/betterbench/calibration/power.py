@@ -148,7 +148,7 @@ def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key
         t
         for t in plan.trials
         if t.variation is not None
-        and t.seed < wanted[t.task, t.variation]
+        and t.seed < wanted.get((t.task, t.variation), 0)
         and ((t.task, t.variation), t.seed) not in without
     )
     return replace(plan, trials=kept)

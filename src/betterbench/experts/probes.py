@@ -65,11 +65,13 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
         scene: The scene the episode runs in.
         play: Makes the policy whose motion is played, for a scene.
     """
-    if name == "probe:replay":
-        condition, seed = twin_of(scene), FIRST_DEMONSTRATION_SEED + scene.seed
-    else:
-        condition, seed = by_sentence(scene), FIRST_DEMONSTRATION_SEED + OTHER_DEMONSTRATIONS + scene.seed
-    return OpenLoop(name, demonstration(scene, condition, seed, play))
+    condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
+    return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play))
+
+
+def demonstration_seed(name: str, seed: int) -> int:
+    """Return the seed of the demonstration that an open-loop probe plays in the trial of a seed."""
+    return FIRST_DEMONSTRATION_SEED + seed + (0 if name == "probe:replay" else OTHER_DEMONSTRATIONS)
 
 
 def twin_of(scene: Scene) -> Condition:
