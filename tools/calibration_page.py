@@ -7,7 +7,9 @@ import tempfile
 from pathlib import Path
 
 from betterbench.diagnosis import packaged_calibration
+from betterbench.diagnosis.power_matrix import packaged_power_matrix
 from betterbench.report.calibration_page import calibration_markdown, write_calibration_page
+from betterbench.report.power_page import power_markdown
 
 HEAD = """# Calibration
 
@@ -31,6 +33,29 @@ the film beside it.
 
 """
 
+POWER = """
+## The power matrix
+
+A success rate proves only what policies without the ability do not reach. The power matrix holds what each of them
+reaches on each variation: every faulty rule at full strength with the expert's motion, probes that get no instruction
+or no images, demonstrations replayed without looking, a random policy and one that never moves. It ships with the
+package; `better diagnose`, `better report` and `better compare` draw its reference lines beside a policy's score.
+
+```sh
+better calibrate --power --out runs/power
+```
+
+measures it again and writes a page; it can be interrupted and resumed. Replays play demonstrations, whose seeds begin
+at 1,000,000, and never the trial's own twin. What is blind gets as many trials on each variation as Holm's correction
+over all cells needs to flag one that it always solves: 7 where chance is a quarter, 14 where it is a half.
+
+A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label if
+some rule fails it by a decision with that label. A **control cell** is failed by no rule but `zoo:halt`, which stops at
+everything new. The **shortcut ceiling** is the best success rate among the rules that a variation claims to expose, the
+blind probes and the replays; the **margin** is a policy's success rate minus the ceiling.
+
+"""
+
 
 def write(out: Path) -> None:
     """Write ``calibration.md`` and its picture below the folder of the documentation."""
@@ -40,4 +65,8 @@ def write(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_calibration_page(found, Path(folder))
         shutil.copy(Path(folder) / "confusion.png", out / "pictures" / "confusion.png")
-    (out / "calibration.md").write_text(HEAD + calibration_markdown(found), encoding="utf-8")
+    text = HEAD + calibration_markdown(found)
+    power = packaged_power_matrix()
+    if power is not None:
+        text += POWER + power_markdown(power)
+    (out / "calibration.md").write_text(text, encoding="utf-8")

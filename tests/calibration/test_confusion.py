@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import pytest
+from tests.diagnosis.small_matrix import matrix
 
 from betterbench.calibration import CalibrationPolicy, calibration_policies, true_label
-from betterbench.calibration.probes import chance_of
-from betterbench.diagnosis import Calibration, Judged, Kind, Label, ProbeCell
+from betterbench.calibration.chance import chance_of
+from betterbench.diagnosis import Calibration, Judged, Kind, Label
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.experts import EXPERTS, REPLAYS, parse_address
-from betterbench.report.calibration_page import calibration_markdown, suspicious, write_calibration_page
+from betterbench.experts import EXPERTS, parse_address
+from betterbench.report.calibration_page import calibration_markdown, write_calibration_page
+from betterbench.report.power_page import blind_sentences, power_markdown, write_power_page
 from betterbench.tasks import all_labels
 
 S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION
@@ -25,11 +28,7 @@ def judged(truth: Label, label: Label, *, policy: str = "zoo:x", trial: str = "f
 def calibration() -> Calibration:
     trials = [judged(S, S)] * 6 + [judged(R, R)] * 3 + [judged(R, E)] + [judged(E, E, policy="zoo:y")] * 2
     trials.append(judged(C, R, policy="zoo:y"))
-    cells = [
-        ProbeCell("probe:replay", "fast_food", "T1", 5, 5, 0.25, 0.001),
-        ProbeCell("p", "t", "L1", 1, 5, 0.25, 1.0),
-    ]
-    return Calibration.of(trials, probes=cells, versions={"package_version": "1"})
+    return Calibration.of(trials, versions={"package_version": "1"})
 
 
 def test_rates_are_counts_over_counts(calibration):
@@ -58,7 +57,7 @@ def test_the_json_form_reads_back(calibration):
     assert again == calibration
 
 
-@pytest.mark.parametrize("spoil", ["counts", "policies", "wrong", "crossed", "probes", "versions"])
+@pytest.mark.parametrize("spoil", ["counts", "policies", "wrong", "crossed", "versions"])
 def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
     form = calibration.to_json()
     for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
@@ -94,9 +93,8 @@ def test_arms_cover_the_zoo_at_every_strength_with_seeds_of_their_own():
         assert [a.address.strength for a in mine] == [1.0, 0.6, 0.3]
         assert [a.seed for a in mine] == [10, 12, 14]
         assert mine[0].address.action_noise_m == 0.0 < mine[1].address.action_noise_m < mine[2].address.action_noise_m
-    assert {a.address.name for a in planned if a.probe} == {"probe:no-language", *REPLAYS}
+    assert {a.address.name.partition(":")[0] for a in planned} == {"expert", "zoo"}
     assert len({a.folder for a in planned}) == len(planned)
-    assert not [a for a in calibration_policies(probe_trials=0) if a.probe]
     assert {a.address.name for a in calibration_policies(policies=("zoo:halt",))} == {"zoo:halt"}
 
 
@@ -131,27 +129,44 @@ def test_bad_options_of_an_address_are_named(address, names):
     assert parse_address("openpi://localhost:8000") is None
 
 
-def test_probes_above_chance_are_named(calibration):
-    assert [c.variation for c in suspicious(calibration.probes)] == ["T1"]
-    below = ProbeCell("p", "t", "L1", 0, 40, 0.25, 0.001)
-    assert not below.above_chance
-
-
 def test_chance_is_one_in_the_sentences_that_make_sense():
     assert chance_of("morning_coffee", "L3") == 0.5  # red and top mean the far mug, blue and bottom the near one
     assert 0.0 < chance_of("fast_food", "R1") < 1.0
-    assert chance_of("tidy_desk", "O1") == 1.0
+    assert chance_of("dinner_plates", "O1") == 1.0
+    assert chance_of("tidy_desk", "O1") < 1.0  # napkin and can are both there
 
 
 def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):
-    page = write_calibration_page(calibration, tmp_path).read_text()
+    page = write_calibration_page(calibration, tmp_path, power=matrix()).read_text()
     for text in ("84.6 % (11/13)", "14.3 % (1/7)", "zoo:y", "It did something.", "fast_food/T1", "causal confusion"):
         assert text in page
+    assert "better calibrate --power" in write_calibration_page(calibration, tmp_path).read_text()
     assert "<script" not in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert (tmp_path / "confusion.svg").read_text().count("<text") > 10
     assert (tmp_path / "confusion.png").read_bytes().startswith(b"\x89PNG")
     assert "| `behavioral_inertia` | reasoning | 75.0 % (3/4) | 75.0 % (3/4) |" in calibration_markdown(calibration)
+
+
+def test_what_is_solved_blind_stands_raw_beside_corrected(calibration, tmp_path):
+    page = write_calibration_page(calibration, tmp_path, power=matrix()).read_text()
+    for text in ("14/14*", "7/7*", "4/14", "fast_food/R1 by probe:replay (7/7)", "before the correction"):
+        assert text in page
+    sentences = blind_sentences(matrix().blind_cells())
+    assert "1 variation is solved" in sentences[0]
+    assert blind_sentences(())[0].count("none is solved") == 1
+
+
+def test_the_page_of_the_matrix_names_ceilings_and_control_cells(tmp_path):
+    page = write_power_page(matrix(), tmp_path).read_text()
+    for text in ("1 control cell", "fast_food/R1", "50.0 % (3/6), zoo:shape", "random", "noop", "the expert&#39;s"):
+        assert text in page, text
+    assert "<script" not in page
+    tables = (tmp_path / "power.md").read_text()
+    assert "| fast_food/L1 | 0/6 | 3/6 | 0/6 |" in tables
+    assert "| `noop` | 0 | 0 | 0 | – | – | 0 | 4 |" in tables
+    old = dataclasses.replace(matrix(), versions={})
+    assert "another version of fast_food" in power_markdown(old)
 
 
 def test_the_page_is_a_pure_function_of_the_calibration(calibration, tmp_path):

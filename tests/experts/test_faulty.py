@@ -10,6 +10,7 @@ from betterbench.episodes import TrialContext, run_episode
 from betterbench.experts import EXPERTS, REPLAYS, expert_names, make_expert
 from betterbench.experts.decisions import Bring, GraspAt, Rest, Situation
 from betterbench.experts.faulty import BrokenRule, Lexical
+from betterbench.experts.probes import FIRST_DEMONSTRATION_SEED, demonstration_seed
 from betterbench.interventions import vary
 from betterbench.recording import Record
 from betterbench.tasks import all_tasks, get_task
@@ -40,6 +41,7 @@ KNOWN = {
     ("zoo:halt", "morning_coffee", "L1"): "early_halt",
     ("zoo:refuse", "morning_coffee", "O1"): "early_halt",
     ("zoo:phase", "fruit_lunch", "T1"): "phase_conflict",
+    ("zoo:length", "seasoning_rack", "T1"): "early_halt",
     ("zoo:clumsy", "morning_coffee", "train1"): "execution_failure",
     ("zoo:slow", "morning_coffee", "train1"): "timeout",
     ("zoo:crash", "morning_coffee", "T1"): "policy_error",
@@ -134,17 +136,32 @@ def test_a_wrong_decision_is_called_by_what_it_is(scene):
         assert rule._label_of(state, (), decision) == label, decision
 
 
-def test_an_open_loop_probe_plays_the_twin_and_sees_nothing(scene):
-    twin, _ = run(scene, "probe:replay", "morning_coffee", "train1")
-    expert, _ = run(scene, "expert", "morning_coffee", "train1")
-    assert twin.outcome.success
-    assert np.array_equal(twin.qpos, expert.qpos)
-    moved, _ = run(scene, "probe:replay", "morning_coffee", "O1")
-    assert not moved.outcome.success
-    n = min(len(moved.action), len(expert.action))
-    assert np.array_equal(moved.action[1:n], expert.action[1:n])
+def test_an_open_loop_probe_plays_a_demonstration_and_sees_nothing(scene):
+    """Law 8: what is played was drawn for demonstrations, never with the seed of a trial."""
+    assert demonstration_seed("probe:replay", 7) >= FIRST_DEMONSTRATION_SEED
+    assert demonstration_seed("probe:no-images", 7) >= FIRST_DEMONSTRATION_SEED
+    assert demonstration_seed("probe:replay", 7) != demonstration_seed("probe:no-images", 7)
+    expert, _ = run(scene, "expert", "morning_coffee", "train1", demonstration_seed("probe:replay", 0))
+    for name in ("train1", "O1"):
+        played, _ = run(scene, "probe:replay", "morning_coffee", name)
+        n = min(len(played.action), len(expert.action))
+        assert np.array_equal(played.action[1:n], expert.action[1:n]), name
+    assert not played.outcome.success
     elsewhere, _ = run(scene, "probe:no-images", "morning_coffee", "train1")
     assert not np.array_equal(elsewhere.action[1:60], expert.action[1:60])
+
+
+def test_a_rule_that_decides_like_the_expert_drives_the_same_episode_to_the_same_bits(scene):
+    witness, said = run(scene, "expert:witness", "fast_food", "R1")
+    same = set(said["same"].split())
+    assert "zoo:lexical" in same
+    assert "zoo:inertia" not in same
+    assert "zoo:clumsy" not in same
+    lexical, _ = run(scene, "zoo:lexical", "fast_food", "R1")
+    expert, _ = run(scene, "expert", "fast_food", "R1")
+    for other in (lexical, expert):
+        assert np.array_equal(witness.qpos, other.qpos)
+        assert np.array_equal(witness.action[1:], other.action[1:])
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What a calibration runs: every faulty policy at several strengths and with more or less action noise."""
+"""What a calibration runs: the expert, and every faulty policy at several strengths, with more or less action noise."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
-from betterbench.experts import EXPERTS, REPLAYS, Address
+from betterbench.experts import EXPERTS, Address
 
 STRENGTHS = (1.0, 0.6, 0.3)
 """Shares of the trials in which a rule applies. A policy with a habit does not have it every time."""
@@ -29,26 +29,20 @@ class CalibrationPolicy:
         name = self.address.name.replace(":", "-")
         return f"{name}-{round(100 * self.address.strength)}"
 
-    @property
-    def probe(self) -> bool:
-        """Whether it has no label to be found out by, but has to stay at chance."""
-        return self.address.name.startswith("probe:")
-
 
 def calibration_policies(
     *,
     policies: Sequence[str] = (),
     strengths: Sequence[float] = STRENGTHS,
     trials: int = 1,
-    probe_trials: int = 8,
     seed: int = 0,
 ) -> tuple[CalibrationPolicy, ...]:
-    """Return the expert, every faulty policy at every strength, and the probes.
+    """Return the expert, and every faulty policy at every strength.
 
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.
     """
-    names = [*EXPERTS, *REPLAYS]
+    names = [name for name in EXPERTS if not name.startswith("probe:")]
     for name in policies:
         if name not in names:
             raise InvalidInputError(
@@ -57,14 +51,12 @@ def calibration_policies(
     if not strengths or any(not 0.0 < s <= 1.0 for s in strengths):
         given = ", ".join(f"{s:g}" for s in strengths) or "nothing"
         raise InvalidInputError("--strengths", f"{given} is out of range", "Give shares above 0 and up to 1")
-    if trials < 1 or probe_trials < 0:
-        raise InvalidInputError("--trials", f"{trials} and {probe_trials} are out of range", "Give 1 or more")
+    if trials < 1:
+        raise InvalidInputError("--trials", f"{trials} is out of range", "Give 1 or more")
     kept = [name for name in names if not policies or name in policies]
     planned = [CalibrationPolicy(Address(name), trials, seed) for name in kept if name == "expert"]
     for i, strength in enumerate(strengths):
         action_noise = ACTION_NOISE_M.get(strength, 0.001)
         zoo = (name for name in kept if name.startswith("zoo:"))
         planned += [CalibrationPolicy(Address(name, strength, action_noise), trials, seed + i * trials) for name in zoo]
-    if probe_trials:
-        planned += [CalibrationPolicy(Address(name), probe_trials, seed) for name in kept if name.startswith("probe:")]
     return tuple(planned)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from betterbench.calibration.policies import CalibrationPolicy
-from betterbench.calibration.probes import probe_cells
 from betterbench.calibration.truth import true_label
-from betterbench.diagnosis import Calibration, Judged, ProbeCell, RunDiagnosis, diagnose_run
+from betterbench.diagnosis import Calibration, Judged, RunDiagnosis, diagnose_run
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.recording import RunFolder
 from betterbench.tasks import TrialId
@@ -25,9 +24,8 @@ class CalibrationProgress:
 
 
 def plan_of(entry: CalibrationPolicy, tasks: Sequence[str]) -> Plan:
-    """Return the plan of one policy of a calibration; a probe has nothing to show on the training conditions."""
-    plan = make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
-    return replace(plan, trials=tuple(t for t in plan.trials if t.variation is not None)) if entry.probe else plan
+    """Return the plan of one policy of a calibration."""
+    return make_plan(str(entry.address), tasks=tasks, trials=entry.trials, seed=entry.seed, observation="state_only")
 
 
 def calibrate(
@@ -57,22 +55,18 @@ def calibrate(
 
         runs.append(evaluate(plan, out / entry.folder, workers=workers, on_progress=told))
         before += len(plan.trials)
-    return assess(runs, planned)
+    return assess(runs)
 
 
-def assess(runs: Sequence[RunFolder], planned: Sequence[CalibrationPolicy]) -> Calibration:
+def assess(runs: Sequence[RunFolder]) -> Calibration:
     """Return the calibration that finished runs give, from their records and journals."""
     trials: list[Judged] = []
-    probes: list[ProbeCell] = []
     versions: dict[str, str] = {}
-    for run, entry in zip(runs, planned, strict=True):
+    for run in runs:
         diagnosis = diagnose_run(run)
         versions |= {k: v for k, v in diagnosis.versions.items() if not k.startswith("policy")}
-        if entry.probe:
-            probes += probe_cells(diagnosis.trials)
-        else:
-            trials += _judged(run, diagnosis)
-    return Calibration.of(trials, probes=probes, versions=versions)
+        trials += _judged(run, diagnosis)
+    return Calibration.of(trials, versions=versions)
 
 
 def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:

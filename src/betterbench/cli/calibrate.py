@@ -1,9 +1,11 @@
-"""``better calibrate``: the diagnosis measured on policies whose fault is known."""
+"""``better calibrate``: the diagnosis, and the suite itself, measured on policies whose fault is known."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,60 +14,68 @@ from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from betterbench.calibration import CalibrationProgress
     from betterbench.diagnosis.confusion import Calibration
+    from betterbench.diagnosis.power_matrix import PowerMatrix
 
 
 def calibrate_command(
     *,
-    out: Path = Path("runs/calibration"),
+    out: Path | None = None,
     tasks: tuple[str, ...] = (),
     policies: tuple[str, ...] = (),
     strengths: tuple[float, ...] = (1.0, 0.6, 0.3),
     trials: int = 1,
-    probe_trials: int = 8,
     seed: int = 0,
     workers: int | None = None,
+    power: bool = False,
     write_package: bool = False,
     json: bool = False,
 ) -> None:
     """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
 
-    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. Blind probes
-    run too: a variation that they solve proves little. Ctrl-C keeps what is done; the same command resumes.
+    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. With --power,
+    the same rules at full strength, blind probes and replayed demonstrations show instead what each variation can tell
+    apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
     Args:
-        out: Folder of the calibration.
+        out: Folder of the calibration; runs/calibration, or runs/power, if not given.
         tasks: Tasks to run; the whole suite if none is named.
         policies: Faulty policies to run; all if none is named.
         strengths: Shares of the trials in which a faulty rule is followed; smaller shares also get more action noise.
         trials: Trials per variation of each policy at each strength.
-        probe_trials: Trials per variation of each blind probe; 0 for none.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        write_package: Also write the calibration that ships with the package; for its maintainers.
-        json: Print the calibration as one JSON document at the end.
+        power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
+        write_package: Also write the file that ships with the package; for its maintainers.
+        json: Print the result as one JSON document at the end.
     """
-    from betterbench.calibration import calibrate, calibration_policies
     from betterbench.cli.evaluate import prepare_robot
-    from betterbench.cli.output.calibration import print_calibration
     from betterbench.tasks import suite_tasks
 
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
-        problem = "it replaces the calibration of the whole suite"
+        problem = "it replaces the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
+    if power and (policies or strengths != (1.0, 0.6, 0.3) or trials != 1 or seed != 0):
+        raise InvalidInputError(
+            "--power", "it fixes policies, strengths, trials and seeds", "Leave those options out, or leave out --power"
+        )
     prepare_robot("panda")
-    planned = calibration_policies(
-        policies=policies, strengths=strengths, seed=seed, trials=trials, probe_trials=probe_trials
-    )
-    with progress_bar("calibrate", 0) as (bar, task):
+    count = workers or os.cpu_count() or 1
+    if power:
+        _power(out or Path("runs/power"), tasks, count, write_package=write_package, as_json=json)
+        return
+    from betterbench.calibration import calibrate, calibration_policies
+    from betterbench.cli.output.calibration import print_calibration
 
-        def told(progress: CalibrationProgress) -> None:
-            bar.update(task, completed=progress.done, total=progress.planned, note=progress.policy)
-
-        found = calibrate(planned, out, tasks=tasks, workers=workers or os.cpu_count() or 1, on_progress=told)
+    out = out or Path("runs/calibration")
+    planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials)
+    with _progress("calibrate") as told:
+        found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
     page = _store(found, out, write_package=write_package)
     if json:
         print_json(found.to_json())
@@ -74,9 +84,47 @@ def calibrate_command(
     OUT.print(f"page        {page}\nmatrix      {out / 'confusion.png'}", markup=False, soft_wrap=True)
 
 
+def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bool, as_json: bool) -> None:
+    """Measure the power matrix, write it and its page, and print what it says."""
+    from betterbench.calibration import measure_power, power_trials
+    from betterbench.cli.output.calibration import print_power
+
+    with _progress("power matrix") as told:
+        found = measure_power(power_trials(tasks), out, workers=workers, on_progress=told)
+    page = _store_power(found, out, write_package=write_package)
+    if as_json:
+        print_json(found.to_json())
+        return
+    print_power(found)
+    OUT.print(f"page        {page}\nmatrix      {out / 'power.json'}", markup=False, soft_wrap=True)
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
+    """Yield what moves a progress bar."""
+    with progress_bar(title, 0) as (bar, task):
+        yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
+
+
+def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
+    """Write a power matrix, also into the package if wanted, and its page, whose path is returned."""
+    from betterbench.diagnosis.power_matrix import PACKAGED_MATRIX
+    from betterbench.recording import write_durably
+    from betterbench.report.power_page import write_power_page
+
+    text = found.to_text().encode()
+    write_durably(out / "power.json", text)
+    if write_package:
+        with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
+            write_durably(folder / PACKAGED_MATRIX, text)
+            say(f"packaged power matrix: {folder / PACKAGED_MATRIX}")
+    return write_power_page(found, out)
+
+
 def _store(found: Calibration, out: Path, *, write_package: bool) -> Path:
     """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
     from betterbench.diagnosis.confusion import PACKAGED
+    from betterbench.diagnosis.power_matrix import packaged_power_matrix
     from betterbench.recording import write_durably
     from betterbench.report.calibration_page import write_calibration_page
 
@@ -86,4 +134,4 @@ def _store(found: Calibration, out: Path, *, write_package: bool) -> Path:
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
             write_durably(folder / PACKAGED, text)
             say(f"packaged calibration: {folder / PACKAGED}")
-    return write_calibration_page(found, out)
+    return write_calibration_page(found, out, power=packaged_power_matrix())

@@ -24,8 +24,10 @@ def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool =
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
+    from betterbench.cli.output.standing import print_standing
     from betterbench.diagnosis import diagnose_run, stored
     from betterbench.diagnosis.changes import find_changes
+    from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
 
     folder = RunFolder.open(run)
@@ -40,8 +42,10 @@ def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool =
         except OSError as error:
             say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
     if json:
-        print_json({**result.to_json(), "changes": None if changes is None else changes.to_json()})
+        standing = standing_of(result).to_json()
+        print_json({**result.to_json(), "power": standing, "changes": None if changes is None else changes.to_json()})
         return
     print_diagnosis(result)
+    print_standing(result.policy, standing_of(result))
     if changes is not None and changes.any:
         print_changes(changes)

@@ -21,6 +21,7 @@ from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
 from betterbench.diagnosis import Kind, TrialDiagnosis
+from betterbench.diagnosis.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels
@@ -36,6 +37,7 @@ class Comparison:
             failure and the labels over all variations.
         sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
         verdict: The result in sentences, the most important first.
+        standings: Where each policy stands among the pretenders, on the compared trials.
     """
 
     sides: tuple[Side, ...]
@@ -45,6 +47,7 @@ class Comparison:
     sequential: tuple[SequentialContrast, ...]
     verdict: tuple[str, ...]
     notes: tuple[str, ...]
+    standings: tuple[Standing, ...] = ()
 
     def group(self, measure: str, scope: str = "overall") -> Group | None:
         """Return a group, or None if the comparison does not have it."""
@@ -73,6 +76,7 @@ class Comparison:
             "notes": list(self.notes),
             "groups": [g.to_json() for g in self.groups],
             "sequential": [s.to_json() for s in self.sequential],
+            "power": [s.to_json() for s in self.standings],
         }
 
 
@@ -108,7 +112,11 @@ def compare(
     groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))
     evidence = tuple(_sequential(sides, matching, alpha)) if sequential else ()
     verdict = (*sequential_sentences(evidence, alpha), *verdict_sentences(groups, paired=matching.paired, alpha=alpha))
-    return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes)
+    standings = tuple(
+        standing_of(replace(side.diagnosis, trials=tuple(trials)))
+        for side, trials in zip(sides, matching.trials, strict=True)
+    )
+    return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes, standings)
 
 
 class _Question(NamedTuple):

@@ -1,6 +1,6 @@
 """Diagnosis: from records alone, what each policy did right or wrong and for which reason."""
 
-from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, ProbeCell, packaged_calibration
+from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, packaged_calibration
 from betterbench.diagnosis.run import diagnose_records, diagnose_run
 from betterbench.diagnosis.trial import diagnose_record, offline_truth
 from betterbench.diagnosis.verdict import Attempt, Evidence, Metric, RunDiagnosis, TrialDiagnosis
@@ -15,7 +15,6 @@ __all__ = [
     "Label",
     "LabelScore",
     "Metric",
-    "ProbeCell",
     "RunDiagnosis",
     "TrialDiagnosis",
     "diagnose_record",

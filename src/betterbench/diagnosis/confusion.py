@@ -22,35 +22,6 @@ PACKAGED = "calibration.json"
 
 @open_form
 @dataclass(frozen=True, slots=True)
-class ProbeCell:
-    """One probe on one variation.
-
-    Attributes:
-        chance: Success rate of a policy that sees everything and guesses the instruction.
-        p_value: Two-sided exact binomial test against the chance rate, Holm-corrected over the probe's variations.
-    """
-
-    probe: str
-    task: str
-    variation: str
-    k: int
-    n: int
-    chance: float
-    p_value: float
-
-    @property
-    def above_chance(self) -> bool:
-        """Whether the probe succeeds more often than guessing explains, at the 5 % level."""
-        return self.p_value < 0.05 and self.k > self.chance * self.n
-
-    @property
-    def speechless(self) -> bool:
-        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
-        return self.chance >= 1.0
-
-
-@open_form
-@dataclass(frozen=True, slots=True)
 class Judged:
     """One trial of a faulty policy with its true label and the one that it was given.
 
@@ -106,13 +77,10 @@ class Calibration:
     policies: dict[str, Rate]
     wrong: tuple[Judged, ...]
     crossed: int
-    probes: tuple[ProbeCell, ...]
     versions: dict[str, str]
 
     @classmethod
-    def of(
-        cls, trials: Iterable[Judged], *, probes: Iterable[ProbeCell] = (), versions: dict[str, str] | None = None
-    ) -> Calibration:
+    def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None) -> Calibration:
         """Return the calibration that judged trials give."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
@@ -123,7 +91,6 @@ class Calibration:
             {policy: Rate(sum(found), len(found)) for policy, found in per_policy.items()},
             tuple(j for j in judged if not j.right),
             sum(j.crossed for j in judged),
-            tuple(probes),
             dict(versions or {}),
         )
 
@@ -176,7 +143,6 @@ class Calibration:
             "policies": {name: {"k": rate.k, "n": rate.n} for name, rate in sorted(self.policies.items())},
             "wrong": [{**asdict(j), "truth": j.truth.value, "label": j.label.value} for j in self.wrong],
             "crossed": self.crossed,
-            "probes": [asdict(cell) for cell in self.probes],
             "versions": self.versions,
         }
 
@@ -193,7 +159,6 @@ class Calibration:
             file.policies,
             file.wrong,
             file.crossed,
-            file.probes,
             file.versions,
         )
 
@@ -213,7 +178,6 @@ class _File:
     policies: dict[str, Rate]
     wrong: tuple[Judged, ...]
     crossed: int
-    probes: tuple[ProbeCell, ...]
     versions: dict[str, str]
 
 

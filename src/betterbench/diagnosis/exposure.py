@@ -84,11 +84,3 @@ class Exposure:
     def kinds(self, goal: Subgoal) -> set[str]:
         """Return the kinds of object that a subgoal means."""
         return {self.test.object(n).kind for n in self.test.resolve(goal.reference)}
-
-
-def stand_of(condition: Condition, name: str) -> str | None:
-    """Return the slot in which a target, or the cabinet of a drawer, stands in a condition, or None."""
-    if name not in {o.name for o in condition.objects}:
-        return None
-    mount = condition.object(name).mount
-    return condition.layout.get(name if mount is None else mount.target)

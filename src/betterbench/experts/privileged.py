@@ -13,8 +13,9 @@ from betterbench.experts.faulty import BrokenRule, Clumsy, Crash, Slow
 from betterbench.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
 from betterbench.experts.planner import Planner
 from betterbench.experts.probes import make_replay
-from betterbench.experts.registry import EXPERTS, REPLAYS, Address, expert_names, parse_address
+from betterbench.experts.registry import EXPERTS, REPLAYS, WITNESS, Address, expert_names, parse_address, witnessed
 from betterbench.experts.skills import Skills
+from betterbench.experts.witness import Witness
 from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import TargetRegion, stream
@@ -120,10 +121,14 @@ class PrivilegedAgent:
         """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
 
         ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
-        decision; ``mishap`` a right decision that the gripper could not carry out.
+        decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names
+        of the rules that decided as it did, with spaces between them.
         """
-        fault = self._loop.rule.fault
+        rule = self._loop.rule
+        fault = rule.fault
+        same = {"same": " ".join(rule.same)} if isinstance(rule, Witness) else {}
         return {
+            **same,
             "truth": "" if fault is None else fault.label,
             "fault": "" if fault is None else f"decision {fault.decision}: {fault.text}",
             "mishap": self._loop.mishap or "",
@@ -170,7 +175,11 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
         raise UnknownNameError("privileged policy", address, expert_names())
     if asked.name in REPLAYS:
         return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
-    rule = EXPERTS[asked.name].rule(Situation(scene.task, scene.condition, scene.seed), asked.strength)
+    situation = Situation(scene.task, scene.condition, scene.seed)
+    if asked.name == WITNESS:
+        rule: BrokenRule = Witness(situation, {name: EXPERTS[name].rule(situation, 1.0) for name in witnessed()})
+    else:
+        rule = EXPERTS[asked.name].rule(situation, asked.strength)
     return PrivilegedAgent(address, scene, rule, noise=_noise_of(rule, asked))
 
 

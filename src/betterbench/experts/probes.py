@@ -1,8 +1,9 @@
 """Open-loop probes: the motion of a demonstration, played without looking.
 
-A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays the demonstration of the
-trial's own twin, ``probe:no-images`` one that goes with the instruction, from another draw of the scene. Both start the
-same arm at the same place; whatever stands elsewhere than in the demonstration, they miss.
+A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays a demonstration of the
+condition that the trial's twin has, so mostly of the same instruction in the same layout; ``probe:no-images`` one of
+the trained instruction that is closest to the trial's. Both are demonstrations that a policy could have been trained
+on: their seeds are those of demonstrations, never those of tests. Whatever stands elsewhere than there, they miss.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import Condition, GoalTracker, stream
 
-_KEPT = 8
+_KEPT = 256
 """Demonstrations that are kept: several variations of a task have the same twin."""
 
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str], np.ndarray] = OrderedDict()
 
-ANOTHER_DRAW = 1_000_003
-"""Added to a seed for a scene of the same condition that stands a little differently."""
+FIRST_DEMONSTRATION_SEED = 1_000_000
+"""Demonstrations draw from this seed upward, evaluation from 0 to 9,999 (suite, law 8)."""
+OTHER_DEMONSTRATIONS = 500_000
+"""Added to a demonstration's seed for another demonstration of the same trial."""
 
 
 class OpenLoop:
@@ -62,11 +65,13 @@ def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPo
         scene: The scene the episode runs in.
         play: Makes the policy whose motion is played, for a scene.
     """
-    if name == "probe:replay":
-        condition, seed = twin_of(scene), scene.seed
-    else:
-        condition, seed = by_sentence(scene), scene.seed + ANOTHER_DRAW
-    return OpenLoop(name, demonstration(scene, condition, seed, play))
+    condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
+    return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play))
+
+
+def demonstration_seed(name: str, seed: int) -> int:
+    """Return the seed of the demonstration that an open-loop probe plays in the trial of a seed."""
+    return FIRST_DEMONSTRATION_SEED + seed + (0 if name == "probe:replay" else OTHER_DEMONSTRATIONS)
 
 
 def twin_of(scene: Scene) -> Condition:

@@ -18,6 +18,7 @@ from betterbench.experts.faulty import (
     Halt,
     Inertia,
     Layout,
+    Length,
     Lexical,
     NoLanguage,
     Phase,
@@ -68,6 +69,7 @@ EXPERTS: dict[str, ExpertEntry] = {
         ExpertEntry("zoo:halt", "Stops for good if training never showed this instruction in this scene.", Halt),
         ExpertEntry("zoo:refuse", "Never starts if the scene holds an object that training never showed.", Refuse),
         ExpertEntry("zoo:phase", "Freezes or wanders if the scene looks like the middle of a task.", Phase),
+        ExpertEntry("zoo:length", "Stops when it has done as many steps as the longest demonstration had.", Length),
         ExpertEntry("zoo:clumsy", "Correct target, failed manipulation.", Clumsy),
         ExpertEntry("zoo:slow", "The right decisions, too slowly for the step limit.", Slow),
         ExpertEntry("zoo:crash", "Breaks down in the middle of the episode.", Crash),
@@ -76,9 +78,18 @@ EXPERTS: dict[str, ExpertEntry] = {
 }
 
 REPLAYS = {
-    "probe:no-images": "Plays the demonstration of the instruction, without looking.",
-    "probe:replay": "Plays the demonstration of the twin, whatever the instruction, without looking.",
+    "probe:no-images": "Plays a demonstration of the instruction, without looking.",
+    "probe:replay": "Plays a demonstration of the twin's condition, without looking.",
 }
+
+WITNESS = "expert:witness"
+"""The expert that also writes down which faulty rules decide as it does (see :mod:`betterbench.experts.witness`)."""
+
+
+def witnessed() -> tuple[str, ...]:
+    """Return the rules that a witness asks: those that move as well as the expert and never break down."""
+    motion = (Clumsy, Slow, Crash)
+    return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +126,7 @@ def parse_address(address: str) -> Address | None:
         InvalidInputError: If an option is unknown or out of range.
     """
     name, _, query = address.partition("?")
-    if name not in EXPERTS and name not in REPLAYS:
+    if name not in EXPERTS and name not in REPLAYS and name != WITNESS:
         return None
     ranges = {"strength": (0.0, 1.0), "action_noise": (0.0, MAX_ACTION_NOISE_M)}
     found = {"strength": 1.0, "action_noise": 0.0}

@@ -1,24 +1,27 @@
-"""The page of a calibration: the confusion matrix as image and table, every mistake with its evidence, the probes."""
+"""The page of a calibration: the confusion matrix as image and table, every mistake, and what is solved blind."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from betterbench.diagnosis import Calibration, Kind, Label, ProbeCell
+from betterbench.diagnosis import Calibration, Kind, Label
+from betterbench.diagnosis.power_matrix import PowerMatrix
 from betterbench.report.html import data_uri, environment, write
+from betterbench.report.power_page import blind_sentences, blind_table
 from betterbench.statistics import Rate, percent
-from betterbench.statistics.wording import listed
 
 KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
 
 
-def write_calibration_page(calibration: Calibration, out: Path) -> Path:
-    """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path."""
+def write_calibration_page(calibration: Calibration, out: Path, *, power: PowerMatrix | None = None) -> Path:
+    """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
+
+    With a power matrix the page also shows which variations can be solved blind.
+    """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
     write(out / "confusion.svg", svg)
@@ -30,8 +33,8 @@ def write_calibration_page(calibration: Calibration, out: Path) -> Path:
         calibration=calibration,
         matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
-        suspicious=suspicious(calibration.probes),
-        redundant=listed(redundant(calibration.probes)),
+        blind=blind_sentences(power.blind_cells()) if power is not None else (),
+        table=blind_table(power) if power is not None else None,
         kinds=KINDS,
     )
     return write(out / "calibration.html", page)
@@ -92,30 +95,7 @@ def calibration_markdown(calibration: Calibration) -> str:
     ]
     lines += ["", "| policy | right |", "|---|---|"]
     lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in calibration.policies.items()]
-    if calibration.probes:
-        found = suspicious(calibration.probes)
-        lines += ["", _probe_sentence(calibration.probes, found), ""]
-        alone = redundant(calibration.probes)
-        if alone:
-            lines += [f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.", ""]
-        if found:
-            lines += ["| probe | variation | solved | by guessing | p |", "|---|---|---|---|---|"]
-            lines += [
-                f"| `{c.probe}` | {c.task}/{c.variation} | {rate_text(Rate(c.k, c.n))} | {100 * c.chance:.0f} % "
-                f"(1/{round(1 / c.chance)}) | {c.p_value:.2g} |"
-                for c in found
-            ]
     return "\n".join(lines) + "\n"
-
-
-def suspicious(cells: Sequence[ProbeCell]) -> list[ProbeCell]:
-    """Return the probes that are above chance, the least likely first."""
-    return sorted((c for c in cells if c.above_chance), key=lambda c: (c.p_value, c.task, c.variation))
-
-
-def redundant(cells: Sequence[ProbeCell]) -> list[str]:
-    """Return the variations in whose scene only one instruction makes sense."""
-    return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
 
 
 def rate_text(rate: Rate) -> str:
@@ -126,16 +106,6 @@ def rate_text(rate: Rate) -> str:
 def label_name(label: Label) -> str:
     """Return a label in words."""
     return label.value.replace("_", " ")
-
-
-def _probe_sentence(cells: Sequence[ProbeCell], found: Sequence[ProbeCell]) -> str:
-    probes = len({c.probe for c in cells})
-    variations = len({(c.task, c.variation) for c in cells})
-    named = len({(c.task, c.variation) for c in found})
-    text = f"{probes} blind probes ran on {variations} variations on which something has to be done; "
-    return text + (
-        f"{named} of them can be solved blind more often than by guessing:" if named else "all stay at chance."
-    )
 
 
 def _drawn(figure: Figure, kind: str) -> bytes:

@@ -23,6 +23,7 @@ from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
+from betterbench.report.pretenders import pretender_views
 from betterbench.report.task_views import task_views
 from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
@@ -145,6 +146,7 @@ def render_page(
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
         unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
+        pretenders=pretender_views(diagnoses),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
         charts=charts,

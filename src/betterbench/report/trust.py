@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import RunDiagnosis, packaged_calibration
-from betterbench.report.calibration_page import rate_text, redundant, suspicious
+from betterbench.diagnosis.power_matrix import CURE, packaged_power_matrix
+from betterbench.report.calibration_page import rate_text
+from betterbench.report.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed
 from betterbench.tasks import SUITE_VERSION
@@ -25,23 +27,30 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
         f"the failed ones {rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
         f"{rate_text(calibration.crossed_rate)} of those that failed for either. Command: better calibrate."
     )
-    ran = {name for name, _ in trials}
+    facts |= _blind({name for name, _ in trials})
+    return facts
+
+
+def _blind(ran: set[str]) -> dict[str, str]:
+    """Return what can be solved blind among the variations that were run."""
+    matrix = packaged_power_matrix()
+    if matrix is None:
+        return {"Blind probes": f"This build ships no power matrix; {CURE}."}
+    cells = matrix.without(matrix.stale_tasks()).blind_cells()
     blind: dict[str, list[str]] = {}
-    for cell in suspicious(calibration.probes):
+    for cell in flagged(cells):
         if f"{cell.task}/{cell.variation}" in ran:
-            blind.setdefault(cell.probe.removeprefix("probe:"), []).append(
-                f"{cell.task}/{cell.variation} ({cell.k}/{cell.n})"
-            )
-    if calibration.probes:
-        facts["Blind probes"] = (
-            "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
-            + " more often than by guessing the instruction: a success there proves less."
-            if blind
-            else "No variation of this run is solved without images or instruction more often than by guessing."
-        )
-        alone = [name for name in redundant(calibration.probes) if name in ran]
-        if alone:
-            facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}: it is redundant there."
+            name = f"{cell.task}/{cell.variation} ({cell.rate.k}/{cell.rate.n})"
+            blind.setdefault(cell.pretender.removeprefix("probe:"), []).append(name)
+    facts = {
+        "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
+        + " more often than by chance: a success there proves less."
+        if blind
+        else "No variation of this run is solved without images, instruction or aim more often than by chance."
+    }
+    alone = [name for name in redundant(cells) if name in ran]
+    if alone:
+        facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}: it is redundant there."
     return facts
 
 

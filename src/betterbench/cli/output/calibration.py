@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from betterbench.cli.console import OUT, print_table
 from betterbench.diagnosis import Calibration
-from betterbench.report.calibration_page import KINDS, label_name, rate_text, suspicious
+from betterbench.diagnosis.power_matrix import PowerMatrix
+from betterbench.report.calibration_page import KINDS, label_name, rate_text
+from betterbench.report.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
 """Wrong labels that the terminal lists; the page has them all."""
 
 
 def print_calibration(found: Calibration) -> None:
-    """Print how well each label is found, the first wrong labels and the suspicious probes."""
+    """Print how well each label is found and the first wrong labels."""
     rows = [
         [
             label_name(s.label),
@@ -27,9 +29,6 @@ def print_calibration(found: Calibration) -> None:
         OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}", markup=False)
     if len(found.wrong) > WRONG_SHOWN:
         OUT.print(f"  and {len(found.wrong) - WRONG_SHOWN} more on the page", markup=False)
-    for c in suspicious(found.probes):
-        guess = f"guessing would solve a share of {c.chance:.2f}"
-        OUT.print(f"• {c.probe} solves {c.task}/{c.variation} in {c.k}/{c.n} trials; {guess}", markup=False)
     OUT.print(
         f"right       {rate_text(found.overall)} of all trials, {rate_text(found.failed)} of the failed ones",
         markup=False,
@@ -37,6 +36,15 @@ def print_calibration(found: Calibration) -> None:
     OUT.print(
         f"reasoning taken for execution, or execution for reasoning: {rate_text(found.crossed_rate)}", markup=False
     )
+
+
+def print_power(found: PowerMatrix) -> None:
+    """Print what every pretender reaches over the suite, and what the matrix says about the suite."""
+    table = power_tables(found)[0]
+    rows = [[cell.replace("`", "") for cell in row] for row in table.rows]
+    print_table(list(table.columns), rows, title="power matrix: success, %")
+    for sentence in power_sentences(found):
+        OUT.print(f"• {sentence}", markup=False)
 
 
 def _taken_for(found: Calibration, label: object) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from betterbench.cli.console import OUT, print_table
+from betterbench.cli.output.standing import print_standings
 from betterbench.comparison import Comparison, Contrast, Group
 from betterbench.comparison.verdict import p_text, points, scope_text
 from betterbench.statistics import percent
@@ -18,6 +19,8 @@ def print_comparison(result: Comparison) -> None:
         if groups:
             OUT.print()
             _print_groups(title, groups, result.alpha)
+    if result.standings:
+        print_standings([s.name for s in result.sides], result.standings)
     OUT.print()
     for line in (*_legend(result), *result.notes):
         OUT.print(line, markup=False, style="dim")

@@ -10,14 +10,19 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.restraint import first_hover
 
 
 def _exposed(x: Exposure) -> bool:
-    """The first step, the target or the slot that training made frequent is not what is asked for."""
+    """The first step, the target or the slot that training made frequent is there and not what is asked for.
+
+    A grasp at an emptied slot counts where it replaces a step, or where nothing may be grasped at.
+    """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
-    if x.trained.habit is not None and x.trained.habit not in due:
+    waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
+    if x.trained.habit in waiting and x.trained.habit is not None and x.trained.habit not in due:
         return True
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
@@ -26,8 +31,13 @@ def _exposed(x: Exposure) -> bool:
             trained = x.trained.kind_targets.get(kind, ())
             if trained and asked not in trained and any(target in here for target, _, _ in trained):
                 return True
-    memorized = {slot for goal in x.goals for slot in x.trained.word_slots.get(goal.word, ())}
-    return any(x.base.occupant(slot) is not None and x.test.occupant(slot) is None for slot in memorized)
+    for word in {goal.word for goal in x.goals}:
+        memorized = x.trained.word_slots.get(word, ())
+        filled = sum(x.movable_in(slot) is not None for slot in memorized)
+        steps = sum(goal.word == word for goal in x.open_goals)
+        if memorized and filled < (1 if x.test.expected is Expected.STAY_STILL else steps):
+            return True
+    return False
 
 
 @FailureMode(

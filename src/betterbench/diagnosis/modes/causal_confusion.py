@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
@@ -11,11 +13,14 @@ from betterbench.tasks.training_distribution import on_table
 
 
 def _exposed(x: Exposure) -> bool:
-    """A step is done or repeated, fewer things are there than in the twin, or more steps are asked for than ever."""
-    done = len(x.open_goals) < len(x.goals) and bool(x.test.preplaced)
-    repeated = any(goal.count > 1 for goal in x.goals)
-    fewer = len(on_table(x.test)) < len(on_table(x.base)) and not done
-    return done or repeated or fewer or len(x.goals) > x.trained.longest
+    """Fewer things stand there than when training began, or a step can be repeated with another object of its kind.
+
+    Where a step is done already, things are fewer for a reason: who counts them is right.
+    """
+    fewer = not x.test.preplaced and len(on_table(x.test)) < x.trained.initial_items
+    asked = Counter(goal.reference for goal in x.goals)
+    spare = any(len(x.test.resolve(goal.reference)) > asked[goal.reference] for goal in x.goals[:-1])
+    return len(x.open_goals) > 1 and (fewer or spare)
 
 
 @FailureMode(

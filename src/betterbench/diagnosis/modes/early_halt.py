@@ -12,9 +12,12 @@ from betterbench.tasks.training_distribution import pairing
 
 
 def _exposed(x: Exposure) -> bool:
-    """Instruction and scene never met in training, and something is to be done."""
+    """Instruction and scene never met in training, and something is to be done.
+
+    Where the scene looks half done, a halt before the first attempt is a phase conflict.
+    """
     met = {pairing(condition) for condition in x.task.training}
-    return x.test.expected is Expected.SUCCEED and pairing(x.test) not in met
+    return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met
 
 
 @FailureMode(

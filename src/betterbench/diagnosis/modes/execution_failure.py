@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
-from betterbench.diagnosis.exposure import Exposure, stand_of
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
@@ -15,11 +14,6 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 
 
-def _exposed(x: Exposure) -> bool:
-    """What something is to be put at stands elsewhere than in the twin, or a slot is outside the training regime."""
-    return any(stand_of(x.test, goal.target) != stand_of(x.base, goal.target) for goal in x.open_goals)
-
-
 @FailureMode(
     Label.EXECUTION_FAILURE,
     short="execution",
@@ -27,7 +21,6 @@ def _exposed(x: Exposure) -> bool:
     "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
     finding="Chooses the right target and fails at the manipulation",
-    exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first failure that was not made good later, or a missed goal that nothing else explains."""

@@ -12,10 +12,12 @@ from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The order is part of the goal, and no demonstration had it."""
+    """The order is part of the goal, no demonstration had it, and no habit explains what may come too early."""
     sequence = tuple(kind for goal in x.goals for kind in sorted(x.kinds(goal))[:1])
     still_open = {kind for goal in x.open_goals for kind in x.kinds(goal)}
-    return x.test.instruction.ordered and len(still_open) > 1 and sequence not in x.trained.sequences
+    early = {kind for goal in x.open_goals[1:] for kind in x.kinds(goal)} - {x.trained.habit}
+    new = sequence not in x.trained.sequences
+    return x.test.instruction.ordered and new and len(still_open) > 1 and bool(early - x.kinds(x.open_goals[0]))
 
 
 @FailureMode(

@@ -8,13 +8,13 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import THRESHOLDS
+from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The initial state looks like the middle of a demonstration."""
-    return x.test.mid_task_look
+    """The initial state looks like the middle of a demonstration, and something is to be done."""
+    return x.test.mid_task_look and x.test.expected is Expected.SUCCEED
 
 
 @FailureMode(

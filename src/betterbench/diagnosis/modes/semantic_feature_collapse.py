@@ -26,7 +26,7 @@ def _exposed(x: Exposure) -> bool:
     colors = {x.test.object(n).color for g in x.goals for n in x.test.resolve(g.reference)} - {None}
     for o in x.test.objects:
         slot = x.test.layout.get(o.name)
-        if o.role != "distractor" or slot is None or x.known(o.kind) or slot == x.base.layout.get(o.name):
+        if o.role not in ("item", "distractor") or slot is None or x.known(o.kind) or slot == x.base.layout.get(o.name):
             continue
         if slot in picked or o.color in colors:
             return True

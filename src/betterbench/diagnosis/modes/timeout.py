@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
-
-
-def _exposed(x: Exposure) -> bool:
-    """More steps are asked for than in any demonstration."""
-    return len(x.open_goals) > x.trained.longest
 
 
 @FailureMode(
@@ -19,7 +13,6 @@ def _exposed(x: Exposure) -> bool:
     definition="Every attempt was right, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
     finding="Does the right things until the step limit ends the trial",
-    exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a timeout, if nothing else explains the trial."""

@@ -8,21 +8,21 @@ from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 
 
 def _exposed(x: Exposure) -> bool:
-    """The slot of the twin's first pick, or the one picked for most words, holds nothing that is to be picked now.
+    """The slot that was picked for most words holds something known that is not to be picked now.
 
-    What no instruction means is left out: an attempt at it shows another fault.
+    What no instruction means is left out: an attempt at it shows another fault. So is an empty slot, at which a grasp
+    does no harm, unless nothing may be grasped at.
     """
-    first = x.base.instruction.subgoals[0]
-    slots = {x.base.layout[n] for n in x.base.resolve(first.reference) if n in x.base.layout}
-    for slot in (slots | {x.trained.favorite_slot}) - x.right_slots:
-        kind = x.movable_in(slot)
-        if kind is None or x.known(kind):
-            return True
-    return False
+    slot = x.trained.favorite_slot
+    kind = x.movable_in(slot)
+    if kind is None:
+        return x.test.expected is Expected.STAY_STILL
+    return slot not in x.right_slots and x.known(kind)
 
 
 @FailureMode(

@@ -3,7 +3,7 @@
 from betterbench.experts.faulty.blind import NoLanguage
 from betterbench.experts.faulty.breakdown import Crash, Slow
 from betterbench.experts.faulty.clumsy import Clumsy
-from betterbench.experts.faulty.halt import Halt, Phase, Refuse
+from betterbench.experts.faulty.halt import Halt, Length, Phase, Refuse
 from betterbench.experts.faulty.inertia import Inertia
 from betterbench.experts.faulty.layout import Layout
 from betterbench.experts.faulty.lexical import Lexical
@@ -22,6 +22,7 @@ __all__ = [
     "Halt",
     "Inertia",
     "Layout",
+    "Length",
     "Lexical",
     "NoLanguage",
     "Phase",

@@ -1,8 +1,8 @@
-"""``zoo:halt``, ``zoo:refuse`` and ``zoo:phase``: policies that stop, each for another wrong reason."""
+"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop, each for another wrong reason."""
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Bring, Decision, Freeze, Wander
+from betterbench.experts.decisions import Bring, Decision, Freeze, Rest, Wander, reached
 from betterbench.experts.faulty.rules import BrokenRule
 from betterbench.state import WorldState
 from betterbench.tasks import Expected
@@ -40,3 +40,13 @@ class Phase(BrokenRule):
             return super().broken(state, history)
         wanders = self.condition.expected is Expected.SUCCEED and self.draw("wander") < 0.5
         return Wander() if wanders else Freeze(None)
+
+
+class Length(BrokenRule):
+    """Stops when it has done as many steps as the longest demonstration had."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        begun = any(isinstance(decision, Bring) for decision in history)
+        done = sum(reached(state, self.condition, i) for i in range(len(self.goals)))
+        return Rest() if begun and done >= self.trained.longest else super().broken(state, history)

@@ -43,7 +43,7 @@ def breakfast_table() -> a.Task:
     Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; the look of everything.
     Success: cutlery lies along the front-to-back axis of the plate.
     """
-    other_order = (a.swap(BOWL, JAM), a.swap(SALT, EGG), a.swap(BOWL, SALT))
+    other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))
     other_sides = (a.instruct(a.arranged(PLATE, (SPOON, "left"), (CUP, "right"))),)
     look_alike = (a.remove(SPOON), a.move(CUP, RIGHT_EDGE), a.add(TUMBLER, FRONT))
     exchanged = "spoon where the fork lay, fork where the spoon lay"
@@ -54,8 +54,8 @@ def breakfast_table() -> a.Task:
         slots=(*OUTSIDE, BACK_LEFT, BACK, FRONT_LEFT, FRONT_RIGHT, TABLE_RIGHT, TABLE_LEFT),
         training=a.conditions(LAYOUTS, (a.arranged(PLATE, *pair) for pair in ((F, C), (S, F), (C, S)))),
         variations=(
-            a.Variation("L1", other_order, "other tableware rearranged over the same slots", BY_KIND),
-            a.Variation("L2", (a.move(PLATE, TABLE_LEFT),), "plate at its other position", BY_ANCHOR),
+            a.Variation("L1", other_order, "dense set rearranged over the same slots", BY_KIND),
+            a.Variation("L2", (a.move(PLATE, TABLE_LEFT),), "plate at its other position", BY_ANCHOR, "train2"),
             a.Variation("R1", other_sides, "spoon left, cup right", NEW_PAIR, "train3"),
             a.Variation("O1", (a.swap(FORK, SPOON),), exchanged, FORK_OR_SPOON),
             a.Variation("O2", look_alike, "tumbler of the cup's color where the cup stood", LOOK_ALIKE),

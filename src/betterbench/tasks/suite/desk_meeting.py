@@ -51,7 +51,7 @@ def desk_meeting() -> a.Task:
         training=a.conditions(LAYOUTS, (put(*pair) for pair in pairs)),
         variations=(
             a.Variation("L1", (a.swap(MOUSE, MUG),), "mouse and mug exchange their slots", BY_KIND),
-            a.Variation("L2", (a.move(LAPTOP, DESK_LEFT),), "laptop at its other position", BY_ANCHOR),
+            a.Variation("L2", (a.move(LAPTOP, DESK_LEFT),), "laptop at its other position", BY_ANCHOR, "train4"),
             a.Variation("R1", (a.instruct(mug_right),), "mug right, mouse left", NEW_PAIR),
             a.Variation("R2", (a.instruct(speaker_left),), "speaker left, mug right", NEW_PAIR, "train6"),
             a.Variation("O1", look_alike, "gray soap bar where the mouse lay", LOOK_ALIKE),

@@ -31,7 +31,8 @@ DONE = "The policy sees what is done already and does nothing again."
 def morning_coffee() -> a.Task:
     """Put the instructed mug on the marked ring under the spout.
 
-    "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot.
+    "Near" and "far" are seen from the front camera: the far slot is at the top of the image, close to the robot. The
+    twins of L1 to L4 ask for the other mug of the same scene.
 
     Randomizations: each mug within 15 mm and 9 degrees of its slot; the look of mugs and machine.
     Success: the handle is clear of the spout. In T1 the red mug already stands on the ring, and nothing may be touched.
@@ -45,10 +46,10 @@ def morning_coffee() -> a.Task:
         slots=(NEAR, FAR, STAND),
         training=a.conditions([LAYOUT_1], [RED, BLUE]) + a.conditions([LAYOUT_2], [TOP, BOTTOM]),
         variations=(
-            a.Variation("L1", (a.instruct(TOP),), "layout 1, top", PLACE_WORD, "train2"),
-            a.Variation("L2", (a.instruct(BOTTOM),), "layout 1, bottom", PLACE_WORD),
-            a.Variation("L3", (a.instruct(RED),), "layout 2, red", COLOR_WORD, "train3"),
-            a.Variation("L4", (a.instruct(BLUE),), "layout 2, blue", COLOR_WORD, "train4"),
+            a.Variation("L1", (a.instruct(TOP),), "layout 1, top", PLACE_WORD),
+            a.Variation("L2", (a.instruct(BOTTOM),), "layout 1, bottom", PLACE_WORD, "train2"),
+            a.Variation("L3", (a.instruct(RED),), "layout 2, red", COLOR_WORD, "train4"),
+            a.Variation("L4", (a.instruct(BLUE),), "layout 2, blue", COLOR_WORD, "train3"),
             a.Variation("O1", look_alike, "red can where the red mug stood", LOOK_ALIKE),
             a.Variation("T1", done, "red mug already on the ring", DONE, expected=still, mid_task_look=True),
         ),

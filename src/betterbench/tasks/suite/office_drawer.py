@@ -60,7 +60,7 @@ def office_drawer() -> a.Task:
         training=tuple(a.condition(at, asked, UPPER, LOWER, opened=o) for at in LAYOUTS for asked, o in demonstrations),
         variations=(
             a.Variation("L1", (a.swap(STAPLER, TAPE),), "stapler and tape exchanged", BY_KIND, "train2"),
-            a.Variation("L2", (a.move(CABINET, CABINET_FRONT),), cabinet, BY_CABINET),
+            a.Variation("L2", (a.move(CABINET, CABINET_FRONT),), cabinet, BY_CABINET, "train3"),
             a.Variation("R1", (stapler_down,), "stapler into the lower drawer", NEW_PAIR),
             a.Variation("O1", look_alike, block, LOOK_ALIKE, "train2"),
             a.Variation("T1", (a.draw_out(UPPER, OPEN_M),), blocked, IN_THE_WAY, "train3", mid_task_look=True),

@@ -46,7 +46,7 @@ def seasoning_rack() -> a.Task:
 
     Randomizations: each jar within 15 mm and 9 degrees of its slot; the look of everything.
     """
-    filled = (a.preplace(PEPPER, RACK, "hole_2"), a.preplace(PAPRIKA, RACK, "hole_3"))
+    filled = (a.preplace(PEPPER, RACK, "hole_2"), a.preplace(PAPRIKA, RACK, "hole_3"), a.move(SALT, SECOND))
     crossed = a.instruct(insert((SALT, "hole_3"), (PAPRIKA, "hole_1")))
     look_alike = (a.remove(PAPRIKA), a.move(SALT, THIRD), a.add(PILLS, FIRST))
     plain = (a.replace(SALT, PLAIN_SALT), a.replace(PEPPER, PLAIN_PEPPER), a.replace(PAPRIKA, PLAIN_PAPRIKA))
@@ -60,7 +60,7 @@ def seasoning_rack() -> a.Task:
         training=a.conditions([LAYOUT], (insert(*jars) for jars in ((S,), (P,), (R,), (S, P), (P, R), (R, S)))),
         variations=(
             a.Variation("L1", (a.swap(SALT, PEPPER),), "salt and pepper exchanged", BY_KIND, "train4"),
-            a.Variation("L2", filled, "the other holes already filled", BY_HOLE, mid_task_look=True),
+            a.Variation("L2", filled, "the other holes filled, salt in the pepper's slot", BY_HOLE, mid_task_look=True),
             a.Variation("R1", (crossed,), "salt into the right hole, paprika into the left", NEW_PAIR, "train6"),
             a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE),
             a.Variation("O2", exchanged, alike, LABELS, "train4"),

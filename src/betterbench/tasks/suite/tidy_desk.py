@@ -43,11 +43,11 @@ def tidy_desk() -> a.Task:
     Randomizations: each object within 15 mm and 9 degrees of its slot; the look of everything.
     """
     layouts = ({NAPKIN: TRASH_1, CAN: TRASH_2}, {NAPKIN: TRASH_3, CAN: TRASH_4}, {NAPKIN: TRASH_1, CAN: TRASH_4})
-    alone = (({NAPKIN: TRASH_1}, NAPKIN_ONLY), ({CAN: TRASH_4}, CAN_ONLY))
-    settings = (*((trash, BOTH) for trash in layouts), *alone)
+    settings = (*((trash, BOTH) for trash in layouts), (layouts[2], NAPKIN_ONLY), (layouts[0], CAN_ONLY))
     permuted = (a.swap(NAPKIN, CAN), a.swap(MOUSE, MUG), a.swap(MUG, KEYBOARD))
     mouse = (a.move(NAPKIN, TRASH_3), a.move(MOUSE, TRASH_1))
-    mug = (a.move(NAPKIN, TRASH_3), a.move(MUG, TRASH_1), a.add(TAPE, PLACE_2), a.add(STAPLER, TRASH_4))
+    mug = (a.move(NAPKIN, TRASH_3), a.move(MUG, TRASH_1), a.add(TAPE, PLACE_2), a.add(STAPLER, TRASH_2))
+    full = (a.move(CAN, TRASH_4), a.add(FULL_CAN, TRASH_2))
     unseen = (a.move(NAPKIN, UNSEEN_1), a.move(CAN, UNSEEN_2))
     three = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE))
     novel = a.Support.NOVEL
@@ -58,11 +58,11 @@ def tidy_desk() -> a.Task:
         slots=(TRASH_1, TRASH_2, TRASH_3, TRASH_4, PLACE_1, PLACE_2, PLACE_3, FLOOR, UNSEEN_1, UNSEEN_2),
         training=tuple(a.condition({**trash, **VALUABLES}, asked) for trash, asked in settings),
         variations=(
-            a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND),
+            a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND, "train4"),
             a.Variation("L2", unseen, "trash at places never seen", NEW_PLACE, support=novel),
             a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train4"),
             a.Variation(
-                "O2", (a.add(FULL_CAN, TRASH_2),), "full can beside the crushed can", FULL_OR_CRUSHED, "train5"
+                "O2", full, "full can where the crushed can lay, both in trash slots", FULL_OR_CRUSHED, "train5"
             ),
             a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train4"),
             a.Variation("T1", three, "three pieces of trash", LONGER),

@@ -1,0 +1,186 @@
+"""Measuring the power matrix: every pretender on every variation, each run resumable, nothing simulated twice.
+
+The expert runs first, as a witness: it writes down which faulty rules decide as it does from the first decision to the
+last. Such a rule would drive the same episode to the same bits, so it takes the expert's outcome, and the cell says how
+many trials it took that way. Every other trial is simulated.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from betterbench.calibration.chance import chance_of
+from betterbench.calibration.run import CalibrationProgress
+from betterbench.diagnosis import TrialDiagnosis, diagnose_run
+from betterbench.diagnosis.power_matrix import BLIND, EXPERT, FLOOR, REPLAY_LIMIT, Key, PowerCell, PowerMatrix
+from betterbench.diagnosis.power_matrix import task_versions as versions_of_task
+from betterbench.errors import RecordError
+from betterbench.evaluation import Plan, Progress, evaluate, make_plan
+from betterbench.experts.registry import WITNESS, witnessed
+from betterbench.recording import RunFolder
+from betterbench.statistics import Rate, chance_p
+from betterbench.tasks import Expected, get_task, suite_tasks
+
+RULE_TRIALS = 6
+"""Trials of a faulty rule per variation: its decisions hardly depend on the seed."""
+STILL_TRIALS = 2
+"""Trials of the policy that never moves: they are all alike."""
+MOST_CHANCE = 0.9
+"""Largest chance for which trials are counted out: with one instruction alone, guessing it is no luck."""
+ALPHA = 0.05
+
+_NO_LANGUAGE = BLIND[0]
+
+
+@dataclass(frozen=True, slots=True)
+class PowerTrials:
+    """How many trials each pretender gets on each variation, with the seeds from 0 on.
+
+    Attributes:
+        of: Trials by pretender and variation; the expert's are the most that any rule needs.
+        chances: Success rate of guessing the instruction, by variation.
+    """
+
+    of: dict[str, dict[Key, int]]
+    chances: dict[Key, float]
+
+    @property
+    def total(self) -> int:
+        """All trials, those that will be shared included."""
+        return sum(n for row in self.of.values() for n in row.values())
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one trial contributes to its cell."""
+
+    success: bool
+    right: bool
+    truth: str
+    shared: bool = False
+
+
+def trials_to_flag(chance: float, cells: int) -> int:
+    """Return the fewest trials at which a cell that always succeeds is flagged among so many cells, by Holm at 5 %."""
+    n = 1
+    while cells * chance_p(Rate(n, n), chance=chance) >= ALPHA:
+        n += 1
+    return n
+
+
+def power_trials(tasks: Sequence[str] = (), *, rule_trials: int = RULE_TRIALS) -> PowerTrials:
+    """Return the trials of a matrix of the named tasks, or of the whole suite.
+
+    What cannot see, hear or aim gets as many as it takes to flag a variation that it always solves, over all cells.
+    """
+    suite = [get_task(name) for name in suite_tasks("better60")]
+    chosen = [get_task(name) for name in dict.fromkeys(tasks)] or suite
+    keys = [(task.id, v.name) for task in chosen for v in task.variations]
+    # The number of cells is that of the suite even where few tasks are measured: the trials are then the same ones.
+    cells = sum(v.expected is Expected.SUCCEED for task in suite for v in task.variations) * (len(BLIND) + len(FLOOR))
+    chances = {key: chance_of(*key) for key in keys}
+    replayed = trials_to_flag(REPLAY_LIMIT, cells)
+    guessed = {
+        key: max(replayed, trials_to_flag(chance, cells) if chance < MOST_CHANCE else 0)
+        for key, chance in chances.items()
+    }
+    of = {EXPERT: {key: max(rule_trials, guessed[key]) for key in keys}}
+    of |= {name: dict.fromkeys(keys, rule_trials) for name in witnessed() if name not in BLIND}
+    of[_NO_LANGUAGE] = guessed
+    of |= {name: dict.fromkeys(keys, replayed) for name in (*BLIND[1:], FLOOR[0])}
+    of[FLOOR[1]] = dict.fromkeys(keys, STILL_TRIALS)
+    return PowerTrials(of, chances)
+
+
+def measure_power(
+    planned: PowerTrials,
+    out: Path,
+    *,
+    workers: int = 1,
+    on_progress: Callable[[CalibrationProgress], None] | None = None,
+) -> PowerMatrix:
+    """Run every pretender on every variation and return the matrix.
+
+    The same call resumes where it stopped. Trials that a rule shares with the expert count as done at once.
+
+    Raises:
+        RunConflictError: If a folder holds another run.
+        RecordError: If a record cannot be read, or a trial broke down outside its policy.
+    """
+    total, before = planned.total, 0
+    cells: dict[str, dict[Key, PowerCell]] = {}
+    versions: dict[str, str] = {}
+    same: dict[tuple[Key, int], frozenset[str]] = {}
+    expert: dict[tuple[Key, int], _Outcome] = {}
+    for name, wanted in planned.of.items():
+        shared = {
+            trial: expert[trial] for trial, rules in same.items() if name in rules and trial[1] < wanted[trial[0]]
+        }
+        plan = _plan(WITNESS if name == EXPERT else name, wanted, without=shared)
+
+        def told(progress: Progress, name: str = name, offset: int = before + len(shared)) -> None:
+            if on_progress is not None:
+                on_progress(CalibrationProgress(offset + progress.done, total, name))
+
+        outcomes = {trial: replace(outcome, shared=True) for trial, outcome in shared.items()}
+        if plan.trials:
+            run = evaluate(plan, out / name.replace(":", "-"), workers=workers, on_progress=told)
+            diagnosis = diagnose_run(run)
+            versions |= {k: v for k, v in diagnosis.versions.items() if not k.startswith("policy")}
+            outcomes |= dict(_outcomes(run, diagnosis.trials))
+            if name == EXPERT:
+                expert, same = outcomes, _same(run)
+        cells[name] = _cells(outcomes, wanted)
+        before += sum(wanted.values())
+    for task in dict.fromkeys(task for task, _ in planned.chances):
+        versions |= versions_of_task(get_task(task))
+    return PowerMatrix(cells, planned.chances, versions)
+
+
+def _plan(address: str, wanted: Mapping[Key, int], *, without: Mapping[tuple[Key, int], _Outcome]) -> Plan:
+    """Return the plan of one pretender: its trials of variations, without those that are known already."""
+    tasks = tuple(dict.fromkeys(task for task, _ in wanted))
+    plan = make_plan(address, tasks=tasks, trials=max(wanted.values()), observation="state_only")
+    kept = tuple(
+        t
+        for t in plan.trials
+        if t.variation is not None
+        and t.seed < wanted.get((t.task, t.variation), 0)
+        and ((t.task, t.variation), t.seed) not in without
+    )
+    return replace(plan, trials=kept)
+
+
+def _outcomes(run: RunFolder, trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[tuple[Key, int], _Outcome]]:
+    said = {((e.task, e.variation or ""), e.seed): e.ground_truth for e in run.entries() if e.status == "done"}
+    for t in trials:
+        trial = (t.task, t.variation or ""), t.seed
+        if t.record is None:
+            raise RecordError(f"{run.path}: {t.key} has no record. The same command runs it again.")
+        yield trial, _Outcome(t.success, bool(t.intention_correct), said.get(trial, {}).get("truth", ""))
+
+
+def _same(run: RunFolder) -> dict[tuple[Key, int], frozenset[str]]:
+    """Return which rules decided like the expert, by trial."""
+    entries = [e for e in run.entries() if e.status == "done"]
+    return {((e.task, e.variation or ""), e.seed): frozenset(e.ground_truth.get("same", "").split()) for e in entries}
+
+
+def _cells(outcomes: Mapping[tuple[Key, int], _Outcome], wanted: Mapping[Key, int]) -> dict[Key, PowerCell]:
+    groups: dict[Key, list[_Outcome]] = {key: [] for key in wanted}
+    for (key, _), outcome in outcomes.items():
+        groups[key].append(outcome)
+    return {
+        key: PowerCell(
+            k=sum(o.success for o in members),
+            n=len(members),
+            right=sum(o.right for o in members),
+            shared=sum(o.shared for o in members),
+            wrong=dict(sorted(Counter(o.truth for o in members if o.truth).items())),
+            failed=dict(sorted(Counter(o.truth for o in members if o.truth and not o.success).items())),
+        )
+        for key, members in groups.items()
+    }

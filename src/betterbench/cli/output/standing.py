@@ -1,0 +1,42 @@
+"""A policy among the pretenders, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.cli.console import OUT, print_table
+from betterbench.diagnosis.standing import Standing
+from betterbench.report.pretenders import scope_columns, scope_title, score_rows
+
+SHOWN_LINES = 8
+"""Reference lines that the terminal lists; ``--json`` and the report have them all."""
+
+
+def print_standing(policy: str, standing: Standing) -> None:
+    """Print what the pretenders would score, and the one whose outcomes are most like the policy's."""
+    print_standings([policy], [standing])
+
+
+def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> None:
+    """Print the policies above the best reference lines of the first; all have to be on the same trials."""
+    first = standings[0]
+    columns = scope_columns(standings)
+    OUT.print()
+    if first.lines:
+        mine = [score_rows(p, s, columns)[0] for p, s in zip(policies, standings, strict=True)]
+        lines = score_rows(policies[0], first, columns)[1:]
+        alone = len(policies) == 1
+        near = [row for row in lines if row.name in {s.nearest.pretender for s in standings if s.nearest is not None}]
+        shown = [row for row in lines if row in lines[:SHOWN_LINES] or row in near]
+        head = ["policy or pretender", *(scope_title(c) for c in columns), *(["alike, %"] if alone else [])]
+        rows = [[row.name, *row.cells, *([row.likeness] if alone else [])] for row in (*mine, *shown)]
+        print_table(head, rows, title="reference lines: success, %")
+        if len(lines) > len(shown):
+            OUT.print(f"  and {len(lines) - len(shown)} pretenders more; --json lists all", markup=False, style="dim")
+    for policy, standing in zip(policies, standings, strict=True):
+        prefix = "" if len(policies) == 1 else f"{policy}: "
+        for sentence in standing.sentences():
+            if sentence != standing.notice:
+                OUT.print(f"• {prefix}{sentence}", markup=False)
+    for notice in dict.fromkeys(s.notice for s in standings if s.notice):
+        OUT.print(f"  {notice}", markup=False, style="dim")
