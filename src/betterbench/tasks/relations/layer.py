@@ -1,9 +1,9 @@
 """Assembly: which layer of a stack an object is, counted from the base."""
 
-from betterbench.geometry import Pose, horizontal_distance, tilt_of
+from betterbench.geometry import horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
+from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, register
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
@@ -19,8 +19,6 @@ GAP = threshold(
     "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
 )
 TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
-SPREAD_M = 0.003
-"""Largest distance from the middle at which a pre-placed layer lies [m]."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
@@ -77,10 +75,6 @@ def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceG
     return standing_goals(state, name, (x, y, z), yaws, release_width_m=slim_opening_m(state.info.object(name)))
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    return resting_at(place, "floor" if "floor" in place.target_regions else "top", spread_m=SPREAD_M)
-
-
 LAYER = register(
     Relation(
         name="layer",
@@ -90,7 +84,7 @@ LAYER = register(
         needs=("top",),
         tolerances=("layer_offset", "layer_gap", "layer_tilt"),
         goals=_goals,
-        preplace=_preplace,
+        surface=at_height_of("floor", "top"),
         counted=True,
     )
 )
