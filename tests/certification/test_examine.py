@@ -53,7 +53,7 @@ def test_examining_twice_finds_the_same():
 def test_staying_still_is_right_where_nothing_is_to_be_done():
     found = examine(TrialId("morning_coffee", "T1", 0))
     assert found.passed
-    assert found.primitives == ()
+    assert found.primitives == ("finds red_mug on_ring coffee machine",)
     assert found.clauses["d"].text == "nothing has to be grasped"
     assert found.joint_margin_rad is None
     assert found.support_slack_mm is None

@@ -3,28 +3,66 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 
-from betterbench.certification.support import DrawerMove, Handling, Pick, Put, TrainedSupport
+from betterbench.certification.handling import DrawerMove, Handling, Pick, Preplaced, Put, Release
+from betterbench.certification.support import LEFT_M, LEFT_RAD, TrainedSupport
 from betterbench.geometry import Pose, from_yaw
+from betterbench.interventions import vary
+from betterbench.scenes import engine_version
 from betterbench.tasks import Slot, all_tasks, get_task
+from betterbench.tasks.demonstrated import (
+    HEIGHT_MM,
+    REACH_MM,
+    Demonstrated,
+    FinalPoses,
+    FlatPose,
+    Releases,
+    demonstrated,
+)
 
 TASKS = all_tasks()
+
+
+def support_of(task, **measured) -> TrainedSupport:
+    """The support of a task; keywords replace what its demonstrations show."""
+    found = demonstrated(task, engine=engine_version())
+    return TrainedSupport.of(task, dataclasses.replace(found, **measured))
 
 
 def pick(slot: Slot, kind="burger", *, dx=0.0, turn=0.0) -> Pick:
     return Pick("thing", kind, Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw + turn)))
 
 
-def put(slot: Slot, relation, kind, region="", *, level=1, dx=0.0, fixed=False) -> Put:
+def put(slot: Slot, relation, kind, region="", *, level=1, dx=0.0, fixed=False, let_go=None) -> Put:
     base = Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw))
-    return Put("thing", relation, kind, region, slot.name, level, base, base_fixed=fixed, pose=base)
+    release = let_go or Release({1: 0.0178, 2: 0.0339}.get(level, 0.0), 0.0, 0.0)
+    return Put(
+        object="thing",
+        kind="thing",
+        asset="thing#0",
+        relation=relation,
+        target_kind=kind,
+        region=region,
+        slot=slot.name,
+        level=level,
+        base_pose=base,
+        base_fixed=fixed,
+        pose=base,
+        target_pose=base,
+        release=release,
+    )
+
+
+def preplaced(kind, target_kind, pose) -> Preplaced:
+    return Preplaced("thing", kind, f"{kind}#0", target_kind, "", pose)
 
 
 @pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
 def test_what_training_asks_for_is_inside_its_own_support(task):
-    trained = TrainedSupport.of(task)
+    trained = support_of(task)
     for condition in task.training:
         for goal in condition.instruction.subgoals:
             for name in condition.resolve(goal.reference):
@@ -36,7 +74,7 @@ def test_what_training_asks_for_is_inside_its_own_support(task):
 
 
 def test_a_pick_counts_up_to_the_border_of_the_jitter_and_no_farther():
-    trained, slot = TrainedSupport.of(get_task("fast_food")), None
+    trained, slot = support_of(get_task("fast_food")), None
     slot = trained.pick_slots[0]
     inside = trained.judge(pick(slot, dx=slot.jitter_m))
     assert inside.problem is None
@@ -48,7 +86,7 @@ def test_a_pick_counts_up_to_the_border_of_the_jitter_and_no_farther():
 
 
 def test_a_pick_of_what_was_never_grasped_or_turned_too_far_is_outside():
-    trained = TrainedSupport.of(get_task("fast_food"))
+    trained = support_of(get_task("fast_food"))
     slot = trained.pick_slots[0]
     assert "no demonstration grasps a brick" in trained.judge(pick(slot, "brick")).problem
     assert "degrees beyond" in trained.judge(pick(slot, turn=slot.yaw_jitter + 0.1)).problem
@@ -56,15 +94,15 @@ def test_a_pick_of_what_was_never_grasped_or_turned_too_far_is_outside():
 
 def test_a_slot_that_holds_only_distractors_in_training_is_no_pick_slot():
     task = get_task("fast_food")
-    held = {s.name for s in TrainedSupport.of(task).pick_slots}
+    held = {s.name for s in support_of(task).pick_slots}
     stand = task.train("train1").layout["box"]
     assert stand not in held
-    assert TrainedSupport.of(task).judge(pick(task.slot(stand))).problem is not None
+    assert support_of(task).judge(pick(task.slot(stand))).problem is not None
 
 
 def test_a_put_needs_a_trained_target_a_trained_spot_and_a_target_that_stands_there():
     task = get_task("dinner_plates")
-    trained = TrainedSupport.of(task)
+    trained = support_of(task)
     right, back = task.slot("stand_right"), task.slot("left_back")
     assert trained.judge(put(right, "on_plate", "white plate")).problem is None
     assert trained.judge(put(right, "on_plate", "red plate", level=2)).problem is None
@@ -82,14 +120,85 @@ def test_a_put_needs_a_trained_target_a_trained_spot_and_a_target_that_stands_th
 def test_a_put_on_what_stands_in_no_slot_is_outside():
     task = get_task("dinner_plates")
     lost = dataclasses.replace(put(task.slot("stand_right"), "on_plate", "white plate"), slot=None)
-    assert "stands in no slot" in TrainedSupport.of(task).judge(lost).problem
+    assert "stands in no slot" in support_of(task).judge(lost).problem
 
 
 def test_drawers_count_with_the_cabinet_they_slide_in():
-    trained = TrainedSupport.of(get_task("office_drawer"))
+    trained = support_of(get_task("office_drawer"))
     assert trained.judge(DrawerMove("upper", "upper drawer", "cabinet_back")).problem is None
     assert trained.judge(DrawerMove("upper", "upper drawer", "left_back")).problem is not None
     assert trained.judge(DrawerMove("upper", "upper drawer", None)).problem is not None
+
+
+# ---------------------------------------------------------------------------------------------------- demonstrations
+
+
+def test_a_release_counts_with_its_height():
+    task = get_task("cheeseburger")
+    measured = (Releases("stand", "layer", "2", 1, (42.0, 60.0), ((0, 0),)),)
+    trained, stand = support_of(task, releases=measured), task.slot("stand")
+    for off_mm, problem in ((0.0, None), (4.9, None), (-4.9, None), (8.0, "8.0 mm above"), (-8.0, "8.0 mm below")):
+        let_go = Release(0.042 + 0.001 * off_mm, 0.0, 0.0)
+        found = trained.judge(put(stand, "layer", "bottom bun", "2", let_go=let_go)).problem
+        assert (found is None) if problem is None else (problem in found and "every height" in found)
+    assert trained.judge(put(stand, "layer", "bottom bun", "2", let_go=Release(0.061, 0.1, 0.0))).problem is None
+    assert "no demonstration that was measured" in trained.judge(put(stand, "layer", "bottom bun", "3")).problem
+    assert HEIGHT_MM == 5.0, "suite, section 3"
+
+
+def test_a_release_in_a_container_counts_with_its_place():
+    task = get_task("fast_food")
+    measured = (Releases("stand", "inside", "", 1, (7.0,), ((-60, 0), (60, 0))),)
+    trained, stand = support_of(task, releases=measured), task.slot("stand")
+    for x, y, problem in ((0.060, 0.0, None), (-0.060, 0.014, None), (0.0, 0.0, "60.0 mm aside"), (0.06, 0.06, "60.0")):
+        found = trained.judge(put(stand, "inside", "box", let_go=Release(0.007, x, y))).problem
+        assert (found is None) if problem is None else (problem in found)
+    assert REACH_MM == 15.0
+
+
+def test_what_is_preplaced_has_to_stand_as_a_demonstration_leaves_it():
+    task = get_task("morning_coffee")
+    left = FinalPoses("red mug", "red mug#1", "coffee machine", "on_ring", "", (FlatPose(72.0, -0.4, 40.0),))
+    trained = support_of(task, final_poses=(left,))
+
+    def judged(dx=0.0, turn=0.0, kind="red mug", target="coffee machine"):
+        pose = Pose((0.072 + dx, -0.0004, 0.012), from_yaw(math.radians(40.0) + turn))
+        return trained.judge(preplaced(kind, target, pose)).problem
+
+    assert judged() is None
+    assert judged(LEFT_M - 1e-4, -LEFT_RAD + 1e-4) is None
+    assert "57 degrees" in judged(turn=math.radians(57.0))
+    assert "70.0 mm" in judged(dx=0.07)
+    assert judged(kind="blue mug") is None, "a thing and a target may be combined anew"
+    assert "leaves anything" in judged(target="lunchbox")
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda t: t.id)
+def test_every_trained_place_was_measured(task):
+    found = demonstrated(task, engine=engine_version())
+    assert {r.place for r in found.releases} == set(support_of(task).spots)
+    assert found.solved >= len(task.training)
+    for variation in task.variations:
+        condition = vary(task, variation)[0]
+        for name, place in condition.preplaced.items():
+            kind, target = (condition.object(n).kind for n in (name, place.target))
+            there = found.final_poses_at(target, task.template.relation, place.region, kind=kind, asset="none")
+            assert len(there) >= 4, f"{variation.name} {name}"
+
+
+def test_the_pose_of_the_same_asset_comes_first_then_that_of_the_same_kind():
+    def left(kind, asset, x_mm):
+        return FinalPoses(kind, asset, "lunchbox", "inside", "", (FlatPose(x_mm, 0.0, 0.0),))
+
+    poses = (left("apple", "apple#1", 1.0), left("apple", "apple#2", 2.0), left("orange", "orange#1", 3.0))
+    found = Demonstrated("", "", 1, 3, (), poses)
+
+    def xs(kind, asset):
+        return [p.x_mm for p in found.final_poses_at("lunchbox", "inside", "", kind=kind, asset=asset)]
+
+    assert xs("apple", "apple#2") == [2.0]
+    assert xs("apple", "apple#9") == [1.0, 2.0]
+    assert xs("lemon", "lemon#1") == [1.0, 2.0, 3.0]
 
 
 # ------------------------------------------------------------------------------------------------------------ watching
@@ -120,7 +229,12 @@ def test_one_pick_and_one_put_are_seen_whatever_the_object_brushes_on_its_way(fa
     assert taken.pose == begun, "a nudge before the grasp is not where it was picked"
     assert isinstance(given, Put)
     assert (given.relation, given.slot, given.level) == ("inside", condition.layout["box"], 1)
-    assert all(TrainedSupport.of(task).judge(p).problem is None for p in (taken, given))
+    assert given.release.height_m == pytest.approx(up.position[2]), "where both fingers last had it"
+    x, y, _ = state.pose("box").inverse().apply(up.position)
+    assert given.release[1:] == pytest.approx((x, y))
+    assert given.target_pose == state.pose("box")
+    assert support_of(task).judge(taken).problem is None
+    assert "above every height" in support_of(task).judge(given).problem
 
 
 def test_what_is_lost_and_taken_again_elsewhere_is_outside(fast_food, posed):
@@ -132,7 +246,7 @@ def test_what_is_lost_and_taken_again_elsewhere_is_outside(fast_food, posed):
     watch.update(posed(state, {"burger_1": begun.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
     watch.update(posed(state, {"burger_1": fell}, contacts=(("burger_1", "table"),)))
     watch.update(posed(state, {"burger_1": fell.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
-    found = [TrainedSupport.of(task).judge(p) for p in watch.finish()]
+    found = [support_of(task).judge(p) for p in watch.finish()]
     assert found[0].problem is None
     assert "loses" in found[1].text
     assert found[1].problem is None
@@ -149,7 +263,21 @@ def test_what_was_pushed_aside_before_it_is_taken_was_picked_where_it_came_to_re
     taken = watch.finish()[0]
     assert isinstance(taken, Pick)
     assert taken.pose == aside
-    assert TrainedSupport.of(task).judge(taken).problem is not None
+    assert support_of(task).judge(taken).problem is not None
+
+
+def test_what_is_at_its_target_from_the_start_is_listed_first(start, posed):
+    task, condition, state = start("dinner_plates", "train3")
+    watch = Handling(task, condition)
+    watch.update(state)
+    (found,) = watch.finish()
+    assert isinstance(found, Preplaced)
+    assert (found.kind, found.target_kind) == ("red plate", "white plate")
+    assert support_of(task).judge(found).problem is None
+    moved = posed(state, {"red_plate": state.pose("red_plate").translated(x=0.03)})
+    watch = Handling(task, condition)
+    watch.update(moved)
+    assert "mm and" in support_of(task).judge(watch.finish()[0]).problem
 
 
 def test_untouched_scenes_hold_no_primitive(fast_food):
@@ -183,6 +311,6 @@ def test_stacks_and_mounts_lead_down_to_their_slot(start, posed):
     watch.update(state)
     watch.update(posed(state, {blue: there.translated(z=0.1)}, contacts=fingers, held=blue))
     watch.update(posed(state, {blue: there}, contacts=((blue, red),)))
-    given = watch.finish()[1]
+    given = watch.finish()[2]
     assert isinstance(given, Put)
     assert (given.target_kind, given.slot, given.level) == ("red plate", condition.layout[white], 2)

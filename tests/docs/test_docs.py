@@ -92,10 +92,11 @@ from betterbench.interventions import vary
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import FAST
 from betterbench.tasks import environment_id, get_task, suite_tasks
+from betterbench.tasks.demonstrated import Demonstrated
 task = get_task("tea_tray")
 assert "tea_tray" not in suite_tasks("better60")
 assert environment_id("tea_tray") == "BeTTER/TeaTray-v0"
-assert TrainedSupport.of(task).grasped == {"cup", "spoon"}
+assert TrainedSupport.of(task, Demonstrated("", "", 1, 0, (), ())).grasped == {"cup", "spoon"}
 for condition in (task.training[0], vary(task, task.variations[0])[0]):
     assert task.template.problems(condition) == ()
     for seed in (0, 1):

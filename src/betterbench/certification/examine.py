@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.certification.certificate import Clause, TrialCertificate
-from betterbench.certification.support import Found, Handling, TrainedSupport
+from betterbench.certification.handling import Handling, Primitive
+from betterbench.certification.support import Found, TrainedSupport
 from betterbench.errors import PlanningError
 from betterbench.experts import make_expert
 from betterbench.experts.planner import Planner
@@ -16,7 +17,7 @@ from betterbench.geometry import distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.robots import ArmIK
-from betterbench.scenes import Scene
+from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.stage import QUALITIES
 from betterbench.state import WorldState
 from betterbench.tasks import (
@@ -30,6 +31,7 @@ from betterbench.tasks import (
     Truth,
     broken_premises,
 )
+from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4
@@ -206,10 +208,18 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
     return Clause(passed=False, text=told)
 
 
-def _expert(scene: Scene) -> _Episode:
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """An episode of the expert: why it was not solved (empty if it was), control steps, and what was done."""
+
+    problem: str
+    steps: int
+    primitives: tuple[Primitive, ...]
+
+
+def watch_expert(scene: Scene) -> Watched:
     """Let the expert run the trial and watch what it does."""
     task, condition = scene.task, scene.condition
-    began = time.perf_counter()
     state = scene.reset(check_premise=False)
     tracker = GoalTracker(condition, scene.info, template=task.template, control_rate_hz=scene.control_rate_hz)
     handling = Handling(task, condition)
@@ -226,11 +236,19 @@ def _expert(scene: Scene) -> _Episode:
             handling.update(state)
     except Exception as error:  # noqa: BLE001 - an expert that breaks down has not solved the trial; it is listed as such
         broke = f"{type(error).__name__}: {error}"
-    trained = TrainedSupport.of(task)
+    problem = "" if truth.success else broke or _why_not(condition, tracker, truth, state.step)
+    return Watched(problem, state.step, handling.finish())
+
+
+def _expert(scene: Scene) -> _Episode:
+    """Let the expert run the trial and compare what it does with the training regime."""
+    trained = TrainedSupport.of(scene.task, demonstrated(scene.task, engine=engine_version()))
+    began = time.perf_counter()
+    watched = watch_expert(scene)
     return _Episode(
-        Clause(truth.success, "" if truth.success else broke or _why_not(condition, tracker, truth, state.step)),
-        state.step,
-        tuple(trained.judge(p) for p in handling.finish()),
+        Clause(not watched.problem, watched.problem),
+        watched.steps,
+        tuple(trained.judge(p) for p in watched.primitives),
         time.perf_counter() - began,
     )
 

@@ -1,10 +1,10 @@
-"""The journal of a certification: one synced line per examined trial, from which the same command goes on."""
+"""The journals of certifications: a header with versions, and one synced line per trial, from which one goes on."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar
 
 from pydantic import TypeAdapter
 
@@ -20,12 +20,14 @@ _CURE = "Delete the line to examine its trial again"
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class _Header:
-    package_version: str
-    suite_version: str
-    mujoco: str
-    version: Literal[1] = 1
-    form: Literal["betterbench certification journal"] = "betterbench certification journal"
+class JournalHeader:
+    """The first line of a journal: what it is, and the versions that it was begun under."""
+
+    form: str
+    package_version: str = ""
+    suite_version: str = ""
+    mujoco: str = ""
+    version: int = 1
 
 
 @strict_form
@@ -37,24 +39,63 @@ class _Line:
     elapsed_s: float
 
 
-_HEADER, _LINE = TypeAdapter(_Header), TypeAdapter(_Line)
+_HEADER, _LINE = TypeAdapter(JournalHeader), TypeAdapter(_Line)
 
 
-class CertificationJournal(LineJournal):
-    """The journal of a certification, open for appending by one process at a time.
-
-    Trials that were examined for another version of their task are examined again.
+class VersionedJournal(LineJournal):
+    """A journal that goes on only under the versions that it was begun under, open for appending by one process.
 
     Raises:
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If a line is corrupt.
     """
 
+    form: ClassVar[str]
+    """What the first line says that the journal is."""
+
+    def __init__(self, path: Path, versions: CertificateVersions) -> None:
+        self._versions = versions
+        self._header = JournalHeader(self.form, versions.package, versions.suite, versions.engine)
+        super().__init__(path)
+
+    def _append_form(self, form: object) -> None:
+        if self.is_empty:
+            self._append_line(asdict(self._header))
+        self._append_line(form)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        if lines:
+            self._check_header(lines[0])
+        for number, line in enumerate(lines[1:], start=2):
+            self._take_in_line(line, f"{self._path}: line {number} is corrupt")
+
+    def _take_in_line(self, line: bytes, where: str) -> None:
+        """Read a line after the first; ``where`` is for the error."""
+        raise NotImplementedError
+
+    def _check_header(self, line: bytes) -> None:
+        cure = "Choose another folder"
+        where = f"{self._path}: this is not a {self.form.removeprefix('betterbench ')}"
+        found = read_form(_HEADER, line, where=where, cure=cure, raises=RunConflictError)
+        if found.form != self.form:
+            raise RunConflictError(f"{where}. {cure}.")
+        for name, value in asdict(self._header).items():
+            if (there := getattr(found, name)) != value:
+                raise RunConflictError(f"{self._path}: begun with {name} {there}, this is {value}. {cure}.")
+
+
+class CertificationJournal(VersionedJournal):
+    """The journal of a certification; trials that were examined for another version of their task are examined again.
+
+    Raises as :class:`VersionedJournal` does.
+    """
+
+    form = "betterbench certification journal"
+
     def __init__(self, folder: Path, versions: CertificateVersions) -> None:
         self.trials: dict[TrialId, TrialCertificate] = {}
-        self._versions = versions
         self._sessions: dict[str, float] = {}
-        super().__init__(folder / JOURNAL_NAME)
+        super().__init__(folder / JOURNAL_NAME, versions)
 
     @property
     def wall_s(self) -> float:
@@ -63,29 +104,12 @@ class CertificationJournal(LineJournal):
 
     def append(self, trial: TrialCertificate, *, session: str, elapsed_s: float) -> None:
         """Append an examined trial and force it to disk."""
-        if self.is_empty:
-            self._append_line(asdict(self._header()))
-        self._append_line(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))
+        self._append_form(asdict(_Line(trial, self._versions.tasks[trial.task], session, round(elapsed_s, 3))))
         self.trials[trial.key] = trial
         self._sessions[session] = elapsed_s
 
-    def _take_in(self, lines: list[bytes]) -> None:
-        if lines:
-            self._check_header(lines[0])
-        for number, line in enumerate(lines[1:], start=2):
-            where = f"{self._path}: line {number} is corrupt"
-            form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
-            self._sessions[form.session] = form.elapsed_s
-            if self._versions.tasks.get(form.trial.task, form.task_version) == form.task_version:
-                self.trials[form.trial.key] = form.trial
-
-    def _header(self) -> _Header:
-        return _Header(self._versions.package, self._versions.suite, self._versions.engine)
-
-    def _check_header(self, line: bytes) -> None:
-        cure = "Choose another folder"
-        where = f"{self._path}: this is not a certification journal"
-        found = read_form(_HEADER, line, where=where, cure=cure, raises=RunConflictError)
-        for name, value in asdict(self._header()).items():
-            if (there := getattr(found, name)) != value:
-                raise RunConflictError(f"{self._path}: begun with {name} {there}, this is {value}. {cure}.")
+    def _take_in_line(self, line: bytes, where: str) -> None:
+        form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
+        self._sessions[form.session] = form.elapsed_s
+        if self._versions.tasks.get(form.trial.task, form.task_version) == form.task_version:
+            self.trials[form.trial.key] = form.trial

@@ -14,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import betterbench
 from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
@@ -26,6 +27,9 @@ from betterbench.recording import RetryLedger, write_durably
 from betterbench.recording.worker_process import prepare_process
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, TrialId, get_task
+from betterbench.tasks.demonstrated import demonstrated
+
+FoundT = TypeVar("FoundT")
 
 logger = logging.getLogger(__name__)
 
@@ -58,7 +62,8 @@ def certify(
         The certificate of exactly these trials, in their order.
 
     Raises:
-        InvalidInputError: If there is no trial, or the number of workers is out of range.
+        InvalidInputError: If there is no trial, the number of workers is out of range, or the demonstrations of a task
+            were not measured under the versions in use.
         WorkerError: If worker processes keep dying.
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
         RecordError: If the journal is corrupt.
@@ -73,11 +78,13 @@ def certify(
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
         waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
+        for name in dict.fromkeys(t.task for t in waiting):
+            demonstrated(get_task(name), engine=engine_version())
         planned = len(set(trials))
         done = planned - len(waiting)
         if on_progress is not None:
             on_progress(CertificationProgress(done, planned, None))
-        for found in _examined(sorted(waiting, key=lambda t: (t.task, t.seed)), workers):
+        for found in in_workers(sorted(waiting, key=lambda t: (t.task, t.seed)), workers, examine):
             journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
             done += 1
             if on_progress is not None:
@@ -102,17 +109,21 @@ def write_json(path: Path, form: object) -> None:
     write_durably(path, (json.dumps(form, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]:
-    """Yield findings as they come; the trials of a pool that breaks are examined again, each alone."""
+def in_workers(trials: list[TrialId], workers: int, work: Callable[[TrialId], FoundT]) -> Iterator[FoundT]:
+    """Yield what a function finds on trials, as it comes; the trials of a pool that breaks are worked on again alone.
+
+    Raises:
+        WorkerError: If worker processes keep dying.
+    """
     if workers == 1 or len(trials) <= 1:
-        yield from map(examine, trials)
+        yield from map(work, trials)
         return
     cure = "Run the same command again with fewer --workers."
     ledger = RetryLedger(trials, workers="worker processes", cure=cure)
     while ledger.left:
-        pending: dict[Future[TrialCertificate], TrialId] = {}
+        pending: dict[Future[FoundT], TrialId] = {}
         try:
-            yield from _pooled(ledger, pending, workers)
+            yield from _pooled(ledger, pending, workers, work)
         except BrokenProcessPool as error:
             logger.warning("a worker process died; %d trials are examined again", len(pending))
             how = "it was ended from outside, as when memory runs out"
@@ -121,8 +132,11 @@ def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]
 
 
 def _pooled(
-    ledger: RetryLedger[TrialId], pending: dict[Future[TrialCertificate], TrialId], workers: int
-) -> Iterator[TrialCertificate]:
+    ledger: RetryLedger[TrialId],
+    pending: dict[Future[FoundT], TrialId],
+    workers: int,
+    work: Callable[[TrialId], FoundT],
+) -> Iterator[FoundT]:
     """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
@@ -134,7 +148,7 @@ def _pooled(
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
                 for trial in new:
-                    pending[pool.submit(examine, trial)] = trial
+                    pending[pool.submit(work, trial)] = trial
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)

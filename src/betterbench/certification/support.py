@@ -1,10 +1,4 @@
-"""Support: the picks, puts and slides of a training regime, and whether those of an episode lie among them.
-
-Three kinds of primitive are watched in the states of an episode, by what happens to the objects and not by what a
-policy says it does. A **pick** counts with the pose in which the object last stood at rest before the gripper touched
-it. A **put** counts with the relation that the object bears to a target after it was let go. A **slide** is a drawer
-that was moved along its rails.
-"""
+"""Support: the picks, puts and slides of a training regime, and whether those of an episode lie among them."""
 
 from __future__ import annotations
 
@@ -12,12 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from betterbench.geometry import Pose, distance, yaw_of
-from betterbench.state import WorldState
-from betterbench.state.world import GRIPPER_BODIES
-from betterbench.tasks import Condition, Slot, Task
-from betterbench.tasks.relations import RELATIONS, at_rest
-from betterbench.tasks.relations.closed import GAP
+from betterbench.certification.handling import DrawerMove, Pick, Preplaced, Primitive, Put, ground_of
+from betterbench.geometry import Pose, yaw_of
+from betterbench.tasks import Slot, Task
+from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Demonstrated, FlatPose
+from betterbench.tasks.relations import RELATIONS
 
 POSITION_TOLERANCE_M = 0.001
 """Distance beyond a slot's jitter that still counts as inside [m]: the drift that clause (c) allows."""
@@ -25,54 +18,8 @@ YAW_TOLERANCE_RAD = 0.02
 """Turning beyond a slot's yaw jitter that still counts as inside [rad]; a resting asset turns by less."""
 PUSHED_TOLERANCE_M = 0.005
 """The same for a movable target at the time something is put on it [m]: setting things down may push it so far."""
-SLIDE_M = GAP
-"""Distance from which a drawer counts as moved [m]."""
-LONGEST_CHAIN = 8
-"""Most hops from a target down to what stands in a slot: a stack of four on something in a mounted drawer has six."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pick:
-    """An object taken from ``pose`` (``T_world_object``), in which it last stood at rest before the gripper's touch."""
-
-    object: str
-    kind: str
-    pose: Pose
-
-
-@dataclass(frozen=True, slots=True)
-class Put:
-    """An object let go, and the pose of what stands in the slot below it.
-
-    Attributes:
-        relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
-        region: TargetRegion of the target, where it offers several.
-        slot: Slot that the target, or what carries it, stands in; None if it stands in none.
-        level: Number of things below, down to the slot; the mount of a drawer does not count.
-        pose: Pose ``T_world_object`` at rest.
-    """
-
-    object: str
-    relation: str | None
-    target_kind: str
-    region: str
-    slot: str | None
-    level: int
-    base_pose: Pose
-    base_fixed: bool
-    pose: Pose
-
-
-@dataclass(frozen=True, slots=True)
-class DrawerMove:
-    """A drawer opened or shut, and the slot of its cabinet."""
-
-    object: str
-    kind: str
-    slot: str | None
-
-
-Primitive = Pick | Put | DrawerMove
+LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
+"""Farthest that a pre-placed object may stand or be turned from how some demonstration left one [m], [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,111 +34,19 @@ class Found:
     slack_m: float | None
 
 
-class Handling:
-    """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
-
-    def __init__(self, task: Task, condition: Condition) -> None:
-        self._condition = condition
-        self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
-        self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}
-        self._stood: dict[str, Pose] = {}
-        self._shut_at: dict[str, Pose] = {}
-        self._carried: str | None = None
-        self._settling: str | None = None
-        self._found: list[Primitive] = []
-        self._slid: dict[str, DrawerMove] = {}
-        self._last: WorldState | None = None
-
-    def update(self, state: WorldState) -> None:
-        """Take in the next state."""
-        if self._last is None:
-            for o in state.info.objects:
-                (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
-        self._last = state
-        for name, start in self._shut_at.items():
-            if name not in self._slid and distance(state.pose(name).position, start.position) > SLIDE_M:
-                kind = state.info.object(name).kind
-                self._slid[name] = DrawerMove(name, kind, _ground(self._condition, name, self._resting_on)[0])
-        if self._carried is not None and not _in_fingers(state, self._carried):
-            self._settling, self._carried = self._carried, None
-        held = state.held
-        if held is not None and held != self._carried and held not in self._shut_at:
-            self._settle(state)
-            self._carried = held
-            self._found.append(Pick(held, state.info.object(held).kind, self._stood[held]))
-            self._resting_on.pop(held, None)
-        touched = {n for a, b, _ in state.contacts for n in (a, b) if a in GRIPPER_BODIES or b in GRIPPER_BODIES}
-        for name in self._stood:
-            if name not in touched and name != self._carried and at_rest(state, name):
-                self._stood[name] = state.pose(name)
-        if (
-            self._settling is not None
-            and not state.touched_by_gripper(self._settling)
-            and at_rest(state, self._settling)
-        ):
-            self._settle(state)
-
-    def finish(self) -> tuple[Primitive, ...]:
-        """Return all primitives of the episode in the order in which they began; slides come last."""
-        if self._last is not None:
-            self._settle(self._last)
-        return (*self._found, *self._slid.values())
-
-    def _settle(self, state: WorldState) -> None:
-        """Note where the object that was let go has come to rest."""
-        name = self._settling
-        if name is None:
-            return
-        self._settling = None
-        self._stood[name] = state.pose(name)
-        for relation in self._relations:
-            if state.info.object(name).role not in relation.roles:
-                continue
-            for target in state.info.objects:
-                if target.name == name or not relation.regions(target):
-                    continue
-                place = relation.where(state, name, target.name)
-                if place is not None:
-                    self._resting_on[name] = target.name
-                    slot, level, base = _ground(self._condition, target.name, self._resting_on)
-                    fixed = state.info.object(base).fixed
-                    pose = state.pose(name)
-                    kind = target.kind
-                    put = Put(name, relation.name, kind, place, slot, level, state.pose(base), fixed, pose)
-                    self._found.append(put)
-                    return
-        pose = state.pose(name)
-        self._found.append(Put(name, None, "", "", None, level=0, base_pose=pose, base_fixed=False, pose=pose))
-
-
-def _in_fingers(state: WorldState, name: str) -> bool:
-    return state.touching("left_finger", name) or state.touching("right_finger", name)
-
-
-def _ground(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
-    """Return the slot (or None) below an object, the number of things up to it without mounts, and what is in it."""
-    level = 1
-    for _ in range(LONGEST_CHAIN):
-        mount = condition.object(name).mount
-        if name in resting_on:
-            name = resting_on[name]
-            level += 1
-        elif mount is not None:
-            name = mount.target
-        else:
-            break
-    return condition.layout.get(name), level, name
-
-
 @dataclass(frozen=True)
 class TrainedSupport:
     """The support of a task's training regime.
 
     Attributes:
+        demonstrated: Where the demonstrations of the regime let go of things and how they leave them.
+        relation: Relation in which things are pre-placed.
         targets: Relation, kind of target and place of every put.
         spots: Slot, relation, place and level of every put: where in the world things were let go.
     """
 
+    demonstrated: Demonstrated
+    relation: str
     pick_slots: tuple[Slot, ...] = ()
     grasped: frozenset[str] = frozenset()
     targets: frozenset[tuple[str, str, str]] = frozenset()
@@ -200,8 +55,8 @@ class TrainedSupport:
     slots: Mapping[str, Slot] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, task: Task) -> TrainedSupport:
-        """Collect the primitives that the training conditions ask for.
+    def of(cls, task: Task, demonstrated: Demonstrated) -> TrainedSupport:
+        """Collect the primitives that the training conditions ask for, and those that their demonstrations show.
 
         A subgoal of a drawer that has to be shut is a slide; every other one picks its object and puts it at a target.
         """
@@ -215,18 +70,20 @@ class TrainedSupport:
             for goal in condition.instruction.subgoals:
                 names = condition.resolve(goal.reference)
                 if not RELATIONS[goal.relation].carried:
-                    grounds = ((name, _ground(condition, name, resting_on)[0]) for name in names)
+                    grounds = ((name, ground_of(condition, name, resting_on)[0]) for name in names)
                     slides.update((condition.object(name).kind, slot) for name, slot in grounds if slot is not None)
                     continue
                 placed = [name for name in names if name in condition.layout]
                 picks.update((slot, task.slot(slot)) for slot in (condition.layout[name] for name in placed))
                 grasped.update(condition.object(name).kind for name in placed)
                 targets.add((goal.relation, condition.object(goal.target).kind, goal.region))
-                slot, level, _ = _ground(condition, goal.target, resting_on)
+                slot, level, _ = ground_of(condition, goal.target, resting_on)
                 if slot is not None:
                     spots.add((slot, goal.relation, goal.region, level))
                 resting_on.update(dict.fromkeys(names, goal.target))
         return cls(
+            demonstrated,
+            task.template.relation,
             tuple(picks.values()),
             frozenset(grasped),
             frozenset(targets),
@@ -243,7 +100,7 @@ class TrainedSupport:
             text = f"moves the {primitive.kind} of the cabinet in {primitive.slot}"
             known = (primitive.kind, primitive.slot or "") in self.slides
             return Found(text, None if known else f"{text}, which no demonstration does", None)
-        return self._judge_put(primitive)
+        return self._judge_preplaced(primitive) if isinstance(primitive, Preplaced) else self._judge_put(primitive)
 
     def _judge_pick(self, pick: Pick) -> Found:
         x, y, _ = pick.pose.position
@@ -265,7 +122,7 @@ class TrainedSupport:
     def _judge_put(self, put: Put) -> Found:
         if put.relation is None:
             return Found(f"loses the {put.object} on the way", None, None)
-        where = f"{put.target_kind}{'.' if put.region else ''}{put.region}"
+        where = _place(put.target_kind, put.region)
         level = f" at level {put.level}" if put.level > 1 else ""
         text = f"puts {put.object} {put.relation} {where} in {put.slot}{level}"
         if (put.relation, put.target_kind, put.region) not in self.targets:
@@ -278,10 +135,59 @@ class TrainedSupport:
         allowed = POSITION_TOLERANCE_M if put.base_fixed else PUSHED_TOLERANCE_M
         if slack < -allowed:
             return Found(text, f"{text}, which stands {-1000 * slack:.1f} mm outside that slot", slack)
+        astray = self._release_astray(put)
+        if astray is not None:
+            return Found(text, f"{text}, {astray}", slack)
         return Found(text, None, slack if self.slots[put.slot].jitter_m > 0.0 else None)
 
     def _is_spot(self, put: Put) -> bool:
         return (put.slot or "", put.relation or "", put.region, put.level) in self.spots
+
+    def _release_astray(self, put: Put) -> str | None:
+        """Say how far a release is from all releases of the demonstrations at its place; None if it is among them."""
+        trained = self.demonstrated.releases_at((put.slot, put.relation, put.region, put.level))
+        if trained is None:
+            return "where no demonstration that was measured lets go of anything"
+        height, x, y = (1000.0 * value for value in put.release)
+        off, aside = trained.off_mm(height), trained.aside_mm(x, y)
+        if abs(off) > HEIGHT_MM:
+            return f"let go {abs(off):.1f} mm {'above' if off > 0.0 else 'below'} every height of training"
+        if put.relation and RELATIONS[put.relation].falls and aside > REACH_MM:
+            return f"let go {aside:.1f} mm aside of every release of training"
+        return None
+
+    def _judge_preplaced(self, there: Preplaced) -> Found:
+        where = _place(there.target_kind, there.region)
+        text = f"finds {there.object} {self.relation} {where}"
+        poses = self.demonstrated.final_poses_at(
+            there.target_kind, self.relation, there.region, kind=there.kind, asset=there.asset
+        )
+        if not poses:
+            return Found(text, f"{text}, where no demonstration leaves anything", None)
+        if any(_is_near(there.pose, pose) for pose in poses):
+            return Found(text, None, None)
+        nearest = min(poses, key=lambda pose: _offset_m(there.pose, pose))
+        turned = math.degrees(min(abs(_turn(there.pose, pose)) for pose in poses))
+        far = f"{1000.0 * _offset_m(there.pose, nearest):.1f} mm and {turned:.0f} degrees"
+        return Found(text, f"{text}, {far} from the nearest in which demonstrations leave one", None)
+
+
+def _place(target_kind: str, region: str) -> str:
+    return f"{target_kind}{'.' if region else ''}{region}"
+
+
+def _is_near(pose: Pose, trained: FlatPose) -> bool:
+    return _offset_m(pose, trained) <= LEFT_M and abs(_turn(pose, trained)) <= LEFT_RAD
+
+
+def _offset_m(pose: Pose, trained: FlatPose) -> float:
+    """Return the distance of two poses at a target, seen from above [m]."""
+    return math.dist(pose.position[:2], (0.001 * trained.x_mm, 0.001 * trained.y_mm))
+
+
+def _turn(pose: Pose, trained: FlatPose) -> float:
+    """Return the heading of a pose against a trained one [rad], in [-pi, pi]."""
+    return math.remainder(yaw_of(pose.quaternion) - math.radians(trained.yaw_deg), math.tau)
 
 
 def slack_m(slot: Slot, pose: Pose) -> float:

@@ -23,6 +23,7 @@ def certify_command(
     trials: int = 20,
     seed: int = 0,
     workers: int | None = None,
+    demonstrations: int | None = None,
     write_package: bool = False,
     json: bool = False,
 ) -> None:
@@ -31,6 +32,9 @@ def certify_command(
     The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps what is done; the
     same command resumes. The exit status is 0 even where a clause fails: such trials are listed, and better eval
     refuses them.
+
+    With --demonstrations nothing is certified: so many demonstrations of the expert per task are measured, because the
+    certificate and pre-placed objects depend on where they let go of things. Do it once for a task file of your own.
 
     Example: better certify --tasks fast_food --trials 3 --out runs/certificate
 
@@ -41,7 +45,9 @@ def certify_command(
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        write_package: Also write the compact certificate that ships with the suite; for its maintainers.
+        demonstrations: Measure so many demonstrations per task, 120 say, instead of certifying.
+        write_package: Also write the compact certificate, or the demonstrations, that ship with the suite; for its
+            maintainers.
         json: Print the certificate as one JSON document at the end.
     """
     from betterbench.certification.runner import certify
@@ -51,10 +57,13 @@ def certify_command(
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
-    if write_package and tasks and set(tasks) != set(of_suite):
+    if write_package and demonstrations is None and tasks and set(tasks) != set(of_suite):
         problem = "it replaces the certificate of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks")
     prepare_robot("panda")
+    if demonstrations is not None:
+        _measure(tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package)
+        return
     plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with progress_bar("certify", len(planned)) as (bar, task):
@@ -73,6 +82,31 @@ def certify_command(
         return
     print_certificate(certificate)
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
+
+
+def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
+    """Measure demonstrations and write the files that hold them."""
+    from betterbench.certification.demonstrations import Demonstration
+    from betterbench.certification.measuring import destination, measure, write_demonstrations
+    from betterbench.tasks import get_task
+
+    packaged = [name for name in tasks if destination(get_task(name).id) is None]
+    if packaged and not write_package:
+        problem = f"those of {packaged[0]} ship with the suite"
+        raise InvalidInputError("--demonstrations", problem, "Name tasks of a --task-file, or add --write-package")
+    with progress_bar("measure", number * len(tasks)) as (bar, task):
+
+        def told(done: int, planned: int, last: Demonstration | None) -> None:
+            name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, total=planned, completed=done, note=name)
+            if last is not None and last.problem:
+                say(f"{name}: {last.problem}; the demonstration does not count")
+
+        found = measure(tasks, out, number=number, workers=workers, on_progress=told)
+    for name, shown in found.items():
+        OUT.print(f"{name}: {shown.solved} demonstrations, {len(shown.releases)} places", markup=False, soft_wrap=True)
+    for path in write_demonstrations(found):
+        OUT.print(f"demonstrations {path}", markup=False, soft_wrap=True)
 
 
 def _store(certificate: Certificate, out: Path, *, write_package: bool) -> Path:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import functools
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,11 @@ from betterbench.experts.probes import make_replay
 from betterbench.experts.registry import EXPERTS, REPLAYS, WITNESS, Address, expert_names, parse_address, witnessed
 from betterbench.experts.skills import Skills
 from betterbench.experts.witness import Witness
-from betterbench.scenes import Scene
+from betterbench.scenes import Scene, engine_version
 from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import TargetRegion, stream
+from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 MAX_DECISIONS = 12
 """Decisions after which a policy gives up: twice the longest chain of the suite."""
@@ -53,7 +56,11 @@ class _DecisionLoop:
         self.mishap: str | None = None
         self._exact = noise.grasp_offset is None
         rate = scene.control_rate_hz
-        self._skills = Skills(Planner(scene), 1.0 / rate, grasp_offset=noise.grasp_offset, speed=noise.speed)
+        choice = functools.partial(stream, scene.task.id, scene.seed)
+        trained = _trained_releases(scene)
+        self._skills = Skills(
+            Planner(scene), 1.0 / rate, choice, trained, grasp_offset=noise.grasp_offset, speed=noise.speed
+        )
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
     def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
@@ -91,6 +98,23 @@ class _DecisionLoop:
         if not worked and self._exact and self.mishap is None:
             self.mishap = f"the gripper could not carry out {decision}"
         return state
+
+
+def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
+    """Return where demonstrations let go of things at the targets of a scene, by target, relation and region.
+
+    A trial shows that it can be solved with what was trained, so it follows the demonstrations; these follow nothing.
+    """
+    condition = scene.condition
+    is_demonstration = scene.seed >= FIRST_DEMONSTRATION_SEED
+    known = None if is_demonstration else demonstrated_if_measured(scene.task, engine=engine_version())
+    grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
+
+    def trained(target: str, relation: str, region: str) -> Releases | None:
+        slot = condition.layout.get(grounds[target])
+        return None if known is None else known.releases_at((slot, relation, region, 1))
+
+    return trained
 
 
 class PrivilegedAgent:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import itertools
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,11 +29,16 @@ from betterbench.experts.planner import DOWN, LIFT_M, Planner
 from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
 from betterbench.tasks import TargetRegion
+from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Releases
+from betterbench.tasks.relations import PlaceGoal
 from betterbench.tasks.relations import relation as relation_named
+from betterbench.tasks.relations.placing import foot_offset
 
 SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
 """A skill yields actions, is sent states, and returns the last state and whether it worked."""
 
+SURE = 0.6
+"""Share of the certificate's tolerances within which a goal counts as trained; the arm misses goals a little."""
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
 
@@ -44,6 +50,8 @@ class Skills:
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
+        choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
+        trained: Returns where demonstrations let go of things at a target, by relation and region; None if unknown.
         attempts: How often a failed grasp is tried again.
         grasp_offset: Deliberate clumsiness, or None.
         speed: Share of the usual speed.
@@ -51,6 +59,8 @@ class Skills:
 
     planner: Planner
     period_s: float
+    choice: Callable[[str], np.random.Generator]
+    trained: Callable[[str, str, str], Releases | None]
     attempts: int = 4
     grasp_offset: GraspOffset | None = None
     speed: float = 1.0
@@ -135,10 +145,9 @@ class Skills:
         Returns:
             The last state and whether the object was still in the gripper on arrival.
         """
+        goals = relation_named(relation).place_goals(state, name, target.target, target.region)
         try:
-            plan = self.planner.plan_place(
-                state, name, relation_named(relation).place_goals(state, name, target.target, target.region)
-            )
+            plan = self.planner.plan_place(state, name, self.in_turn(state, name, goals, target, relation))
         except PlanningError:
             return state, False
         state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
@@ -159,6 +168,31 @@ class Skills:
             settle=2,
         )
         return state, arrived
+
+    def in_turn(
+        self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
+    ) -> list[PlaceGoal]:
+        """Return goals in the order in which they are tried: those that are alike in any order, drawn per kind.
+
+        In a container those come first at which demonstrations let go of things, as far as that is known.
+        """
+        draw = self.choice(f"place:{state.info.object(name).kind}")
+        ordered: list[PlaceGoal] = []
+        for alike, neighbors in itertools.groupby(goals, key=lambda goal: goal.alike):
+            found = list(neighbors)
+            ordered += found if alike is None else [found[i] for i in draw.permutation(len(found))]
+        trained = self.trained(target.target, relation, target.region)
+        if trained is None or not relation_named(relation).falls:
+            return ordered
+        offset, to_target = foot_offset(state.info.object(name)), state.pose(target.target).inverse()
+
+        def is_new(goal: PlaceGoal) -> bool:
+            foot_at = goal.pose.apply(offset)
+            x, y, _ = to_target.apply(foot_at)
+            aside = trained.aside_mm(1000.0 * x, 1000.0 * y)
+            return abs(trained.off_mm(1000.0 * foot_at[2])) > SURE * HEIGHT_MM or aside > SURE * REACH_MM
+
+        return sorted(ordered, key=is_new)
 
     def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
         """Bring an object to its target, starting over where it slipped out of the gripper."""

@@ -21,7 +21,7 @@ from betterbench.recording.metadata import dump_json
 from betterbench.recording.parquet import read_record, write_record
 from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
-from betterbench.tasks.user_files import COPIES, loaded_files, require_origins
+from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
 
 RUN_SCHEMA_VERSION = 1
 """Version of ``run.json`` and of the layout of the folder."""
@@ -213,6 +213,9 @@ def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
     for file in loaded_files() if plan.get("task_files") else ():
         if not (path / COPIES / file.copy_name).exists():
             write_durably(path / COPIES / file.copy_name, file.source.encode())
+        if file.demonstrations is not None:
+            measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
+            write_durably(measured, file.demonstrations.encode())
 
 
 def _safe_name(what: str, name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import math
 import threading
 import zlib
 from collections import OrderedDict
@@ -14,12 +15,12 @@ import numpy as np
 
 from betterbench.assets import Asset, build, looks
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import Pose, Vector, from_yaw
+from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
 from betterbench.robots import RobotSpec, build_robot_spec, robot
 from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
 from betterbench.tasks import Condition, ObjectSpec, TargetRegion, Task, stream
-from betterbench.tasks.relations import RestingPlace
+from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
 from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.closed import MOUNTS
 from betterbench.tasks.relations.layer import LAYERS
@@ -116,7 +117,11 @@ def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placemen
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
     for name, place in condition.preplaced.items():
         below = _below(condition, place)
-        poses[name] = preplaced_pose(task, seed, chosen[name], chosen[below], poses[below], region=place.region)
+        surface = poses[below].apply((0.0, 0.0, _surface_m(task, chosen[below], place.region)))[2]
+        flat = _drawn_pose(task, condition, seed, name, chosen[name])
+        x, y, _ = poses[place.target].apply((0.001 * flat.x_mm, 0.001 * flat.y_mm, 0.0))
+        yaw = yaw_of(poses[place.target].quaternion) + math.radians(flat.yaw_deg)
+        poses[name] = Pose((x, y, surface), from_yaw(yaw)) @ rest_pose(chosen[name])
     placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
@@ -147,21 +152,28 @@ def _under(layer: str) -> str:
     return LAYERS[LAYERS.index(layer) - 1]
 
 
-def preplaced_pose(
-    task: Task, seed: int, asset: Asset, target: Asset, T_world_target: Pose, *, region: str = ""
-) -> Pose:
-    """Return where an object rests that is at its target from the start, well inside the tolerance of the goal.
-
-    The target is a container, a ring, a hole, a plate, or the layer below it in a stack. Raises InvalidInputError if
-    nothing can be pre-placed in the relation that the task asks for.
-    """
+def _surface_m(task: Task, target: Asset, region: str) -> float:
+    """Return the height at which things rest at a target [m], in its frame."""
     relation = relation_named(task.template.relation)
-    if relation.preplace is None:
+    if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
-        raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a preplace function")
-    dx, dy, dyaw = (float(v) for v in stream(task.id, seed, "preplaced").uniform(-1.0, 1.0, 3))
-    mine, its = ({r.name: (r.position, r.half_size) for r in a.regions} for a in (asset, target))
-    return T_world_target @ relation.preplace(RestingPlace((dx, dy, dyaw), mine, its, region)) @ rest_pose(asset)
+        raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a surface function")
+    return relation.surface({r.name: r for r in target.regions}, region)
+
+
+def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, asset: Asset) -> FlatPose:
+    """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
+
+    Raises InvalidInputError if no demonstration was measured, or none brings anything there.
+    """
+    place, kind = condition.preplaced[name], condition.object(name).kind
+    target, relation = condition.object(place.target).kind, task.template.relation
+    known = demonstrated(task, engine=engine_version())
+    poses = known.final_poses_at(target, relation, place.region, kind=kind, asset=asset.identity)
+    if not poses:
+        problem = f"no demonstration puts anything {relation} {target}{'.' if place.region else ''}{place.region}"
+        raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place things where training brings some")
+    return final_pose(task, seed, kind=kind, region=place.region, poses=poses)
 
 
 _CACHE: OrderedDict[str, CompiledScene] = OrderedDict()

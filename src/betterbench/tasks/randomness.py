@@ -6,6 +6,9 @@ import numpy as np
 
 SUITE_VERSION = "1.0"
 
+FIRST_DEMONSTRATION_SEED = 1_000_000
+"""First seed of demonstrations; smaller ones belong to evaluation and certificates (law 8 of the suite)."""
+
 
 def stream(task: str, seed: int, purpose: str) -> np.random.Generator:
     """Return a fresh generator for one purpose ("slot:near", "look:mug"): PCG64 seeded with a SHA-256.

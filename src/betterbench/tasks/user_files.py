@@ -31,6 +31,9 @@ VARIABLE = "BETTERBENCH_TASK_FILES"
 GROUP = "betterbench.plugins"
 """Group of entry points; each names a module that registers tasks or assets when it is imported."""
 
+COMPANION_SUFFIX = ".demonstrations.json"
+"""Suffix, in place of ".py", of the file beside a task file in which demonstrations of its tasks are measured."""
+
 COPIES = "task_files"
 """Folder inside the folder of a run that holds a copy of each task file."""
 
@@ -42,11 +45,13 @@ T = TypeVar("T")
 class TaskFile:
     """A user's file as it was loaded; workers get the same text, whatever happens to the file meanwhile.
 
-    The path is absolute, on the machine that loaded it first.
+    The path is absolute, on the machine that loaded it first. ``demonstrations`` is the text of its companion file, if
+    there is one.
     """
 
     path: str
     source: str
+    demonstrations: str | None = None
 
     @classmethod
     def read(cls, path: Path | str) -> TaskFile:
@@ -56,7 +61,8 @@ class TaskFile:
             InvalidInputError: If there is no such file, or it is no text in UTF-8.
         """
         try:
-            return cls(str(Path(path).resolve()), Path(path).read_text(encoding="utf-8"))
+            found = Path(path).resolve()
+            return cls(str(found), found.read_text(encoding="utf-8"), _companion_text(found))
         except (OSError, UnicodeDecodeError) as error:
             problem = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
             raise InvalidInputError(f"--task-file {path}", f"{problem}", "Give the path of a Python file") from None
@@ -70,6 +76,14 @@ class TaskFile:
     def copy_name(self) -> str:
         """Name of the copy in the folder of a run."""
         return _copy_name(Path(self.path).name, self.sha256)
+
+
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """Where the demonstrations of a user's task are measured, and the text of that file (None if there is none)."""
+
+    path: Path
+    text: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +216,31 @@ def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
     files = [{"name": Path(f.path).name, "sha256": f.sha256} for f in _files.values()] if found else []
     plugins = [{"name": name, "version": version} for name, version in packages]
     return {name: listed for name, listed in (("task_files", files), ("plugins", plugins)) if listed}
+
+
+def companion_of(task: str) -> Companion | None:
+    """Return the file beside the one that defines a task in which its demonstrations are measured.
+
+    Returns:
+        Its path and text; None for a built-in task. On a machine that has only been sent the file, the text is what was
+        sent with it.
+    """
+    origin = _origins.get(("task", task))
+    if origin is None:
+        return None
+    path = Path(origin.path)
+    text = _companion_text(path)
+    sent = _files.get(origin.path)
+    if text is None and sent is not None and not path.exists():
+        text = sent.demonstrations
+    return Companion(path.with_suffix(COMPANION_SUFFIX), text)
+
+
+def _companion_text(path: Path) -> str | None:
+    try:
+        return path.with_suffix(COMPANION_SUFFIX).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
 
 
 def options_for(tasks: Iterable[str]) -> str:

@@ -6,7 +6,7 @@ They read states only, so live and offline verdicts are the same code. A new fil
 import importlib
 import pkgutil
 
-from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, RestingPlace, relation
+from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, relation
 from betterbench.tasks.relations.released import released
 from betterbench.tasks.relations.rest import arm_still, at_rest, on_floor, upright
 
@@ -17,7 +17,6 @@ __all__ = [
     "RELATIONS",
     "PlaceGoal",
     "Relation",
-    "RestingPlace",
     "arm_still",
     "at_rest",
     "on_floor",

@@ -3,8 +3,8 @@
 from betterbench.geometry import Pose, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import middle, nearest, reaches_into, rests_on
-from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
+from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, register
 from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
@@ -14,8 +14,6 @@ DEPTH = threshold(
     "hole_depth", 0.004, "m", "Height of a foot above the floor of its hole up to which it stands on the floor."
 )
 TILT = threshold("hole_tilt", 0.12, "rad", "Tilt up to which an object in a hole is upright; the clearance allows 4°.")
-PLAY_M = 0.001
-"""Largest distance from the middle of its hole at which a pre-placed object stands [m]."""
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:
@@ -63,10 +61,6 @@ def _goals(state: WorldState, name: str, rack: str, hole: str) -> tuple[PlaceGoa
     return standing_goals(state, name, floor, yaws, release_width_m=slim_opening_m(state.info.object(name)))
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    return resting_at(place, place.region, spread_m=PLAY_M)
-
-
 IN_HOLE = register(
     Relation(
         name="in_hole",
@@ -77,6 +71,6 @@ IN_HOLE = register(
         needs=("hole_1", "hole_2", "hole_3"),
         tolerances=("hole_depth", "hole_tilt"),
         goals=_goals,
-        preplace=_preplace,
+        surface=at_height_of(),
     )
 )

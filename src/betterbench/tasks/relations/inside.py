@@ -1,12 +1,13 @@
 """Containment: whether an object is in a container that is open at the top."""
 
 import math
+from collections.abc import Mapping
 
 from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(
@@ -19,8 +20,6 @@ FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085)
 """Heights above the floor of a container from which an object is let go [m], the lower the better."""
-SPREAD_M = 0.02
-"""Largest distance from the middle of the container at which a pre-placed object lies [m]."""
 
 
 def inside(state: WorldState, name: str, container: str) -> bool:
@@ -52,7 +51,10 @@ def _loosely(state: WorldState, name: str, container: str) -> str | None:
 
 
 def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[PlaceGoal, ...]:
-    """Return goals over the floor of a container: where there is room, where the fingers can open, and low."""
+    """Return goals over the floor of a container: where there is room, where the fingers can open, and low.
+
+    Those that are equally good are alike, so that demonstrations let go of things all over the floor.
+    """
     frame = state.pose(container)
     region = state.info.object(container).region("inside")
     item = 0.5 * max(state.info.object(name).size_m[:2]) + 0.005
@@ -64,15 +66,15 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
     for turn in (0.0, math.pi / 2, -math.pi / 2):
         x, y, _ = rotate(from_yaw(turn), opening)
         room_x, room_y = _room(region, item, along_x=abs(x) > abs(y))
-        for preference, (fx, fy) in enumerate(SPOTS):
+        for fx, fy in SPOTS:
             spot = (region.position[0] + fx * max(room_x, 0.0), region.position[1] + fy * max(room_y, 0.0))
             gap = min((math.dist(spot, p[:2]) - 0.5 * max(o.size_m[:2]) for p, o in taken), default=1.0) - item
             crowding = max(0.0, -gap)
             for drop in DROPS_M:
                 place = frame.apply((spot[0], spot[1], floor + drop))
-                cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn) + 0.05 * preference
+                cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn)
                 goals.append((cost, Pose(place, normalize(from_yaw(now + turn)))))
-    return tuple(PlaceGoal(pose) for _, pose in sorted(goals, key=lambda g: g[0]))
+    return tuple(PlaceGoal(pose, alike=cost) for cost, pose in sorted(goals, key=lambda g: g[0]))
 
 
 def _room(region: Region, item: float, *, along_x: bool) -> tuple[float, float]:
@@ -98,10 +100,9 @@ def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[flo
     return found
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    dx, dy, dyaw = place.draw
-    (x, y, z), half_size = place.target_regions["inside"]
-    return Pose((x + SPREAD_M * dx, y + SPREAD_M * dy, z - half_size[2]), from_yaw(dyaw))
+def _floor(regions: Mapping[str, Region], _region: str) -> float:
+    inside_of = regions["inside"]
+    return inside_of.position[2] - inside_of.half_size[2]
 
 
 INSIDE = register(
@@ -114,7 +115,7 @@ INSIDE = register(
         needs=("inside",),
         tolerances=("inside_margin",),
         goals=_goals,
-        preplace=_preplace,
+        surface=_floor,
         falls=True,
     )
 )

@@ -2,11 +2,11 @@
 
 import math
 
-from betterbench.geometry import Pose, Vector, horizontal_distance, tilt_of
+from betterbench.geometry import Vector, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
-from betterbench.tasks.relations.placing import foot, resting_at, slim_opening_m, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, register
+from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, register
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
@@ -24,8 +24,6 @@ GAP = threshold(
 TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 """Categories of layers that look the same from both sides: nobody calls a patty upside down. A bun has a cut face."""
-SPREAD_M = 0.003
-"""Largest distance from the middle at which a pre-placed layer lies [m]."""
 
 
 def layer(state: WorldState, name: str, base: str) -> str | None:
@@ -100,10 +98,6 @@ def _goals(state: WorldState, name: str, base: str, region: str) -> tuple[PlaceG
     return standing_goals(state, name, (x, y, z), yaws, release_width_m=slim_opening_m(state.info.object(name)))
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    return resting_at(place, "floor" if "floor" in place.target_regions else "top", spread_m=SPREAD_M)
-
-
 LAYER = register(
     Relation(
         name="layer",
@@ -114,7 +108,7 @@ LAYER = register(
         needs=("top",),
         tolerances=("layer_offset", "layer_gap", "layer_tilt"),
         goals=_goals,
-        preplace=_preplace,
+        surface=at_height_of("floor", "top"),
         counted=True,
     )
 )

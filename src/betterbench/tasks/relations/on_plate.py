@@ -1,10 +1,10 @@
 """Stacking: whether a plate stands in the middle of another one."""
 
-from betterbench.geometry import Pose, tilt_of
+from betterbench.geometry import tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
-from betterbench.tasks.relations.placing import foot, resting_at, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
+from betterbench.tasks.relations.placing import foot, standing_goals, turned_by
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, offers, register, single
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 OFFSET = threshold(
@@ -14,8 +14,6 @@ OFFSET = threshold(
     "Distance from the middle of a plate up to which the next one is centered; the play within the rim.",
 )
 GAP = threshold("plate_gap", 0.004, "m", "Height of a foot above the floor of a plate up to which it stands on it.")
-SPREAD_M = 0.003
-"""Largest distance from the middle at which a pre-placed plate stands [m]."""
 RIM_RELEASE_M = 0.03
 """Opening of the gripper that lets go of a rim, with a finger inside and one outside it [m]."""
 
@@ -47,10 +45,6 @@ def _goals(state: WorldState, name: str, plate: str, _region: str) -> tuple[Plac
     return standing_goals(state, name, floor, yaws, release_width_m=RIM_RELEASE_M)
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    return resting_at(place, "floor", spread_m=SPREAD_M)
-
-
 ON_PLATE = register(
     Relation(
         name="on_plate",
@@ -61,6 +55,6 @@ ON_PLATE = register(
         needs=("floor",),
         tolerances=("plate_offset", "plate_gap"),
         goals=_goals,
-        preplace=_preplace,
+        surface=at_height_of("floor"),
     )
 )

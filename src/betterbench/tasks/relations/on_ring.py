@@ -4,7 +4,7 @@ from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, ya
 from betterbench.state import WorldState
 from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, RestingPlace, offers, register, single
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, offers, register, single
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
 
@@ -18,8 +18,6 @@ ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
 """Length and rise of the straight way in below the overhanging head of a fixture [m]."""
 TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1.0, -1.0)))
 """Turns away from the heading that keeps the handle farthest from the spout [rad], the smallest first."""
-SPREAD_M, SPREAD_RAD = 0.003, 0.1
-"""Largest distance from the middle and largest turn of a pre-placed object [m], [rad]."""
 
 
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
@@ -88,15 +86,6 @@ def _goals(state: WorldState, name: str, fixture: str, _region: str) -> tuple[Pl
     return tuple(goals)
 
 
-def _preplace(place: RestingPlace) -> Pose:
-    dx, dy, dyaw = place.draw
-    turn = from_yaw(SPREAD_RAD * dyaw)
-    foot_at = place.object_regions["base"][0] if "base" in place.object_regions else (0.0, 0.0, 0.0)
-    fx, fy, fz = rotate(turn, foot_at)
-    x, y, z = place.target_regions["ring"][0]
-    return Pose((x - fx + SPREAD_M * dx, y - fy + SPREAD_M * dy, z - fz), turn)
-
-
 ON_RING = register(
     Relation(
         name="on_ring",
@@ -107,6 +96,6 @@ ON_RING = register(
         needs=("ring", "spout"),
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
-        preplace=_preplace,
+        surface=at_height_of("ring"),
     )
 )

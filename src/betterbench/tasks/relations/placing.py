@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from betterbench.geometry import Pose, Vector, from_yaw, rotate, yaw_of
 from betterbench.state import ObjectInfo, WorldState
-from betterbench.tasks.relations.relation import PlaceGoal, RestingPlace
+from betterbench.tasks.relations.relation import PlaceGoal
 
 RELEASE_GAP_M = 0.002
 """Height above its resting place at which an object is let go [m]."""
@@ -49,10 +49,3 @@ def turned_by(state: WorldState, name: str, turns: Iterable[float]) -> list[floa
     """Return the headings that an object has after small turns of the gripper [rad]."""
     now = yaw_of(state.pose(name).quaternion)
     return [now + turn for turn in turns]
-
-
-def resting_at(place: RestingPlace, region: str, *, spread_m: float) -> Pose:
-    """Return the pose of an object that was set down within ``spread_m`` of the middle of a region, turned at will."""
-    dx, dy, dyaw = place.draw
-    x, y, z = place.target_regions[region][0]
-    return Pose((x + spread_m * dx, y + spread_m * dy, z), from_yaw(dyaw))

@@ -1,11 +1,11 @@
 """What a relation between an object and a target is, and the registry of all relations."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from betterbench.errors import PlanningError, find_named
 from betterbench.geometry import Pose, Vector
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.rest import on_floor
 
 
@@ -17,34 +17,20 @@ class PlaceGoal:
         pose: Pose ``T_world_object`` to let go at.
         approach: Displacement [m], world frame, from that pose to where the straight approach begins.
         release_width_m: How far the gripper opens to let go [m]; None for all the way.
+        alike: Neighbors in a list of goals that have the same number are equally good, and the expert takes any of
+            them; None for a goal that has its own place in the list.
     """
 
     pose: Pose
     approach: Vector = (0.0, 0.0, 0.08)
     release_width_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RestingPlace:
-    """Where an object that is pre-placed rests, in the frame of what it rests on; its own settling comes on top.
-
-    Attributes:
-        draw: Three numbers in [-1, 1) from the trial's own stream: x, y and heading.
-        object_regions: Regions of the object by name, as (position [m], half size [m]) in its frame.
-        target_regions: Likewise of what it rests in or on.
-        region: Name of the target region, "" where the target offers one alone.
-    """
-
-    draw: Vector
-    object_regions: dict[str, tuple[Vector, Vector]]
-    target_regions: dict[str, tuple[Vector, Vector]]
-    region: str
+    alike: float | None = None
 
 
 Where = Callable[[WorldState, str, str], str | None]
 Regions = Callable[[ObjectInfo], tuple[str, ...]]
 Goals = Callable[[WorldState, str, str, str], tuple[PlaceGoal, ...]]
-Preplace = Callable[[RestingPlace], Pose]
+Surface = Callable[[Mapping[str, Region], str], float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +50,8 @@ class Relation:
         tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None where the object is not carried: it slides in its mount.
-        preplace: Pose ``T_support_object`` of an object that is there from the start, where that makes sense.
+        surface: ``surface(regions, region)`` returns the height at which things rest there [m], in the frame of what
+            has these regions by name; None where nothing is there from the start.
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.
         falls: True if an object may be dropped into the target.
@@ -78,7 +65,7 @@ class Relation:
     loosely: Where | None = None
     tolerances: tuple[str, ...] = ()
     goals: Goals | None = None
-    preplace: Preplace | None = None
+    surface: Surface | None = None
     roles: tuple[str, ...] = ("item", "distractor")
     counted: bool = False
     falls: bool = False
@@ -175,3 +162,16 @@ def offers_each(*names: str) -> Regions:
         return tuple(r.name for r in info.regions if r.name in names)
 
     return regions
+
+
+def at_height_of(*names: str) -> Surface:
+    """Return the ``surface`` of a relation whose things rest at the first of these asset regions that there is.
+
+    Without names it is the target region itself.
+    """
+
+    def surface(regions: Mapping[str, Region], region: str) -> float:
+        found = next((name for name in names if name in regions), region)
+        return regions[found].position[2]
+
+    return surface

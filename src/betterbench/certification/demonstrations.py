@@ -1,0 +1,136 @@
+"""Measuring demonstrations: where the expert lets go of things in the training conditions, and how it leaves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from betterbench.certification.examine import watch_expert
+from betterbench.certification.handling import Put
+from betterbench.geometry import yaw_of
+from betterbench.interface.actions import EE_DELTA
+from betterbench.json_form import strict_form
+from betterbench.scenes import Scene, engine_version
+from betterbench.scenes.stage import QUALITIES
+from betterbench.tasks import SUITE_VERSION, Task, TrialId, get_task
+from betterbench.tasks.demonstrated import Demonstrated, FinalPoses, FlatPose, Releases, measured_so_far
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+MOST_POSES = 12
+"""Most final poses that are kept per asset and place, the first ones."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class DemonstratedPut:
+    """One put of a demonstration, in the units of the file: see ``Releases`` and ``FinalPoses``."""
+
+    slot: str
+    relation: str
+    region: str
+    level: int
+    height_mm: float
+    point_mm: tuple[int, int]
+    kind: str
+    asset: str
+    target_kind: str
+    pose: FlatPose
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Demonstration:
+    """One demonstration: why the expert did not solve it (empty if it did), and what it put where."""
+
+    task: str
+    condition: str
+    seed: int
+    problem: str
+    puts: tuple[DemonstratedPut, ...]
+
+    @property
+    def key(self) -> TrialId:
+        """The name of the trial."""
+        return TrialId(self.task, self.condition, self.seed)
+
+
+def planned_demonstrations(task: Task, number: int) -> tuple[tuple[TrialId, ...], tuple[TrialId, ...]]:
+    """Return the demonstrations of a task to measure, its training conditions in turn.
+
+    Returns:
+        Those that begin with nothing pre-placed, and those that begin as these have left things.
+    """
+    conditions = [task.training[i % len(task.training)] for i in range(number)]
+    trials = [(c, TrialId(task.id, c.name, FIRST_DEMONSTRATION_SEED + i)) for i, c in enumerate(conditions)]
+    first = tuple(trial for c, trial in trials if not c.preplaced)
+    return first, tuple(trial for c, trial in trials if c.preplaced)
+
+
+def demonstrate(trial: TrialId, so_far: Demonstrated | None = None) -> Demonstration:
+    """Let the expert give one demonstration and return what it put where.
+
+    Args:
+        trial: A training condition and a seed of demonstrations.
+        so_far: What was measured of the task before, for conditions that begin with something pre-placed.
+    """
+    task = get_task(trial.task)
+    with measured_so_far(task.id, so_far):
+        scene = Scene(
+            task, task.train(trial.condition), seed=trial.seed, action_space=EE_DELTA, quality=QUALITIES["fast"]
+        )
+        watched = watch_expert(scene)
+    puts = tuple(_noted(p) for p in watched.primitives if isinstance(p, Put) and p.relation and p.slot)
+    return Demonstration(trial.task, trial.condition, trial.seed, watched.problem, puts)
+
+
+def _noted(put: Put) -> DemonstratedPut:
+    at_rest = put.target_pose.inverse() @ put.pose
+    height, x, y = (1000.0 * value for value in put.release)
+    return DemonstratedPut(
+        slot=put.slot or "",
+        relation=put.relation or "",
+        region=put.region,
+        level=put.level,
+        height_mm=round(height, 1),
+        point_mm=(round(x), round(y)),
+        kind=put.kind,
+        asset=put.asset,
+        target_kind=put.target_kind,
+        pose=FlatPose(
+            round(1000.0 * at_rest.position[0], 1),
+            round(1000.0 * at_rest.position[1], 1),
+            round(math.degrees(yaw_of(at_rest.quaternion)), 1),
+        ),
+    )
+
+
+def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrated:
+    """Return what the demonstrations of a task show; those that the expert did not solve show nothing."""
+    solved = [d for d in demonstrations if not d.problem]
+    puts = [put for d in solved for put in d.puts]
+    places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
+    left: dict[tuple[str, str, str, str, str], list[FlatPose]] = {}
+    for put in puts:
+        places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
+        left.setdefault((put.kind, put.asset, put.target_kind, put.relation, put.region), []).append(put.pose)
+    return Demonstrated(
+        SUITE_VERSION,
+        engine_version(),
+        task.version,
+        len(solved),
+        tuple(
+            Releases(*place, _apart(p.height_mm for p in there), tuple(sorted({p.point_mm for p in there})))
+            for place, there in sorted(places.items())
+        ),
+        tuple(FinalPoses(*what, tuple(poses[:MOST_POSES])) for what, poses in sorted(left.items())),
+    )
+
+
+def _apart(heights_mm: Iterable[float]) -> tuple[float, ...]:
+    """Return sorted heights without those within half a millimeter of one before."""
+    kept: list[float] = []
+    for height in sorted(heights_mm):
+        if not kept or height > kept[-1] + 0.5:
+            kept.append(height)
+    return tuple(kept)

@@ -1,0 +1,230 @@
+"""Handling: what happens to the objects of an episode, told from its states and not by what a policy says it does.
+
+A **pick** counts with the pose in which the object last stood at rest before the gripper touched it. A **put** counts
+with where it was let go and with the relation that the object then bears to a target. A **slide** is a drawer that was
+moved along its rails. What is **pre-placed** counts with how it stands at its target at the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from betterbench.geometry import Pose, distance
+from betterbench.state import WorldState
+from betterbench.state.world import GRIPPER_BODIES
+from betterbench.tasks import Condition, Task
+from betterbench.tasks.relations import RELATIONS, at_rest
+from betterbench.tasks.relations.closed import GAP
+from betterbench.tasks.relations.placing import foot
+
+SLIDE_M = GAP
+"""Distance from which a drawer counts as moved [m]."""
+LONGEST_CHAIN = 8
+"""Most hops from a target down to what stands in a slot: a stack of four on something in a mounted drawer has six."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """An object taken from ``pose`` (``T_world_object``), in which it last stood at rest before the gripper's touch."""
+
+    object: str
+    kind: str
+    pose: Pose
+
+
+class Release(NamedTuple):
+    """Where an object was let go: height of its foot above the table [m], and that foot in the frame of the target."""
+
+    height_m: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class Put:
+    """An object let go, and the pose of what stands in the slot below it.
+
+    Attributes:
+        kind: Kind of the object.
+        asset: Identity of its asset.
+        relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
+        region: TargetRegion of the target, where it offers several.
+        slot: Slot that the target, or what carries it, stands in; None if it stands in none.
+        level: Number of things below, down to the slot; the mount of a drawer does not count.
+        pose: Pose ``T_world_object`` at rest.
+        target_pose: Pose ``T_world_target`` at that time; ``pose`` where there is no target.
+        release: Where it was let go.
+    """
+
+    object: str
+    kind: str
+    asset: str
+    relation: str | None
+    target_kind: str
+    region: str
+    slot: str | None
+    level: int
+    base_pose: Pose
+    base_fixed: bool
+    pose: Pose
+    target_pose: Pose
+    release: Release
+
+
+@dataclass(frozen=True, slots=True)
+class Preplaced:
+    """An object that is at its target from the start, with its pose ``T_target_object``."""
+
+    object: str
+    kind: str
+    asset: str
+    target_kind: str
+    region: str
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class DrawerMove:
+    """A drawer opened or shut, and the slot of its cabinet."""
+
+    object: str
+    kind: str
+    slot: str | None
+
+
+Primitive = Pick | Put | DrawerMove | Preplaced
+
+
+class Handling:
+    """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
+
+    def __init__(self, task: Task, condition: Condition) -> None:
+        self._condition = condition
+        self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
+        self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}
+        self._stood: dict[str, Pose] = {}
+        self._shut_at: dict[str, Pose] = {}
+        self._carried: str | None = None
+        self._grasped: WorldState | None = None
+        self._settling: str | None = None
+        self._found: list[Primitive] = []
+        self._slid: dict[str, DrawerMove] = {}
+        self._last: WorldState | None = None
+
+    def update(self, state: WorldState) -> None:
+        """Take in the next state."""
+        if self._last is None:
+            for o in state.info.objects:
+                (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
+            self._found.extend(_preplaced(self._condition, state))
+        self._last = state
+        for name, start in self._shut_at.items():
+            if name not in self._slid and distance(state.pose(name).position, start.position) > SLIDE_M:
+                kind = state.info.object(name).kind
+                self._slid[name] = DrawerMove(name, kind, ground_of(self._condition, name, self._resting_on)[0])
+        if self._carried is not None and not _in_fingers(state, self._carried):
+            self._settling, self._carried = self._carried, None
+        held = state.held
+        if held is not None and held != self._carried and held not in self._shut_at:
+            self._settle(state)
+            self._carried = held
+            self._found.append(Pick(held, state.info.object(held).kind, self._stood[held]))
+            self._resting_on.pop(held, None)
+        if self._carried is not None and _between_fingers(state, self._carried):
+            self._grasped = state
+        touched = {n for a, b, _ in state.contacts for n in (a, b) if a in GRIPPER_BODIES or b in GRIPPER_BODIES}
+        for name in self._stood:
+            if name not in touched and name != self._carried and at_rest(state, name):
+                self._stood[name] = state.pose(name)
+        if (
+            self._settling is not None
+            and not state.touched_by_gripper(self._settling)
+            and at_rest(state, self._settling)
+        ):
+            self._settle(state)
+
+    def finish(self) -> tuple[Primitive, ...]:
+        """Return all primitives of the episode in the order in which they began; slides come last."""
+        if self._last is not None:
+            self._settle(self._last)
+        return (*self._found, *self._slid.values())
+
+    def _settle(self, state: WorldState) -> None:
+        """Note where the object that was let go has come to rest."""
+        name = self._settling
+        if name is None:
+            return
+        self._settling = None
+        self._stood[name] = state.pose(name)
+        info = state.info.object(name)
+        for relation in self._relations:
+            if info.role not in relation.roles:
+                continue
+            for target in state.info.objects:
+                if target.name == name or not relation.regions(target):
+                    continue
+                place = relation.where(state, name, target.name)
+                if place is not None:
+                    self._resting_on[name] = target.name
+                    self._found.append(self._put(state, name, target.name, relation.name, place))
+                    return
+        self._found.append(self._put(state, name))
+
+    def _put(
+        self, state: WorldState, name: str, target: str | None = None, relation: str | None = None, region: str = ""
+    ) -> Put:
+        """Return the put of an object at a target, or at none: it was lost on the way."""
+        info, to = state.info.object(name), target or name
+        slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
+        let_go = self._grasped or state
+        x, y, _ = let_go.pose(to).inverse().apply(foot(let_go, name))
+        return Put(
+            object=name,
+            kind=info.kind,
+            asset=info.asset,
+            relation=relation,
+            target_kind=state.info.object(to).kind if target else "",
+            region=region,
+            slot=slot,
+            level=level,
+            base_pose=state.pose(base),
+            base_fixed=state.info.object(base).fixed,
+            pose=state.pose(name),
+            target_pose=state.pose(to),
+            release=Release(foot(let_go, name)[2], x, y),
+        )
+
+
+def _preplaced(condition: Condition, state: WorldState) -> list[Preplaced]:
+    """Return what rests at a target at the start, in an order that names do not influence."""
+    found = []
+    for name, place in condition.preplaced.items():
+        relative = state.pose(place.target).inverse() @ state.pose(name)
+        info, target_kind = state.info.object(name), state.info.object(place.target).kind
+        found.append(Preplaced(name, info.kind, info.asset, target_kind, place.region, relative))
+    return sorted(found, key=lambda p: (p.kind, p.target_kind, p.region))
+
+
+def _between_fingers(state: WorldState, name: str) -> bool:
+    return state.touching("left_finger", name) and state.touching("right_finger", name)
+
+
+def _in_fingers(state: WorldState, name: str) -> bool:
+    return state.touching("left_finger", name) or state.touching("right_finger", name)
+
+
+def ground_of(condition: Condition, name: str, resting_on: Mapping[str, str]) -> tuple[str | None, int, str]:
+    """Return the slot (or None) below an object, the number of things up to it without mounts, and what is in it."""
+    level = 1
+    for _ in range(LONGEST_CHAIN):
+        mount = condition.object(name).mount
+        if name in resting_on:
+            name = resting_on[name]
+            level += 1
+        elif mount is not None:
+            name = mount.target
+        else:
+            break
+    return condition.layout.get(name), level, name

@@ -1,0 +1,145 @@
+"""Measuring the demonstrations of several tasks: worker processes, a journal, and the files at the end."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from betterbench.certification.certificate import CertificateVersions
+from betterbench.certification.demonstrations import Demonstration, demonstrate, planned_demonstrations, summed_up
+from betterbench.certification.journal import VersionedJournal
+from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_form, strict_form
+from betterbench.recording import write_durably
+from betterbench.tasks import Task, TrialId, get_task
+from betterbench.tasks.demonstrated import PACKAGED, Demonstrated, updated_text
+from betterbench.tasks.user_files import companion_of
+
+JOURNAL_NAME = "demonstrations.jsonl"
+_CURE = "Delete the line to measure its demonstration again"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Line:
+    demonstration: Demonstration
+    task_version: int
+
+
+_LINE = TypeAdapter(_Line)
+
+
+class DemonstrationJournal(VersionedJournal):
+    """The journal of a measurement, open for appending by one process at a time.
+
+    Demonstrations of another version of their task are measured again. Raises as :class:`VersionedJournal` does.
+    """
+
+    form = "betterbench demonstrations journal"
+
+    def __init__(self, folder: Path, versions: CertificateVersions) -> None:
+        self.found: dict[TrialId, Demonstration] = {}
+        super().__init__(folder / JOURNAL_NAME, versions)
+
+    def append(self, found: Demonstration) -> None:
+        """Append a demonstration and force it to disk."""
+        self._append_form(asdict(_Line(found, self._versions.tasks[found.task])))
+        self.found[found.key] = found
+
+    def _take_in_line(self, line: bytes, where: str) -> None:
+        form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
+        if self._versions.tasks.get(form.demonstration.task, form.task_version) == form.task_version:
+            self.found[form.demonstration.key] = form.demonstration
+
+
+def measure(
+    tasks: Sequence[str],
+    out: Path,
+    *,
+    number: int,
+    workers: int = 1,
+    on_progress: Callable[[int, int, Demonstration | None], None] | None = None,
+) -> dict[str, Demonstrated]:
+    """Measure demonstrations of some tasks, as far as the journal of a folder does not hold them yet.
+
+    Args:
+        tasks: Names of the tasks.
+        out: Folder of the journal.
+        number: Demonstrations per task, over its training conditions in turn.
+        workers: Worker processes.
+        on_progress: Called with the demonstrations measured, those planned, and the one just measured.
+
+    Raises:
+        InvalidInputError: If there are fewer demonstrations than training conditions, or too many workers.
+        WorkerError: If worker processes keep dying.
+        RunConflictError: If another process writes to the folder, or it was begun under other versions.
+        RecordError: If the journal is corrupt.
+    """
+    chosen = [get_task(name) for name in dict.fromkeys(tasks)]
+    for task in chosen:
+        if number < len(task.training):
+            problem = f"{number} leave out some of the {len(task.training)} training conditions of {task.id}"
+            raise InvalidInputError("--demonstrations", problem, "Give a larger number")
+    if not 1 <= workers <= 256:
+        raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
+    plans = {task.id: planned_demonstrations(task, number) for task in chosen}
+    planned = sum(len(trials) for plan in plans.values() for trials in plan)
+    with DemonstrationJournal(out, versions_in_use([t.id for t in chosen])) as journal:
+        for turn in (0, 1):
+            so_far = {task.id: _summed_up(task, plans[task.id][:turn], journal) for task in chosen} if turn else {}
+            wanted = [trial for plan in plans.values() for trial in plan[turn]]
+            waiting = [trial for trial in wanted if trial not in journal.found]
+            if on_progress is not None:
+                on_progress(_done(plans, journal), planned, None)
+            for found in _demonstrations(waiting, so_far, workers):
+                journal.append(found)
+                if on_progress is not None:
+                    on_progress(_done(plans, journal), planned, found)
+        return {task.id: _summed_up(task, plans[task.id], journal) for task in chosen}
+
+
+def _done(plans: Mapping[str, Sequence[Sequence[TrialId]]], journal: DemonstrationJournal) -> int:
+    return sum(trial in journal.found for plan in plans.values() for trials in plan for trial in trials)
+
+
+def _summed_up(task: Task, plan: Iterable[Sequence[TrialId]], journal: DemonstrationJournal) -> Demonstrated:
+    return summed_up(task, [journal.found[trial] for trials in plan for trial in trials])
+
+
+def _demonstrations(trials: list[TrialId], so_far: Mapping[str, Demonstrated], workers: int) -> Iterator[Demonstration]:
+    """Yield demonstrations as they come."""
+    return in_workers(trials, workers, functools.partial(_demonstrate, so_far))
+
+
+def _demonstrate(so_far: Mapping[str, Demonstrated], trial: TrialId) -> Demonstration:
+    return demonstrate(trial, so_far.get(trial.task))
+
+
+def destination(task: str) -> Path | None:
+    """Return the file beside the one that defines a task, or None for a task of the suite, whose file is packaged."""
+    own = companion_of(task)
+    return None if own is None else own.path
+
+
+def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
+    """Write what was measured into the package, and for tasks of a user's file beside that file; return the paths."""
+    files: dict[Path | None, dict[str, Demonstrated]] = {}
+    for task, measured in found.items():
+        files.setdefault(destination(task), {})[task] = measured
+    written = []
+    for path, tasks in files.items():
+        if path is not None:
+            write_durably(path, updated_text(path, tasks).encode())
+            written.append(path)
+            continue
+        with resources.as_file(resources.files("betterbench.tasks").joinpath("data")) as folder:
+            folder.mkdir(exist_ok=True)
+            write_durably(folder / PACKAGED, updated_text(folder / PACKAGED, tasks).encode())
+            written.append(folder / PACKAGED)
+    return tuple(written)

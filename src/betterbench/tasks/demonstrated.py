@@ -1,0 +1,258 @@
+"""Where the expert's demonstrations let go of things and how they leave them, as measured: the file and its look-up.
+
+``better certify --demonstrations`` measures it. Scenes draw the poses of pre-placed objects from it, and clause (b) of
+the certificate compares releases with it. It ships with the suite; for the tasks of a user's file it lies beside that
+file.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_form, strict_form
+from betterbench.tasks.randomness import SUITE_VERSION, stream
+from betterbench.tasks.task import Task
+from betterbench.tasks.user_files import companion_of, options_for
+
+HEIGHT_MM = 5.0
+"""Farthest that a release may be above or below a height at which training released something there [mm]; suite, §3."""
+REACH_MM = 15.0
+"""Farthest that a release in a container may be from one in training, seen from above [mm]: the jitter of a slot."""
+
+PACKAGED = "demonstrations.json"
+FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
+
+
+class FlatPose(NamedTuple):
+    """Where something stands in the frame of its target: position [mm] and heading [degrees]."""
+
+    x_mm: float
+    y_mm: float
+    yaw_deg: float
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Releases:
+    """Where demonstrations let go of things at one place.
+
+    Attributes:
+        slot: Slot of the target, or of what carries it.
+        relation: Relation that the release brings about.
+        region: Region of the target, "" where it offers one alone.
+        level: Number of things below, down to the slot.
+        heights_mm: Heights of the foot of what was let go above the table [mm], sorted.
+        points_mm: Where that foot was in the frame of the target, x and y [mm].
+    """
+
+    slot: str
+    relation: str
+    region: str
+    level: int
+    heights_mm: tuple[float, ...]
+    points_mm: tuple[tuple[int, int], ...]
+
+    @property
+    def place(self) -> tuple[str, str, str, int]:
+        """Slot, relation, region and level."""
+        return self.slot, self.relation, self.region, self.level
+
+    def off_mm(self, height_mm: float) -> float:
+        """Return how far a height is above the nearest trained one [mm]; negative below it."""
+        return min((height_mm - h for h in self.heights_mm), key=abs)
+
+    def aside_mm(self, x_mm: float, y_mm: float) -> float:
+        """Return how far a point of the target's frame is from the nearest trained one [mm]."""
+        return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class FinalPoses:
+    """How demonstrations leave an object at a target.
+
+    Attributes:
+        kind: Kind of the object.
+        asset: Identity of its asset: things of other shapes come to rest elsewhere.
+        target_kind: Kind of the target.
+        relation: Relation between the two.
+        region: Region of the target, "" where it offers one alone.
+        poses: Poses of the object at rest in the frame of the target.
+    """
+
+    kind: str
+    asset: str
+    target_kind: str
+    relation: str
+    region: str
+    poses: tuple[FlatPose, ...]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Demonstrated:
+    """What the demonstrations of one task show, and the versions it was measured under.
+
+    Attributes:
+        suite: Version of the suite.
+        engine: Version of the physics engine.
+        version: Version of the task.
+        solved: Number of demonstrations that it comes from.
+    """
+
+    suite: str
+    engine: str
+    version: int
+    solved: int
+    releases: tuple[Releases, ...]
+    final_poses: tuple[FinalPoses, ...]
+
+    def releases_at(self, place: tuple[str | None, str | None, str, int]) -> Releases | None:
+        """Return the releases at a place, given as slot, relation, region and level; None where there are none."""
+        return next((r for r in self.releases if r.place == place), None)
+
+    def final_poses_at(
+        self, target_kind: str, relation: str, region: str, *, kind: str, asset: str
+    ) -> tuple[FlatPose, ...]:
+        """Return the final poses at a target of what is most like an object.
+
+        These are the poses of the same asset, else of the same kind, else of whatever was brought there; none if
+        nothing was.
+        """
+        there = [
+            p for p in self.final_poses if (p.target_kind, p.relation, p.region) == (target_kind, relation, region)
+        ]
+        of_kind = [p for p in there if p.kind == kind]
+        same = [p for p in of_kind if p.asset == asset]
+        return tuple(pose for found in same or of_kind or there for pose in found.poses)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class DemonstrationsFile:
+    """A file of measured demonstrations, by task."""
+
+    tasks: Mapping[str, Demonstrated]
+    form: Literal["betterbench demonstrations"] = FORM
+
+    def to_text(self) -> str:
+        """Return the JSON text, with one line per place and per pair of object and target."""
+        tasks = [f" {json.dumps(name)}: {_task_text(self.tasks[name])}" for name in sorted(self.tasks)]
+        return f'{{"form": {json.dumps(self.form)},\n "tasks": {{\n' + ",\n".join(tasks) + "\n}}\n"
+
+
+_FILE = TypeAdapter(DemonstrationsFile)
+_NONE = DemonstrationsFile({})
+_PACKAGED_NAME = "packaged demonstrations"
+
+
+def _task_text(task: Demonstrated) -> str:
+    form: dict[str, Any] = asdict(task)
+    lists = [
+        f'  "{name}": [\n' + ",\n".join("   " + json.dumps(entry) for entry in form.pop(name)) + "\n  ]"
+        for name in ("releases", "final_poses")
+    ]
+    return json.dumps(form)[:-1] + ",\n" + ",\n".join(lists) + "\n }"
+
+
+_measured: dict[str, Demonstrated] = {}
+
+
+@contextmanager
+def measured_so_far(task: str, found: Demonstrated | None) -> Iterator[None]:
+    """Let a task's demonstrations be these for a while: those measured so far decide where the next ones begin."""
+    before = _measured.get(task)
+    if found is not None:
+        _measured[task] = found
+    try:
+        yield
+    finally:
+        _measured.pop(task, None)
+        if before is not None:
+            _measured[task] = before
+
+
+def demonstrated(task: Task, *, engine: str) -> Demonstrated:
+    """Return what the demonstrations of a task show.
+
+    Args:
+        task: The task.
+        engine: Version of the physics engine in use; its minor version has to agree.
+
+    Raises:
+        InvalidInputError: If it was never measured, or under other versions; the text names the cure.
+    """
+    if task.id in _measured:
+        return _measured[task.id]
+    own = companion_of(task.id)
+    if own is None:
+        where, file = _PACKAGED_NAME, _packaged()
+    else:
+        where = str(own.path)
+        file = _NONE if own.text is None else read_demonstrations(own.text, where)
+    found, cure = file.tasks.get(task.id), cure_for(task.id)
+    if found is None:
+        raise InvalidInputError(where, f"demonstrations of {task.id} were never measured", cure)
+    for what, there, here in (
+        ("suite version", found.suite, SUITE_VERSION),
+        ("MuJoCo", _minor(found.engine), _minor(engine)),
+        (f"version of {task.id}", found.version, task.version),
+    ):
+        if there != here:
+            raise InvalidInputError(where, f"{task.id} was measured for {what} {there}, this is {here}", cure)
+    return found
+
+
+def demonstrated_if_measured(task: Task, *, engine: str) -> Demonstrated | None:
+    """Return what the demonstrations of a task show, or None where that was not measured under the versions in use."""
+    try:
+        return demonstrated(task, engine=engine)
+    except InvalidInputError:
+        return None
+
+
+def final_pose(task: Task, seed: int, *, kind: str, region: str, poses: Sequence[FlatPose]) -> FlatPose:
+    """Return the final pose in which an object is pre-placed in a trial, drawn from the trial's own stream."""
+    return poses[int(stream(task.id, seed, f"preplaced:{kind}:{region}").integers(len(poses)))]
+
+
+def cure_for(task: str) -> str:
+    """Return the command that measures a task's demonstrations, as a sentence without a full stop."""
+    own = companion_of(task)
+    package = " --write-package" if own is None else ""
+    return f"Run better certify{options_for([task])} --tasks {task} --demonstrations 120{package}"
+
+
+@functools.lru_cache(maxsize=8)
+def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
+    """Read a file of measured demonstrations; raise InvalidInputError if it is none."""
+    return read_form(_FILE, text, where=where, cure="Measure again with better certify --demonstrations")
+
+
+@functools.lru_cache(maxsize=1)
+def _packaged() -> DemonstrationsFile:
+    """Return what ships with the suite, empty if there is no file."""
+    file = resources.files("betterbench.tasks").joinpath("data", PACKAGED)
+    return read_demonstrations(file.read_text(encoding="utf-8"), _PACKAGED_NAME) if file.is_file() else _NONE
+
+
+def updated_text(path: Path, found: Mapping[str, Demonstrated]) -> str:
+    """Return the text of a file into which some tasks were measured anew; what it holds of others is kept."""
+    before = read_demonstrations(path.read_text(encoding="utf-8"), str(path)).tasks if path.is_file() else {}
+    _packaged.cache_clear()
+    return DemonstrationsFile({**before, **found}).to_text()
+
+
+def _minor(version: str) -> str:
+    return ".".join(version.split(".")[:2])
