@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import betterbench
@@ -25,9 +26,11 @@ from betterbench.interventions import resolve_condition
 from betterbench.recording import RetryLedger, write_durably
 from betterbench.recording.worker_process import prepare_process
 from betterbench.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, TrialId, get_task
+from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 
 logger = logging.getLogger(__name__)
+
+Examination = Callable[[TrialId], TrialCertificate]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +42,10 @@ class CertificationProgress:
     last: TrialCertificate | None
 
 
-def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on."""
+def versions_in_use(tasks: Sequence[str], *, looks: Looks = "seen") -> CertificateVersions:
+    """Return the versions that a certificate of some tasks depends on, and its looks."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
+    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers, looks)
 
 
 def certify(
@@ -50,6 +53,7 @@ def certify(
     out: Path,
     *,
     workers: int = 1,
+    looks: Looks = "seen",
     on_progress: Callable[[CertificationProgress], None] | None = None,
 ) -> Certificate:
     """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
@@ -69,7 +73,7 @@ def certify(
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
-    versions = versions_in_use([t.task for t in trials])
+    versions = versions_in_use([t.task for t in trials], looks=looks)
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
         waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
@@ -77,7 +81,7 @@ def certify(
         done = planned - len(waiting)
         if on_progress is not None:
             on_progress(CertificationProgress(done, planned, None))
-        for found in _examined(sorted(waiting, key=lambda t: (t.task, t.seed)), workers):
+        for found in _examined(sorted(waiting, key=lambda t: (t.task, t.seed)), workers, partial(examine, looks=looks)):
             journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
             done += 1
             if on_progress is not None:
@@ -102,17 +106,17 @@ def write_json(path: Path, form: object) -> None:
     write_durably(path, (json.dumps(form, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]:
+def _examined(trials: list[TrialId], workers: int, examination: Examination) -> Iterator[TrialCertificate]:
     """Yield findings as they come; the trials of a pool that breaks are examined again, each alone."""
     if workers == 1 or len(trials) <= 1:
-        yield from map(examine, trials)
+        yield from map(examination, trials)
         return
     cure = "Run the same command again with fewer --workers."
     ledger = RetryLedger(trials, workers="worker processes", cure=cure)
     while ledger.left:
         pending: dict[Future[TrialCertificate], TrialId] = {}
         try:
-            yield from _pooled(ledger, pending, workers)
+            yield from _pooled(ledger, pending, workers, examination)
         except BrokenProcessPool as error:
             logger.warning("a worker process died; %d trials are examined again", len(pending))
             how = "it was ended from outside, as when memory runs out"
@@ -121,7 +125,10 @@ def _examined(trials: list[TrialId], workers: int) -> Iterator[TrialCertificate]
 
 
 def _pooled(
-    ledger: RetryLedger[TrialId], pending: dict[Future[TrialCertificate], TrialId], workers: int
+    ledger: RetryLedger[TrialId],
+    pending: dict[Future[TrialCertificate], TrialId],
+    workers: int,
+    examination: Examination,
 ) -> Iterator[TrialCertificate]:
     """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
@@ -134,7 +141,7 @@ def _pooled(
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
                 for trial in new:
-                    pending[pool.submit(examine, trial)] = trial
+                    pending[pool.submit(examination, trial)] = trial
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)

@@ -23,6 +23,7 @@ def certify_command(
     trials: int = 20,
     seed: int = 0,
     workers: int | None = None,
+    looks: str = "seen",
     write_package: bool = False,
     json: bool = False,
 ) -> None:
@@ -41,6 +42,7 @@ def certify_command(
         trials: Trials per variation; the training conditions get at least as many.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
+        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
         write_package: Also write the compact certificate that ships with the suite; for its maintainers.
         json: Print the certificate as one JSON document at the end.
     """
@@ -51,11 +53,11 @@ def certify_command(
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
-    if write_package and tasks and set(tasks) != set(of_suite):
-        problem = "it replaces the certificate of the whole suite"
-        raise InvalidInputError("--write-package", problem, "Leave out --tasks")
+    if write_package and (looks != "seen" or (tasks and set(tasks) != set(of_suite))):
+        problem = "it replaces the certificate of the whole suite with the seen looks"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
     prepare_robot("panda")
-    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with progress_bar("certify", len(planned)) as (bar, task):
 
@@ -66,7 +68,7 @@ def certify_command(
             if last is not None and not last.passed:
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
-        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
     page = _store(certificate, out, write_package=write_package)
     if json:
         print_json(certificate.to_json())
