@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from betterbench.assets import build, categories, colors, looks
+from betterbench.assets import build, categories, colors, looks, unseen_looks
 from betterbench.assets.authoring import generator, unregister
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, distance, from_yaw, rotate, tilt_of
@@ -117,6 +117,9 @@ def stands_where_it_is_put(asset):
 def looks_differ_and_colors_do_not_change_the_shape(category):
     assert len(looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in looks(category)}) == len(looks(category))
+    unseen = {build(category, look=look).content_hash() for look in unseen_looks(category)}
+    assert len(unseen) == len(unseen_looks(category)) >= 4
+    assert unseen.isdisjoint(build(category, look=look).content_hash() for look in looks(category))
     shapes = {build(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
     assert build(category) is build(category, look=0, color=colors(category)[0])
@@ -133,7 +136,7 @@ CONTRACTS = (
 
 def check_category(category):
     """Check all looks of a category; a failure names the asset (category, color and look) and the contract."""
-    for look in looks(category):
+    for look in (*looks(category), *unseen_looks(category)):
         asset = build(category, look=look)
         for contract in CONTRACTS:
             try:

@@ -165,7 +165,7 @@ def test_the_empty_table_has_no_specks_of_false_shadow(quality):
 
 def test_the_workspace_fills_the_front_view(scene, renderer):
     view = camera_matrices(scene.model, scene.data, "front", width=SIZE, height=SIZE)
-    corners = np.array([(x, y, 0.0) for x in (0.30, 0.70) for y in (-0.36, 0.36)])
+    corners = np.array([(x, y, 0.0) for x in (0.30, 0.70) for y in (-0.25, 0.25)])
     pixels, _ = view.project(corners)
     assert pixels.min() > 0
     assert pixels.max() < SIZE

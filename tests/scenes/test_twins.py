@@ -181,6 +181,8 @@ def rest_of_the_world(s: Scene) -> dict[str, object]:
     world["world"] = {k: v for k, v in body_part(m, 0).items() if k != "body_subtreemass"}
     world["cameras"] = {m.camera(c).name: fields(m, "cam", CAMERA, c) for c in range(m.ncam)}
     world["lights"] = {m.light(x).name: fields(m, "light", LIGHT, x) for x in range(m.nlight)}
+    world["placed"] = [bits(a) for a in (s.data.cam_xpos, s.data.cam_xmat, s.data.light_xpos, s.data.light_xdir)]
+    world["appearance"] = (s.room, s.view_jitter, s.looks)
     world["actuators"] = [
         fields(m, "actuator", ("gainprm", "biasprm", "ctrlrange", "forcerange", "gear", "trntype"), a)
         for a in range(m.nu)

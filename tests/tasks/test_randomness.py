@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from betterbench.scenes.builder import LOOK_SETS, look_of, slot_pose
+from betterbench.scenes.appearance import LOOK_SETS, UNSEEN_LOOK_SETS, look_of
+from betterbench.scenes.builder import slot_pose
 from betterbench.tasks import ObjectSpec, all_tasks, get_task, stream
 
 names = st.text(st.characters(codec="ascii", exclude_characters="|"), min_size=1, max_size=12)
@@ -70,5 +71,6 @@ def test_like_things_look_alike_and_names_have_no_say():
 
 def test_looks_vary_over_seeds_within_the_promised_number_of_sets():
     specs = get_task("fast_food").train("train1").objects
-    sets = {tuple(look_of("fast_food", seed, o) for o in specs) for seed in range(200)}
-    assert 1 < len(sets) <= LOOK_SETS
+    for shown, most in (("seen", LOOK_SETS), ("unseen", UNSEEN_LOOK_SETS)):
+        sets = {tuple(look_of("fast_food", seed, o, shown=shown) for o in specs) for seed in range(400)}
+        assert 8 <= len(sets) <= most

@@ -11,7 +11,7 @@ from tests.looping import each
 from betterbench.assets import build
 from betterbench.errors import UnknownNameError
 from betterbench.interventions import vary
-from betterbench.scenes.builder import look_of
+from betterbench.scenes.appearance import look_of
 from betterbench.tasks import (
     TEMPLATES,
     Axis,

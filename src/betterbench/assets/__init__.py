@@ -2,6 +2,18 @@
 
 from betterbench.assets import procedural  # noqa: F401  (imported for what it registers)
 from betterbench.assets.asset import Asset, CollisionPart, Grasp, Texture, VisualPart
-from betterbench.assets.authoring.registry import build, categories, colors, looks
+from betterbench.assets.authoring.registry import build, categories, colors, family_of, looks, unseen_looks
 
-__all__ = ["Asset", "CollisionPart", "Grasp", "Texture", "VisualPart", "build", "categories", "colors", "looks"]
+__all__ = [
+    "Asset",
+    "CollisionPart",
+    "Grasp",
+    "Texture",
+    "VisualPart",
+    "build",
+    "categories",
+    "colors",
+    "family_of",
+    "looks",
+    "unseen_looks",
+]

@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_form, strict_form
-from betterbench.tasks import TrialId
+from betterbench.tasks import Looks, TrialId
 
 SCHEMA_VERSION = 1
 
@@ -96,12 +96,16 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """What a certificate depends on besides the seeds; the suite's version decides the random streams."""
+    """What a certificate depends on besides the seeds; the suite's version decides the random streams.
+
+    ``looks`` are the looks of objects and rooms that the trials were examined with.
+    """
 
     package: str
     suite: str
     engine: str
     tasks: Mapping[str, int]
+    looks: Looks = "seen"
 
 
 @strict_form

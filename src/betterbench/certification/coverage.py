@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_form, strict_form
-from betterbench.tasks import TrialId
+from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
 SOLVED_SHARE = 0.95
@@ -97,7 +97,15 @@ class Coverage:
         }
         return form
 
-    def gap(self, trials: Iterable[TrialId], *, suite: str, engine: str, tasks: Mapping[str, int]) -> Gap | None:
+    def gap(
+        self,
+        trials: Iterable[TrialId],
+        *,
+        suite: str,
+        engine: str,
+        tasks: Mapping[str, int],
+        looks: Looks = "seen",
+    ) -> Gap | None:
         """Return the first trial that is not covered, or None."""
         seeds = {name: parse_ranges(s.certified) for name, s in self.conditions.items()}
         stale = None
@@ -105,6 +113,8 @@ class Coverage:
             stale = f"the certificate was made for suite version {self.versions.suite}, this is {suite}"
         elif _minor(self.versions.engine) != _minor(engine):
             stale = f"the certificate was made with MuJoCo {self.versions.engine}, this is {engine}"
+        elif self.versions.looks != looks:
+            stale = f"the certificate covers the {self.versions.looks} looks, and the run shows the {looks} ones"
         for trial in trials:
             name, here = f"{trial.task}/{trial.condition}", tasks[trial.task]
             made_for = self.versions.tasks.get(trial.task)
@@ -177,7 +187,7 @@ def _load(file: Traversable | Path, where: str) -> Coverage:
     return coverage
 
 
-def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
+def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int, looks: Looks = "seen") -> str:
     """Return what to do about a trial that is not certified, for a run that begins at the seed ``first``.
 
     ``tasks`` are all that the run holds, because one certificate has to cover the run; none for the whole suite.
@@ -186,7 +196,7 @@ def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int) -> str:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"
     named = " ".join(("", *tasks))
     chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
-    seed = f" --seed {first}" if first else ""
+    seed = (f" --seed {first}" if first else "") + (f" --looks {looks}" if looks != "seen" else "")
     return (
         f"Run better certify{chosen} --trials {trials}{seed} --out runs/certificate and name it with "
         "--certificate runs/certificate, or run with --uncertified"

@@ -25,6 +25,7 @@ from betterbench.tasks import (
     Condition,
     Expected,
     GoalTracker,
+    Looks,
     Support,
     Task,
     TrialId,
@@ -61,20 +62,26 @@ class _Episode:
     seconds: float
 
 
-def examine(trial: TrialId) -> TrialCertificate:
+def examine(trial: TrialId, *, looks: Looks = "seen") -> TrialCertificate:
     """Return what is found on one trial, failures included; raise UnknownNameError for an unknown task or condition."""
     found = resolve_condition(trial.task, trial.condition)
     support = Support.SEEN if found.variation is None else found.variation.support
     training = found.variation is None
-    return examine_condition(found.task, found.condition, trial.seed, support=support, training=training)
+    return examine_condition(found.task, found.condition, trial.seed, support=support, training=training, looks=looks)
 
 
 def examine_condition(
-    task: Task, condition: Condition, seed: int, *, support: Support = Support.SEEN, training: bool = False
+    task: Task,
+    condition: Condition,
+    seed: int,
+    *,
+    support: Support = Support.SEEN,
+    training: bool = False,
+    looks: Looks = "seen",
 ) -> TrialCertificate:
     """Examine one seed of a condition that need not be registered."""
     began = time.perf_counter()
-    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"])
+    scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=QUALITIES["fast"], looks=looks)
     start = _at_rest(scene)
     state = scene.reset(check_premise=False)
     premise = _premise(condition, state)

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from betterbench.certification.coverage import Coverage, cure_for
 from betterbench.errors import InvalidInputError
 from betterbench.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, TrialId, get_task, suite_tasks
+from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task, suite_tasks
 
 _NAMED = 5
 
 
-def require_coverage(coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int) -> str:
+def require_coverage(
+    coverage: Coverage, trials: Sequence[TrialId], *, seed: int, trials_per_variation: int, looks: Looks = "seen"
+) -> str:
     """Check that a certificate covers every planned trial, and return a sentence about those the expert did not solve.
 
     The sentence is empty if it solved all. ``seed``, the first of the run, and ``trials_per_variation`` are for the
@@ -22,13 +24,13 @@ def require_coverage(coverage: Coverage, trials: Sequence[TrialId], *, seed: int
         InvalidInputError: If a trial is not covered; the text names the first one and the cure.
     """
     versions = {task: get_task(task).version for task in dict.fromkeys(t.task for t in trials)}
-    gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions)
+    gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
         raise InvalidInputError(
             f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
             f"it is not certified ({gap.reason})",
-            cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials_per_variation),
+            cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials_per_variation, looks=looks),
         )
     unsolved = coverage.unsolved(trials)
     if not unsolved:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,12 +27,14 @@ from betterbench.interventions import resolve_condition
 from betterbench.recording import RetryLedger, write_durably
 from betterbench.recording.worker_process import prepare_process
 from betterbench.scenes import engine_version
-from betterbench.tasks import SUITE_VERSION, TrialId, get_task
+from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
 
 FoundT = TypeVar("FoundT")
 
 logger = logging.getLogger(__name__)
+
+Examination = Callable[[TrialId], TrialCertificate]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +46,10 @@ class CertificationProgress:
     last: TrialCertificate | None
 
 
-def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on."""
+def versions_in_use(tasks: Sequence[str], *, looks: Looks = "seen") -> CertificateVersions:
+    """Return the versions that a certificate of some tasks depends on, and its looks."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
+    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers, looks)
 
 
 def certify(
@@ -54,6 +57,7 @@ def certify(
     out: Path,
     *,
     workers: int = 1,
+    looks: Looks = "seen",
     on_progress: Callable[[CertificationProgress], None] | None = None,
 ) -> Certificate:
     """Examine every trial that the journal of a folder does not hold yet, and write ``certificate.json``.
@@ -74,7 +78,7 @@ def certify(
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
-    versions = versions_in_use([t.task for t in trials])
+    versions = versions_in_use([t.task for t in trials], looks=looks)
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
         waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
@@ -84,7 +88,9 @@ def certify(
         done = planned - len(waiting)
         if on_progress is not None:
             on_progress(CertificationProgress(done, planned, None))
-        for found in in_workers(sorted(waiting, key=lambda t: (t.task, t.seed)), workers, examine):
+        for found in in_workers(
+            sorted(waiting, key=lambda t: (t.task, t.seed)), workers, partial(examine, looks=looks)
+        ):
             journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
             done += 1
             if on_progress is not None:

@@ -24,6 +24,7 @@ def certify_command(
     seed: int = 0,
     workers: int | None = None,
     demonstrations: int | None = None,
+    looks: str = "seen",
     write_package: bool = False,
     json: bool = False,
 ) -> None:
@@ -46,6 +47,7 @@ def certify_command(
         seed: First seed.
         workers: Worker processes; one per processor if not given.
         demonstrations: Measure so many demonstrations per task, 120 say, instead of certifying.
+        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
         write_package: Also write the compact certificate, or the demonstrations, that ship with the suite; for its
             maintainers.
         json: Print the certificate as one JSON document at the end.
@@ -57,14 +59,14 @@ def certify_command(
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
-    if write_package and demonstrations is None and tasks and set(tasks) != set(of_suite):
-        problem = "it replaces the certificate of the whole suite"
-        raise InvalidInputError("--write-package", problem, "Leave out --tasks")
+    if write_package and demonstrations is None and (looks != "seen" or (tasks and set(tasks) != set(of_suite))):
+        problem = "it replaces the certificate of the whole suite with the seen looks"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
     prepare_robot("panda")
     if demonstrations is not None:
         _measure(tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package)
         return
-    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed)
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
     with progress_bar("certify", len(planned)) as (bar, task):
 
@@ -75,7 +77,7 @@ def certify_command(
             if last is not None and not last.passed:
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
-        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, on_progress=told)
+        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
     page = _store(certificate, out, write_package=write_package)
     if json:
         print_json(certificate.to_json())

@@ -36,6 +36,7 @@ class TrialOptions:
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
+        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
     """
 
     suite: str = "better60"
@@ -46,6 +47,7 @@ class TrialOptions:
     action_space: str = "ee_delta"
     observation: str = "default"
     quality: str = "standard"
+    looks: str = "seen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,15 +167,20 @@ def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -
 def require_certified(plan: Plan, certificate: Path | None) -> None:
     """Check that a certificate covers every trial of a plan, and name those that the expert did not solve.
 
-    Without a path, it is the certificate that ships with the suite.
+    Without a path, it is the certificate that ships with the suite. It covers the seen looks: unseen ones without a
+    certificate of their own are run, and a line says that they are not certified.
     """
     from betterbench.certification import load_coverage, packaged_coverage
     from betterbench.certification.refusal import require_coverage
     from betterbench.evaluation.planning.plan import plan_extent
 
     coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    if certificate is None and plan.looks != coverage.versions.looks:
+        say(f"These trials are not certified: the packaged certificate covers the {coverage.versions.looks} looks.")
+        return
     seed, trials = plan_extent(plan)
-    unsolved = require_coverage(coverage, [t.id for t in plan.trials], seed=seed, trials_per_variation=trials)
+    planned = [t.id for t in plan.trials]
+    unsolved = require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
     if unsolved:
         say(unsolved)
 

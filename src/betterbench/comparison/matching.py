@@ -10,7 +10,7 @@ from betterbench.comparison.side import Side
 from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError, RunConflictError
 
-_DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz")
+_DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
 """Conventions under which the same trial is another one: numbers made under different ones are not comparable."""
 
 _CAMERAS = ("camera_preset", "render_quality")

@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.recording import RunFolder
 from betterbench.tasks import TrialId
 
-_PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz")
+_PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
 """Conventions that stand in a plan as one value."""
 
 

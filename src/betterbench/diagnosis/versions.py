@@ -63,6 +63,7 @@ def _versions(metadata: RecordMetadata) -> Iterator[tuple[str, str]]:
     yield "control_rate_hz", f"{metadata.control_rate_hz:g}"
     yield "camera_preset", str(metadata.camera_preset)
     yield "render_quality", str(metadata.render_quality)
+    yield "looks", metadata.looks
     for name, value in sorted(metadata.engine.items()):
         if not any(word in name for word in _SCENE_KEYS):
             yield f"engine:{name}", value

@@ -53,6 +53,9 @@ def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> Recor
         },
         scene_hash=scene.compiled.content_hash,
         scene=scene.info,
+        looks=scene.looks,
+        room=scene.room.name,
+        view_jitter=scene.view_jitter,
         predicate_names=tracker.relation_names,
         subgoal_names=tracker.subgoal_names,
     )

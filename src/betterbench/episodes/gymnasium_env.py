@@ -16,7 +16,7 @@ from betterbench.interventions import resolve_condition
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import WorldState
-from betterbench.tasks import GoalTracker, Truth, get_task
+from betterbench.tasks import GoalTracker, Truth, get_task, looks_named
 
 _BOUNDS = {
     "joint_positions": (7, 4.0),
@@ -43,6 +43,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
+        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
         render_mode: "rgb_array" for images of the front camera.
     """
 
@@ -56,6 +57,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         observation: str = "default",
         action_space: str = "ee_delta",
         quality: str = "standard",
+        looks: str = "seen",
         render_mode: str | None = None,
     ) -> None:
         """Check all names; scenes are compiled at reset."""
@@ -65,7 +67,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         self._condition = self._task.training[0] if variation is None else resolve_condition(task, variation).condition
         self._spec: ObservationSpec = observation_spec(observation)
         self._actions = action_space_named(action_space)
-        self._quality = quality_preset(quality)
+        self._quality, self._looks = quality_preset(quality), looks_named(looks)
         self.render_mode = render_mode
         self._observer = Observer(self._spec)
         self._renderer: Renderer | None = None
@@ -103,7 +105,14 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         super().reset(seed=seed)
         del options
         trial = int(self.np_random.integers(1 << 31)) if seed is None else seed
-        self._scene = Scene(self._task, self._condition, seed=trial, action_space=self._actions, quality=self._quality)
+        self._scene = Scene(
+            self._task,
+            self._condition,
+            seed=trial,
+            action_space=self._actions,
+            quality=self._quality,
+            looks=self._looks,
+        )
         state = self._scene.reset()
         self._tracker = GoalTracker(
             self._condition, self._scene.info, template=self._task.template, control_rate_hz=self._scene.control_rate_hz

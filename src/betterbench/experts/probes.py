@@ -22,7 +22,7 @@ from betterbench.tasks import Condition, GoalTracker, stream
 _KEPT = 256
 """Demonstrations that are kept: several variations of a task have the same twin."""
 
-_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str], np.ndarray] = OrderedDict()
+_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
 """Demonstrations draw from this seed upward, evaluation from 0 to 9,999 (suite, law 8)."""
@@ -100,10 +100,12 @@ def demonstration(
         seed: Seed of the demonstration.
         play: Makes the policy for a scene.
     """
-    key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name)
+    key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name, scene.looks)
     if key in _DEMONSTRATIONS:
         return _DEMONSTRATIONS[key]
-    other = Scene(scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality)
+    other = Scene(
+        scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality, looks=scene.looks
+    )
     tracker = GoalTracker(condition, other.info, template=scene.task.template, control_rate_hz=other.control_rate_hz)
     policy, state = play(other), other.reset()
     actions: list[np.ndarray] = []

@@ -11,7 +11,8 @@ from pydantic import Field
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
-from betterbench.state import SceneInfo
+from betterbench.state import NO_JITTER, SceneInfo, ViewJitter
+from betterbench.tasks import Looks
 
 SCHEMA_VERSION = 1
 """Version of the record's columns and metadata; it moves when an older reader would misunderstand a newer file."""
@@ -75,6 +76,9 @@ class RecordMetadata:
         render_quality: Name of the render preset, or None likewise.
         engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
+        looks: Which looks the run draws from.
+        room: Name of the room that the trial drew.
+        view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
     """
@@ -102,6 +106,9 @@ class RecordMetadata:
     scene: SceneInfo
     predicate_names: tuple[str, ...]
     subgoal_names: tuple[str, ...]
+    looks: Looks = "seen"
+    room: str = ""
+    view_jitter: ViewJitter = NO_JITTER
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
@@ -112,6 +119,7 @@ class RecordMetadata:
             form[f.name] = list(value) if isinstance(value, tuple) else value
         form["engine"] = dict(self.engine)
         form["scene"] = self.scene.to_json()
+        form["view_jitter"] = self.view_jitter.to_json()
         return form
 
 

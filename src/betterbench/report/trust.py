@@ -17,7 +17,8 @@ from betterbench.tasks import SUITE_VERSION
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     """Return what is known about the benchmark itself for these runs, by name, a sentence or two each."""
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
-    facts = {"Certificate": _certified(trials)}
+    shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
+    facts = {"Certificate": _certified(trials, shown)}
     calibration = packaged_calibration()
     if calibration is None:
         facts["Calibration"] = "This build ships none; run better calibrate."
@@ -54,8 +55,11 @@ def _blind(ran: set[str]) -> dict[str, str]:
     return facts
 
 
-def _certified(trials: set[tuple[str, int]]) -> str:
+def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
     coverage = packaged_coverage()
+    others = [name for name in looks if name != coverage.versions.looks]
+    if others:
+        return f"The packaged certificate covers the {coverage.versions.looks} looks, not the {listed(others)} ones."
     if coverage.versions.suite != SUITE_VERSION:
         return f"The packaged certificate is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."
     seeds = {name: parse_ranges(s.certified) for name, s in coverage.conditions.items()}

@@ -6,20 +6,21 @@ import functools
 import hashlib
 import math
 import threading
-import zlib
 from collections import OrderedDict
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from betterbench.assets import Asset, build, looks
+from betterbench.assets import Asset, build
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
 from betterbench.robots import RobotSpec, build_robot_spec, robot
+from betterbench.scenes.appearance import look_of
 from betterbench.scenes.objects import add_asset, rail_of, rest_pose
+from betterbench.scenes.rooms import Room
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
-from betterbench.tasks import Condition, ObjectSpec, TargetRegion, Task, stream
+from betterbench.tasks import Condition, Looks, ObjectSpec, TargetRegion, Task, stream
 from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
 from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.closed import MOUNTS
@@ -73,23 +74,6 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 """Names of bodies that are no objects, as contacts name them."""
 
 
-LOOK_SETS = 8
-"""Number of sets of looks of a task. A trial draws one set: every kind of object has its own look in each, and runs
-compile and store a few scenes instead of one per trial."""
-
-
-_SPELLED_IN_LOOKS = {"gray": "grey"}
-"""Spelling of a color in the number that chooses a look. It decides which look a trial shows, so it never changes."""
-
-
-def look_of(task: str, seed: int, spec: ObjectSpec) -> int:
-    """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene."""
-    drawn = int(stream(task, seed, "look").integers(LOOK_SETS))
-    color = _SPELLED_IN_LOOKS.get(spec.color or "", spec.color)
-    offset = zlib.crc32(f"{spec.category}:{color}".encode())
-    return (drawn + offset) % len(looks(spec.category))
-
-
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
     """Return where a slot's occupant stands in a trial: position on the table [m] and heading [rad].
 
@@ -101,9 +85,11 @@ def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
     return position, slot.yaw + slot.yaw_jitter * float(dyaw)
 
 
-def place_objects(task: Task, condition: Condition, seed: int) -> tuple[Placement, ...]:
+def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
     """Return all objects of a condition with their assets and poses, in an order that names do not influence."""
-    chosen = {o.name: build(o.category, look=look_of(task.id, seed, o), color=o.color) for o in condition.objects}
+    chosen = {
+        o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
+    }
     poses: dict[str, Pose] = {}
     for name, slot in condition.layout.items():
         position, yaw = slot_pose(task, seed, slot)
@@ -177,19 +163,17 @@ def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, asset: A
 
 
 _CACHE: OrderedDict[str, CompiledScene] = OrderedDict()
-_CACHE_SIZE = 24
+_CACHE_SIZE = 32
 _LOCK = threading.Lock()
 
 
-def compile_scene(
-    placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, stage_look: int = 0
-) -> CompiledScene:
+def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
     """Return the compiled model of a set of objects, from a cache where possible.
 
-    Only what a model holds decides: assets, fixed poses, robot, render quality and the look of table and room. Names,
+    Only what a model holds decides: assets, fixed poses, robot, render quality and the room. Names,
     slots and start poses of free objects do not, so trials that differ in layout or language share one model.
     """
-    digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{stage_look}".encode())
+    digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{room}".encode())
     for p in placements:
         digest.update(f"|{p.asset.content_hash()}|{p.spec.fixed}|{p.anchored or ''}".encode())
     key = digest.hexdigest()[:16]
@@ -197,7 +181,7 @@ def compile_scene(
         if key in _CACHE:
             _CACHE.move_to_end(key)
             return _CACHE[key]
-        compiled = _compile(placements, quality, key, robot_name, stage_look)
+        compiled = _compile(placements, quality, key, robot_name, room)
         _CACHE[key] = compiled
         while len(_CACHE) > _CACHE_SIZE:
             _CACHE.popitem(last=False)
@@ -205,10 +189,10 @@ def compile_scene(
 
 
 def _compile(
-    placements: tuple[Placement, ...], quality: Quality, key: str, robot_name: str, stage_look: int
+    placements: tuple[Placement, ...], quality: Quality, key: str, robot_name: str, room: Room
 ) -> CompiledScene:
     description = robot(robot_name)
-    spec = stage_spec(quality, look=stage_look)
+    spec = stage_spec(quality, room=room)
     arm = build_robot_spec(robot_name)
     spec.worldbody.add_frame().attach_body(arm.worldbody.first_body(), ROBOT_PREFIX, "")
     add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))

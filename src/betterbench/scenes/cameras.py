@@ -11,7 +11,9 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.geometry import Pose, Quaternion, normalize
+from betterbench.geometry import Pose, Quaternion, from_axis_angle, normalize
+from betterbench.scenes.stage import KEY_LIGHT
+from betterbench.state import ViewJitter
 
 MAX_SIDE_PX = 4096
 """Largest side of an image [pixel]."""
@@ -63,6 +65,34 @@ class CameraMatrices:
         seen = np.isfinite(depth)[..., None]
         origin = np.asarray(self.T_world_camera.position)
         return np.where(seen, rays * np.where(seen, depth[..., None], 1.0) + origin, np.inf)
+
+
+class ViewPlacement:
+    """Puts the cameras and the key light of a model where a trial has them, off their nominal places by its jitter."""
+
+    def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
+        """Prepare; cameras that the model does not have are left out."""
+        self._model = model
+        names = [model.camera(number).name for number in range(model.ncam)]
+        self._shifts = np.zeros((model.ncam, 3, 1))
+        self._turns = np.tile(np.eye(3), (model.ncam, 1, 1))
+        for number, offset in ((n, jitter.cameras[name]) for n, name in enumerate(names) if name in jitter.cameras):
+            self._shifts[number, :, 0] = offset.shift_m
+            self._turns[number] = _rotation_matrix(from_axis_angle(offset.turn_rad))
+        self._key = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_LIGHT), KEY_LIGHT))
+        self._key_turn = _rotation_matrix(from_axis_angle(jitter.key_light_turn_rad))
+
+    def apply(self, data: mujoco.MjData) -> None:
+        """Place cameras and lights for the poses of the bodies, which have to be up to date.
+
+        Live images and those of recorded states go through this one function, so that they agree bit for bit.
+        """
+        mujoco.mj_camlight(self._model, data)
+        axes = data.cam_xmat.reshape(-1, 3, 3)
+        data.cam_xpos += np.matmul(axes, self._shifts)[:, :, 0]
+        data.cam_xmat[:] = np.matmul(axes, self._turns).reshape(-1, 9)
+        if self._key >= 0:
+            data.light_xdir[self._key] = self._key_turn @ data.light_xdir[self._key]
 
 
 def camera_matrices(

@@ -12,12 +12,14 @@ from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.robots.physics import PHYSICS
+from betterbench.scenes.appearance import room_of, start_joints_of, view_jitter_of
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.scenes.cameras import ViewPlacement
 from betterbench.scenes.contacts import ContactReader
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
-from betterbench.tasks import Condition, Task, broken_premises, training_distribution_of
+from betterbench.tasks import Condition, Looks, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
 
@@ -39,14 +41,18 @@ class Scene:
         quality: Quality = QUALITIES["standard"],
         robot_name: str = "panda",
         control_rate_hz: float = CONTROL_RATE_HZ,
+        looks: Looks = "seen",
     ) -> None:
         """Build and compile the scene, then reset it; a control step is a whole number of physics steps of 2 ms."""
         self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
-        self.action_space = action_space
-        self.placements = place_objects(task, condition, seed)
-        self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name)
+        self.action_space, self.looks = action_space, looks
+        self.placements = place_objects(task, condition, seed, shown=looks)
+        self.room = room_of(task.id, seed, shown=looks)
+        self.view_jitter = view_jitter_of(task.id, seed)
+        self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name, room=self.room)
         self.model = self.compiled.model
         self.data = mujoco.MjData(self.model)
+        self._views = ViewPlacement(self.model, self.view_jitter)
         self.physics_steps = max(1, round(1.0 / (TIMESTEP_S * control_rate_hz)))
         self.control_rate_hz = 1.0 / (TIMESTEP_S * self.physics_steps)
         self.controller = ArmController(self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX)
@@ -74,7 +80,7 @@ class Scene:
     def _initial_qpos(self) -> np.ndarray:
         c = self.compiled
         qpos: np.ndarray = self.model.qpos0.copy()
-        qpos[self._arm_qpos] = c.robot.home_joints
+        qpos[self._arm_qpos] = start_joints_of(self.task.id, self.seed, c.robot)
         qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
         for i, placement in enumerate(self.placements):
             address = c.qpos_addresses[i]
@@ -131,6 +137,7 @@ class Scene:
         self.data.qpos[:] = self._home_qpos
         self.controller.reset(self.data)
         mujoco.mj_forward(self.model, self.data)
+        self._views.apply(self.data)
         self._step = 0
         self._gripper_command = -1.0
         state = self.state()
@@ -154,7 +161,7 @@ class Scene:
         applied = self.controller.apply(self.data, action, measured=self._tool_pose())
         mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
+        self._views.apply(self.data)
         self._gripper_command = float(applied[-1])
         self._step += 1
         return applied

@@ -1,28 +1,27 @@
 """The base scene: the empty world that every task shares, and the quality presets that images of it are made with.
 
 World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
-0``; the robot stands on a pedestal at the origin, the table begins in front of it, the floor is at ``z = -0.75``.
+0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
 
 Cameras of the base scene:
 
 ===================  =========================  ==========================================================
 name                 position [m]               purpose
 ===================  =========================  ==========================================================
-``front``            (1.6, 0, 0.9)              default view toward the robot; the workspace fills it
-``front_official``   (1.6, 0, 0.9)              the same place with the wider lens of the official preset
+``front``            (1.45, 0, 0.95)            default view toward the robot; the workspace fills it
+``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
 ``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
 ``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
 ``wrist``            on the gripper             added by :func:`add_wrist_camera`
 ===================  =========================  ==========================================================
 
-The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A look changes tints
-only and a quality changes only what the renderer does, so a policy rolled out under any of them meets the same physics.
+The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes colors
+and light only and a quality changes only what the renderer does, so a policy meets the same physics under all of them.
 """
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
@@ -34,11 +33,13 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Vector
 from betterbench.robots.physics import PHYSICS
+from betterbench.scenes.rooms import ROOMS, Light, Room
+from betterbench.scenes.surfaces import SURFACES
 
 FLOOR_HEIGHT_M = -0.75
 """Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
 
-TABLE_X_M = (0.15, 0.95)
+TABLE_X_M = (-0.20, 0.95)
 """Extent of the table top along x [m]."""
 
 TABLE_Y_M = (-0.6, 0.6)
@@ -53,7 +54,9 @@ CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
 WRIST_CAMERA = "wrist"
 """Name of the camera on the gripper."""
 
-# Half the clearance between the table's edge and the pedestal is visible as a dark gap, which tells them apart.
+KEY_LIGHT = "key"
+"""Name of the light that may cast the one shadow."""
+
 _PEDESTAL_X_M = (-0.23, 0.13)
 _PEDESTAL_HALF_WIDTH_M = 0.16
 
@@ -131,48 +134,19 @@ def quality_preset(name: str) -> Quality:
         raise UnknownNameError("quality", name, QUALITIES) from None
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """The tints of the base scene: mean colors (r, g, b) in [0, 1] of table top, background and floor.
-
-    ``surface`` is the material of the table top: "wood", "laminate" or "cloth".
-    """
-
-    name: str
-    surface: str
-    table: Vector
-    wall: Vector
-    floor: Vector
-
-
-LOOKS: tuple[Look, ...] = (
-    Look("oak", "wood", (0.70, 0.57, 0.43), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
-    Look("gray laminate", "laminate", (0.58, 0.59, 0.60), (0.80, 0.77, 0.72), (0.72, 0.69, 0.64)),
-    Look("walnut", "wood", (0.45, 0.33, 0.25), (0.70, 0.74, 0.72), (0.64, 0.68, 0.66)),
-    Look("blue cloth", "cloth", (0.27, 0.40, 0.60), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
-    Look("green cloth", "cloth", (0.30, 0.52, 0.38), (0.74, 0.76, 0.77), (0.68, 0.70, 0.72)),
-)
-"""The looks by number; 0 is the default. The two cloths are those of the real-world fruit basket."""
-
-
-def stage_spec(quality: Quality, *, look: int = 0) -> mujoco.MjSpec:
+def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
     """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
 
     The caller attaches the robot, adds objects and compiles. Calls with equal arguments describe the same model and
     share nothing. The quality is written into the visual settings, so that other viewers show it as the renderer does.
-    Raises InvalidInputError if there is no such entry in :data:`LOOKS`.
     """
-    if not 0 <= look < len(LOOKS):
-        known = ", ".join(f"{number} {entry.name}" for number, entry in enumerate(LOOKS))
-        raise InvalidInputError("look", f"there is no look {look}", f"Use one of: {known}")
-    tint = LOOKS[look]
     spec = mujoco.MjSpec()
     spec.modelname = "betterbench"
     PHYSICS.set_scene(spec)
-    _set_visuals(spec, quality)
-    _add_materials(spec, tint)
+    _set_visuals(spec, quality, room.light)
+    _add_materials(spec, room)
     _add_furniture(spec)
-    _add_lights(spec)
+    _add_lights(spec, room.light)
     _add_cameras(spec)
     return spec
 
@@ -185,11 +159,11 @@ def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
     what is about to be grasped; the image's up direction is the hand's +x, so that with the hand pointing down, up is
     away from the robot and left is the robot's left.
     """
-    position, target = (0.075, 0.0, 0.02), (0.012, 0.0, 0.16)
+    position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
     return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
 
 
-def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
+def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
     """Fix everything that MuJoCo would otherwise derive from the content of the scene, and write the quality down."""
     # With a fixed extent, clipping planes and shadow bounds stay the same whatever stands on the table.
     spec.stat.extent = 1.0
@@ -208,25 +182,24 @@ def _set_visuals(spec: mujoco.MjSpec, quality: Quality) -> None:
     visual.global_.offwidth = 448
     visual.global_.offheight = 448
     visual.headlight.active = 1
-    visual.headlight.ambient = [0.40, 0.40, 0.40]
+    visual.headlight.ambient = list(light.ambient)
     visual.headlight.diffuse = [0.08, 0.08, 0.08]
     visual.headlight.specular = [0.0, 0.0, 0.0]
 
 
-def _add_materials(spec: mujoco.MjSpec, tint: Look) -> None:
+def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
     """Add the sky, the textures and the materials."""
     texture2d, rgb_role = mujoco.mjtTexture.mjTEXTURE_2D, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[min(1.0, 1.12 * c) for c in tint.wall],
-        rgb2=[0.86 * c for c in tint.wall],
+        rgb1=[min(1.0, 1.12 * c) for c in room.wall],
+        rgb2=[0.86 * c for c in room.wall],
         width=64,
         height=384,
     )
-    painter = {"wood": _wood, "laminate": _laminate, "cloth": _cloth}[tint.surface]
-    pixels = painter(np.asarray(tint.table), _TEXTURE_SIZE)
+    pixels = SURFACES[room.surface](np.asarray(room.table), _TEXTURE_SIZE)
     texture = spec.add_texture(name="table_top", type=texture2d, width=_TEXTURE_SIZE, height=_TEXTURE_SIZE, nchannel=3)
     texture.data = pixels.tobytes()
     top = spec.add_material(name="table_top", specular=0.08, shininess=0.2, rgba=[1.0, 1.0, 1.0, 1.0])
@@ -234,7 +207,7 @@ def _add_materials(spec: mujoco.MjSpec, tint: Look) -> None:
     textures[rgb_role] = "table_top"
     top.textures = textures
     for name, color, specular in (
-        ("floor", tint.floor, 0.0),
+        ("floor", room.floor, 0.0),
         ("metal", (0.30, 0.31, 0.33), 0.3),
         ("pedestal", (0.36, 0.37, 0.39), 0.15),
     ):
@@ -259,8 +232,11 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
         friction=friction,
     )
     x_low, x_high = _PEDESTAL_X_M
-    half_height = -0.5 * FLOOR_HEIGHT_M
-    center, half_size = (0.5 * (x_low + x_high), 0.0, -half_height), (0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M)
+    half_height = -0.5 * (FLOOR_HEIGHT_M + TABLE_THICKNESS_M)
+    center, half_size = (
+        (0.5 * (x_low + x_high), 0.0, FLOOR_HEIGHT_M + half_height),
+        (0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M),
+    )
     add_box(spec.worldbody.add_body(name="pedestal"), "pedestal", center, (*half_size, half_height), "pedestal")
 
     (x_low, x_high), (y_low, y_high) = TABLE_X_M, TABLE_Y_M
@@ -280,16 +256,12 @@ def _add_furniture(spec: mujoco.MjSpec) -> None:
         add_box(table, f"table_leg_{number}", foot, (leg, leg, half_leg), "metal")
 
 
-def _add_lights(spec: mujoco.MjSpec) -> None:
-    """Add a key light that may cast the one shadow, and a fill light from the other side.
-
-    Ambient 0.40, headlight 0.08, key 0.40 and fill 0.22 add up to less than 1 on any surface at once, so that no color
-    is clipped and white stays distinguishable from light gray.
-    """
+def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
+    """Add a key light that may cast the one shadow, and a fill light from the other side."""
     aim = np.array([0.45, 0.0, 0.1])
     for name, direction, diffuse, specular in (
-        ("key", (-0.55, -0.35, -1.0), [0.40, 0.40, 0.39], 0.3),
-        ("fill", (0.35, 0.7, -0.8), [0.21, 0.21, 0.22], 0.0),
+        (KEY_LIGHT, light.key_direction, list(light.key), 0.3),
+        ("fill", (-light.key_direction[0], -2.0 * light.key_direction[1], -0.8), [light.fill] * 3, 0.0),
     ):
         along = np.array(direction) / np.linalg.norm(direction)
         spec.worldbody.add_light(
@@ -297,7 +269,7 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
             pos=(aim - 1.6 * along).tolist(),
             dir=along.tolist(),
-            castshadow=name == "key",
+            castshadow=name == KEY_LIGHT,
             ambient=[0.0] * 3,
             diffuse=diffuse,
             specular=[specular] * 3,
@@ -307,11 +279,9 @@ def _add_lights(spec: mujoco.MjSpec) -> None:
 def _add_cameras(spec: mujoco.MjSpec) -> None:
     """Add the four fixed cameras."""
     world = spec.worldbody
-    front = (1.6, 0.0, 0.9)
-    # 34 degrees hold the workspace x 0.3..0.7, y -0.36..0.36 m and the forearm of the robot.
-    _add_camera(world, "front", front, (0.43, 0.0, 0.06), fovy_deg=34.0)
+    _add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
     # Positions and lens of the paper's own release; it looks at the table's center from all three.
-    _add_camera(world, "front_official", front, (0.45, 0.0, 0.05), fovy_deg=47.0)
+    _add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
     _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
     _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
 
@@ -329,58 +299,3 @@ def _add_camera(
     camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
     camera.alt.xyaxes = [*right.tolist(), *upward.tolist()]
     return camera
-
-
-def _smooth_noise(rng: np.random.Generator, size: int, cells: tuple[int, int]) -> np.ndarray:
-    """Return periodic smooth noise in [-1, 1], shape (size, size): values on a coarse grid, blended by cosine weights.
-
-    ``cells`` is the number of grid cells along the rows and the columns.
-    """
-    grid = rng.uniform(-1.0, 1.0, size=cells)
-    for axis, count in enumerate(cells):
-        place = np.arange(size) * (count / size)
-        low = place.astype(int)
-        weight = 0.5 - 0.5 * np.cos(math.pi * (place - low))
-        shape = (-1, 1) if axis == 0 else (1, -1)
-        weight = weight.reshape(shape)
-        grid = np.take(grid, low % count, axis) * (1.0 - weight) + np.take(grid, (low + 1) % count, axis) * weight
-    return np.asarray(grid)
-
-
-def _to_pixels(color: np.ndarray, brightness: np.ndarray) -> np.ndarray:
-    """Return (n, n, 3) uint8 pixels of a color (3,) in [0, 1] times a brightness (n, n) about 1."""
-    pixels: np.ndarray = np.clip(np.rint(255.0 * color * brightness[:, :, None]), 0, 255).astype(np.uint8)
-    return pixels
-
-
-def _wood(color: np.ndarray, size: int) -> np.ndarray:
-    """Return (size, size, 3) uint8 pixels of glued wooden staves along the texture's columns, low in contrast.
-
-    ``color`` is the (3,) mean color, each in [0, 1].
-    """
-    rng = np.random.default_rng(20_011)
-    staves = 8
-    stave = np.arange(size) * staves // size
-    tone = np.array([0.035, -0.03, 0.01, -0.045, 0.04, -0.005, 0.025, -0.03])[stave]
-    shift = rng.integers(0, size, size=staves)[stave]
-    grain = 0.6 * _smooth_noise(rng, size, (64, 4)) + 0.4 * _smooth_noise(rng, size, (256, 6))
-    cloud = _smooth_noise(rng, size, (16, 2))
-    columns = (np.arange(size)[None, :] + shift[:, None]) % size
-    grain = np.take_along_axis(grain, columns, axis=1)
-    seam = np.where(np.arange(size) % (size // staves) == 0, 0.07, 0.0)
-    return _to_pixels(color, 1.0 + tone[:, None] + 0.03 * grain + 0.02 * cloud - seam[:, None])
-
-
-def _laminate(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a plain laminate with a fine speckle; as :func:`_wood`."""
-    rng = np.random.default_rng(20_012)
-    speckle = 0.6 * _smooth_noise(rng, size, (256, 256)) + 0.4 * _smooth_noise(rng, size, (24, 24))
-    return _to_pixels(color, 1.0 + 0.035 * speckle)
-
-
-def _cloth(color: np.ndarray, size: int) -> np.ndarray:
-    """Return a woven cloth of two crossed threads; as :func:`_wood`."""
-    rng = np.random.default_rng(20_013)
-    place = np.arange(size) * (2.0 * math.pi * 64 / size)
-    weave = np.sin(place)[:, None] * np.sin(place)[None, :]
-    return _to_pixels(color, 1.0 + 0.05 * weave + 0.03 * _smooth_noise(rng, size, (48, 48)))

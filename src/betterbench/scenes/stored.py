@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import RecordError
+from betterbench.scenes.cameras import ViewPlacement
 from betterbench.scenes.rendering import Images, Renderer
 from betterbench.scenes.stage import Quality
+from betterbench.state import NO_JITTER, ViewJitter
 
 MODEL_FILE, INDEX_FILE = "model.mjb", "scene.json"
 
@@ -54,10 +56,16 @@ class StoredView:
         """Prepare a renderer for a model; sizes in pixels."""
         self._model = model
         self._data = mujoco.MjData(model)
+        self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
         self._renderer = Renderer(model, width=width, height=height, quality=quality)
 
-    def draw(self, qpos: np.ndarray, camera: str, *, depth: bool = False, masks: bool = False) -> Images:
-        """Return the view of one recorded state, (nq,); raise RecordError if the record belongs to another model."""
+    def draw(
+        self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter, depth: bool = False, masks: bool = False
+    ) -> Images:
+        """Return the view of one recorded state, (nq,), with the record's jitter of cameras and light.
+
+        Raises RecordError if the record belongs to another model.
+        """
         if qpos.shape != (self._model.nq,):
             raise RecordError(
                 f"record: {qpos.shape[0]} positions do not fit a scene of {self._model.nq}; the scene is another one."
@@ -65,7 +73,9 @@ class StoredView:
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
-        mujoco.mj_camlight(self._model, self._data)
+        if jitter != self._jitter:
+            self._jitter, self._placement = jitter, ViewPlacement(self._model, jitter)
+        self._placement.apply(self._data)
         return self._renderer.render(self._data, camera, depth=depth, masks=masks)
 
     def close(self) -> None:

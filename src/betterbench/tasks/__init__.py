@@ -5,6 +5,7 @@ from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
 from betterbench.tasks.goal import GoalTracker, Truth
 from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_label
+from betterbench.tasks.looks import LOOKS, Looks, looks_named
 from betterbench.tasks.operations import Changes, Operation, operation_names
 from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
@@ -19,6 +20,7 @@ from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.variation import Variation
 
 __all__ = [
+    "LOOKS",
     "SUITE_VERSION",
     "TEMPLATES",
     "THRESHOLDS",
@@ -30,6 +32,7 @@ __all__ = [
     "Instruction",
     "Kind",
     "Label",
+    "Looks",
     "ObjectGroup",
     "ObjectSpec",
     "Operation",
@@ -51,6 +54,7 @@ __all__ = [
     "broken_premises",
     "environment_id",
     "get_task",
+    "looks_named",
     "new_label",
     "operation_names",
     "remove_label",

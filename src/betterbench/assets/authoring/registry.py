@@ -24,6 +24,7 @@ class _Entry:
     make: Generator
     colors: tuple[str, ...]
     looks: int
+    unseen_looks: int
     family: str
 
 
@@ -31,20 +32,22 @@ _REGISTER: dict[str, _Entry] = {}
 
 
 def generator(
-    category: str, *, colors: Sequence[str], looks: int = 8, family: str | None = None
+    category: str, *, colors: Sequence[str], looks: int = 8, unseen_looks: int = 4, family: str | None = None
 ) -> Callable[[Generator], Generator]:
     """Register a function as the generator of a category, from whatever file it is imported.
 
     The function takes a random generator, the source of everything in which looks differ, and a color word; the first
     color is the default. It must draw the same numbers for each color, so that the color never changes the shape.
+    The first ``looks`` numbers are the looks of training and test, the ``unseen_looks`` after them are held out.
     Categories of one ``family`` draw the same random numbers for a look, so that what belongs together (a cabinet and
     its drawers, the plates of a set) matches.
 
     Raises:
-        InvalidInputError: If there is no color or no look, or if another function has registered the category.
+        InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
+            category.
     """
-    if not category or not colors or looks < 1:
-        problem = "it needs a name, a color and a look"
+    if not category or not colors or looks < 1 or unseen_looks < 1:
+        problem = "it needs a name, a color, a look and a held-out look"
         raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
 
     def register(make: Generator) -> Generator:
@@ -54,7 +57,7 @@ def generator(
         if known is not None and _origin(known.make) != _origin(make):
             both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
             raise InvalidInputError(f"asset category {category!r}", both, "Give one of them another name")
-        _REGISTER[category] = _Entry(named, tuple(colors), looks, family or category)
+        _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category)
         _build.cache_clear()
         return make
 
@@ -102,7 +105,7 @@ def colors(category: str) -> tuple[str, ...]:
 
 
 def looks(category: str) -> range:
-    """Return the numbers of a category's looks.
+    """Return the numbers of a category's looks in training and test.
 
     Raises:
         UnknownNameError: If there is no such category.
@@ -110,10 +113,30 @@ def looks(category: str) -> range:
     return range(_entry(category).looks)
 
 
+def unseen_looks(category: str) -> range:
+    """Return the numbers of a category's held-out looks, which no demonstration shows.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    entry = _entry(category)
+    return range(entry.looks, entry.looks + entry.unseen_looks)
+
+
+def family_of(category: str) -> str:
+    """Return the family of a category, by default its own name.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return _entry(category).family
+
+
 def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
 
-    Without a color it has the category's first one, see :func:`colors` and :func:`looks`.
+    Without a color it has the category's first one, see :func:`colors`; the look is one of :func:`looks` or
+    :func:`unseen_looks`.
 
     Raises:
         UnknownNameError: If the category or the color is not known.
@@ -123,8 +146,9 @@ def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
     chosen = entry.colors[0] if color is None else color
     if chosen not in entry.colors:
         raise UnknownNameError(f"color of {category}", chosen, entry.colors)
-    if look not in range(entry.looks):
-        cure = f"Use a number from 0 to {entry.looks - 1}"
+    total = entry.looks + entry.unseen_looks
+    if look not in range(total):
+        cure = f"Use a number from 0 to {total - 1}"
         raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
     return _build(category, look, chosen)
 

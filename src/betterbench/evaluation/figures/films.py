@@ -92,7 +92,7 @@ def write_video(
             stream.width = stream.height = size
             stream.pix_fmt = "yuv420p"
             for row in range(len(record)):
-                rgb = view.draw(record.qpos[row], camera).rgb
+                rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter).rgb
                 frame = av.VideoFrame.from_ndarray(np.asarray(rgb), format="rgb24")
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
@@ -116,7 +116,7 @@ def probe_encoder() -> str:
 
 def _image(view: StoredView, record: Record, camera: str, time_s: float) -> np.ndarray:
     row = int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
-    rgb = view.draw(record.qpos[row], camera).rgb
+    rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter).rgb
     if rgb is None:
         raise AssertionError("colors were asked for")
     return rgb

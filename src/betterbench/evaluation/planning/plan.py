@@ -18,7 +18,17 @@ from betterbench.interventions import ResolvedCondition, resolve_condition
 from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import SUITE_VERSION, Condition, Task, TrialId, Variation, get_task, suite_tasks
+from betterbench.tasks import (
+    SUITE_VERSION,
+    Condition,
+    Looks,
+    Task,
+    TrialId,
+    Variation,
+    get_task,
+    looks_named,
+    suite_tasks,
+)
 from betterbench.tasks.user_files import origins_of
 
 PLAN_VERSION = 1
@@ -57,6 +67,7 @@ class Plan:
     observation: str
     quality: str
     robot: str = "panda"
+    looks: Looks = "seen"
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every version and convention that results depend on."""
@@ -71,6 +82,7 @@ class Plan:
             "observation": observation_spec(self.observation).to_json(),
             "quality": quality_preset(self.quality).to_json(),
             "robot": self.robot,
+            "looks": self.looks,
             "control_rate_hz": CONTROL_RATE_HZ,
             "trials": [asdict(t) for t in self.trials],
             **origins_of({t.task for t in self.trials}),
@@ -87,13 +99,14 @@ def make_plan(
     action_space: str = "ee_delta",
     observation: str = "default",
     quality: str = "standard",
+    looks: str = "seen",
 ) -> Plan:
     """Return the plan of a run of the named tasks, or of those of better60.
 
     Every variation is run with the seeds ``seed … seed + trials - 1``, and the training conditions of each task with as
     many trials in all as its variations, evenly shared. The first of them are the twins of the variations. Every trial
     of a plan of some variations ("L1", "fast_food/T1") is also in the plan of all variations, so one certificate covers
-    both.
+    both. With ``looks`` "unseen", objects and rooms have looks that no demonstration shows.
 
     Raises:
         InvalidInputError: If a number is out of range or nothing is left to run.
@@ -106,6 +119,7 @@ def make_plan(
     action_space_named(action_space)
     observation_spec(observation)
     quality_preset(quality)
+    shown = looks_named(looks)
     planned: list[Trial] = []
     chosen = [get_task(name) for name in dict.fromkeys(tasks or suite_tasks("better60"))]
     _check_variations(chosen, variations)
@@ -121,7 +135,7 @@ def make_plan(
         planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
     if not planned:
         raise InvalidInputError("--variations", f"{', '.join(variations)} selects no trial", "Name other variations")
-    return Plan(policy, tuple(planned), action_space, observation, quality)
+    return Plan(policy, tuple(planned), action_space, observation, quality, looks=shown)
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:

@@ -16,7 +16,7 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
-from betterbench.tasks import TrialId
+from betterbench.tasks import Looks, TrialId
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
 """Parts of a plan that are read back, or that alone change no result: the suite and every task have their versions."""
@@ -39,6 +39,7 @@ class _Plan:
     observation: _Preset
     quality: _Preset
     robot: str
+    looks: Looks = "seen"
 
     def __post_init__(self) -> None:
         seen: set[TrialId] = set()
@@ -73,6 +74,7 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
         stored.observation.name,
         stored.quality.name,
         stored.robot,
+        stored.looks,
     )
     for trial in {(t.task, t.condition): t for t in plan.trials}.values():
         trial.resolve()

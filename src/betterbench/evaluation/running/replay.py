@@ -49,7 +49,9 @@ def check_record(path: Path) -> ReplayCheck:
     found = resolve_condition(meta.task, meta.condition)
     if found.task.version != meta.task_version:
         notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {found.task.version}")
-    scene = Scene(found.task, found.condition, seed=meta.seed, action_space=action_space(meta.action_space))
+    scene = Scene(
+        found.task, found.condition, seed=meta.seed, action_space=action_space(meta.action_space), looks=meta.looks
+    )
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."

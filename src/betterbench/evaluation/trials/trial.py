@@ -28,6 +28,7 @@ from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Looks
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 POLICY_TIMEOUT_S = 300.0
@@ -50,6 +51,7 @@ class RunSettings:
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the process that holds the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
+        looks: Looks of objects and rooms.
     """
 
     run: str
@@ -62,12 +64,22 @@ class RunSettings:
     policy_timeout_s: float = POLICY_TIMEOUT_S
     served_at: str | None = None
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+    looks: Looks = "seen"
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
         """Return the settings of a plan that is run into a folder."""
-        space, preset = plan.action_space, plan.observation
-        return cls(str(run), plan.policy, space, preset, plan.quality, plan.robot, envs, policy_timeout_s)
+        return cls(
+            str(run),
+            plan.policy,
+            plan.action_space,
+            plan.observation,
+            plan.quality,
+            plan.robot,
+            envs,
+            policy_timeout_s,
+            looks=plan.looks,
+        )
 
     @property
     def asked(self) -> str:
@@ -156,6 +168,7 @@ class TrialRunner:
             action_space=action_space(self.settings.action_space),
             quality=quality_preset(self.settings.quality),
             robot_name=self.settings.robot,
+            looks=self.settings.looks,
         )
         shown = self._shown_by is not None and self._observer.spec.cameras
         context = TrialContext(

@@ -8,16 +8,16 @@ BOWL, SALT = a.distractor("bowl", category="cereal_bowl"), a.distractor("salt", 
 JAM, EGG = a.distractor("jam", "jam jar"), a.distractor("egg", "egg cup")
 TUMBLER = a.distractor("tumbler", color="blue")
 
-LEFT_EDGE, LEFT_CORNER = (a.Slot(f"left_{n}", x, -0.33, jitter_m=0.010) for n, x in (("edge", 0.44), ("corner", 0.56)))
+LEFT_EDGE, LEFT_CORNER = (a.Slot(f"left_{n}", x, -0.255, jitter_m=0.010) for n, x in (("edge", 0.52), ("corner", 0.44)))
 RIGHT_EDGE, RIGHT_CORNER = (
-    a.Slot(f"right_{n}", x, 0.33, jitter_m=0.010) for n, x in (("edge", 0.44), ("corner", 0.56))
+    a.Slot(f"right_{n}", x, 0.255, jitter_m=0.010) for n, x in (("edge", 0.52), ("corner", 0.44))
 )
-BACK_LEFT, BACK = a.Slot("back_left", 0.32, -0.15), a.Slot("back", 0.30, 0.25)
+BACK_LEFT, BACK = a.Slot("back_left", 0.32, -0.15), a.Slot("back", 0.29, 0.24)
 FRONT, FRONT_LEFT, FRONT_RIGHT = (
-    a.Slot(n, 0.70, y) for n, y in (("front", -0.04), ("front_left", -0.17), ("front_right", 0.11))
+    a.Slot(n, 0.69, y) for n, y in (("front", -0.04), ("front_left", -0.17), ("front_right", 0.11))
 )
-TABLE_RIGHT = a.Slot("table_right", 0.51, 0.08, jitter_m=0.008, yaw_jitter=0.05)
-TABLE_LEFT = a.Slot("table_left", 0.51, -0.08, jitter_m=0.008, yaw_jitter=0.05)
+TABLE_RIGHT = a.Slot("table_right", 0.51, 0.06, jitter_m=0.008, yaw_jitter=0.05)
+TABLE_LEFT = a.Slot("table_left", 0.51, -0.06, jitter_m=0.008, yaw_jitter=0.05)
 OUTSIDE = (LEFT_EDGE, LEFT_CORNER, FRONT, RIGHT_EDGE, RIGHT_CORNER)
 TABLEWARE = {BOWL: BACK_LEFT, SALT: BACK, JAM: FRONT_LEFT}
 LAYOUTS = (

@@ -8,9 +8,9 @@ TOP = a.item("top_bun", category="bun_top")
 BASE = a.container("bottom_bun", category="bun_bottom")
 SPONGE = a.distractor("sponge")
 
-FIRST, SECOND = a.Slot("first", 0.42, -0.27), a.Slot("second", 0.60, -0.27)
-THIRD, FOURTH = a.Slot("third", 0.42, -0.09), a.Slot("fourth", 0.60, -0.09)
-STAND = a.Slot("stand", 0.50, 0.17, jitter_m=0.005, yaw_jitter=0.0)
+FIRST, SECOND = a.Slot("first", 0.48, -0.21), a.Slot("second", 0.64, -0.19)
+THIRD, FOURTH = a.Slot("third", 0.48, -0.06), a.Slot("fourth", 0.64, -0.05)
+STAND = a.Slot("stand", 0.52, 0.14, jitter_m=0.005, yaw_jitter=0.0)
 LAYOUT = {PATTY: FIRST, CHEESE: SECOND, LETTUCE: THIRD, TOP: FOURTH, BASE: STAND}
 
 

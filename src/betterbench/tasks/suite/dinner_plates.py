@@ -7,10 +7,10 @@ RED = a.item("red_plate", category="plate_medium", color="red")
 BLUE = a.item("blue_plate", category="plate_small", color="blue")
 BOWL = a.distractor("red_bowl", category="shallow_bowl", color="red")
 
-LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.46, -0.28), a.Slot("left_front", 0.64, -0.17)
-RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.46, 0.28), a.Slot("right_front", 0.64, 0.17)
-STAND_RIGHT = a.Slot("stand_right", 0.45, 0.20, jitter_m=0.010)
-STAND_MIDDLE = a.Slot("stand_middle", 0.45, -0.02, jitter_m=0.010)
+LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.48, -0.19), a.Slot("left_front", 0.67, -0.10)
+RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.48, 0.19), a.Slot("right_front", 0.67, 0.10)
+STAND_RIGHT = a.Slot("stand_right", 0.42, 0.17, jitter_m=0.010)
+STAND_MIDDLE = a.Slot("stand_middle", 0.37, 0.0, jitter_m=0.010)
 LAYOUTS = (
     {RED: LEFT_BACK, BLUE: LEFT_FRONT, WHITE: STAND_RIGHT},
     {RED: RIGHT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_MIDDLE},

@@ -7,8 +7,8 @@ ORANGE, LEMON = a.item("orange"), a.item("lemon")
 LUNCHBOX = a.container("lunchbox")
 BLOCK = a.distractor("red_block", category="block", color="red")
 
-FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.28), a.Slot("second", 0.60, -0.28), a.Slot("third", 0.60, -0.09)
-STAND = a.Slot("stand", 0.50, 0.20, yaw=-1.5708, jitter_m=0.005, yaw_jitter=0.03)
+FIRST, SECOND, THIRD = a.Slot("first", 0.43, -0.235), a.Slot("second", 0.61, -0.21), a.Slot("third", 0.63, -0.09)
+STAND = a.Slot("stand", 0.44, 0.11, yaw=-1.5708, jitter_m=0.005, yaw_jitter=0.03)
 LAYOUT = {APPLE: FIRST, ORANGE: SECOND, LEMON: THIRD, LUNCHBOX: STAND}
 
 

@@ -10,8 +10,8 @@ PLAIN_SALT, PLAIN_PEPPER, PLAIN_PAPRIKA = (
 PILLS = a.distractor("pill_bottle")
 RACK = a.fixture("rack", category="spice_rack", fixed=True)
 
-FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.27), a.Slot("second", 0.60, -0.27), a.Slot("third", 0.50, -0.10)
-STAND = a.Slot("stand", 0.52, 0.20, jitter_m=0.0, yaw_jitter=0.0)
+FIRST, SECOND, THIRD = a.Slot("first", 0.42, -0.22), a.Slot("second", 0.60, -0.20), a.Slot("third", 0.51, -0.09)
+STAND = a.Slot("stand", 0.52, 0.13, jitter_m=0.0, yaw_jitter=0.0)
 LAYOUT = {SALT: FIRST, PEPPER: SECOND, PAPRIKA: THIRD, RACK: STAND}
 HOLES = {"hole_1": "left", "hole_2": "middle", "hole_3": "right"}
 

@@ -9,11 +9,12 @@ KEYBOARD, STAPLER = a.distractor("keyboard"), a.distractor("stapler")
 TAPE = a.distractor("tape", "tape roll")
 BIN = a.container("bin", "waste bin")
 
-TRASH_1, TRASH_2 = a.Slot("trash_1", 0.42, -0.31), a.Slot("trash_2", 0.60, -0.31)
-TRASH_3, TRASH_4 = a.Slot("trash_3", 0.42, -0.18), a.Slot("trash_4", 0.60, -0.18)
-PLACE_1, PLACE_2, PLACE_3 = (a.Slot(f"place_{i}", x, 0.04) for i, x in ((1, 0.35), (2, 0.51), (3, 0.67)))
-FLOOR = a.Slot("floor", 0.46, 0.31, jitter_m=0.005, yaw_jitter=0.0)
-UNSEEN_1, UNSEEN_2 = a.Slot("unseen_1", 0.51, -0.33), a.Slot("unseen_2", 0.51, -0.16)
+TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.61, -0.22)
+TRASH_3, TRASH_4 = a.Slot("trash_3", 0.48, -0.125), a.Slot("trash_4", 0.59, -0.13, yaw=1.5708)
+PLACE_1, PLACE_2 = a.Slot("place_1", 0.33, -0.02), a.Slot("place_2", 0.51, 0.0)
+PLACE_3 = a.Slot("place_3", 0.72, 0.03)
+FLOOR = a.Slot("floor", 0.52, 0.17, jitter_m=0.005, yaw_jitter=0.0)
+UNSEEN_1, UNSEEN_2 = a.Slot("unseen_1", 0.545, -0.225), a.Slot("unseen_2", 0.535, -0.115)
 VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
 
 

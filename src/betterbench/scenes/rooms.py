@@ -1,0 +1,88 @@
+"""Rooms: table top, wall, floor and light of a scene, which a trial draws by its seed.
+
+No table top has the color of anything that an instruction names: reds, blues, yellows, bright greens, white, black and
+the browns of food stay readable on all of them. Ambient, key and fill light add up to at most 1 on any surface, so that
+no color is clipped and white stays distinguishable from light gray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+from betterbench.geometry import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """How a room is lit, from two directions and evenly from everywhere.
+
+    Attributes:
+        key_direction: Direction in which the light that casts the shadow shines; it need not be of length 1.
+        key: Color (r, g, b) of that light, each in [0, 1].
+        ambient: Color of the even light.
+        fill: Brightness of the second light, which shines from the other side without a shadow.
+    """
+
+    key_direction: Vector
+    key: Vector
+    ambient: Vector
+    fill: float
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """A table top, its surroundings and their light.
+
+    Attributes:
+        name: Name of the room.
+        surface: Material of the table top, one of ``SURFACES``.
+        table: Mean color (r, g, b) of the table top, each in [0, 1].
+        wall: Color of the wall behind the robot.
+        floor: Color of the floor.
+    """
+
+    name: str
+    surface: str
+    table: Vector
+    wall: Vector
+    floor: Vector
+    light: Light
+
+
+_NEUTRAL = Light((-0.55, -0.35, -1.0), (0.40, 0.40, 0.39), (0.40, 0.40, 0.40), 0.22)
+_WARM_LEFT = Light((-0.45, -0.70, -1.0), (0.42, 0.405, 0.375), (0.405, 0.40, 0.395), 0.20)
+_COOL_RIGHT = Light((-0.50, 0.65, -1.0), (0.375, 0.385, 0.41), (0.39, 0.395, 0.405), 0.20)
+_SOFT = Light((-0.40, -0.20, -1.0), (0.26, 0.26, 0.26), (0.48, 0.48, 0.48), 0.22)
+_STRONG_RIGHT = Light((-0.65, 0.45, -1.0), (0.49, 0.48, 0.45), (0.35, 0.35, 0.36), 0.14)
+_EVENING = Light((-0.35, -0.85, -1.0), (0.445, 0.425, 0.395), (0.39, 0.385, 0.38), 0.18)
+_DAYLIGHT = Light((-0.75, -0.10, -1.0), (0.42, 0.43, 0.45), (0.38, 0.385, 0.40), 0.18)
+_CEILING = Light((-0.35, 0.20, -1.0), (0.38, 0.385, 0.37), (0.42, 0.425, 0.42), 0.16)
+
+ROOMS: tuple[Room, ...] = (
+    Room("ash", "wood", (0.72, 0.63, 0.51), (0.74, 0.76, 0.77), (0.62, 0.63, 0.65), _NEUTRAL),
+    Room("concrete", "stone", (0.60, 0.61, 0.60), (0.80, 0.75, 0.68), (0.47, 0.42, 0.36), _WARM_LEFT),
+    Room("olive laminate", "laminate", (0.49, 0.48, 0.38), (0.66, 0.72, 0.70), (0.55, 0.53, 0.50), _COOL_RIGHT),
+    Room("mauve cloth", "cloth", (0.60, 0.50, 0.58), (0.82, 0.82, 0.80), (0.50, 0.51, 0.54), _SOFT),
+    Room("teal cloth", "checks", (0.33, 0.50, 0.50), (0.78, 0.72, 0.66), (0.40, 0.36, 0.33), _STRONG_RIGHT),
+    Room("terrazzo", "terrazzo", (0.63, 0.64, 0.65), (0.55, 0.61, 0.66), (0.40, 0.43, 0.46), _EVENING),
+    Room("weathered planks", "planks", (0.48, 0.46, 0.44), (0.70, 0.74, 0.66), (0.58, 0.56, 0.52), _DAYLIGHT),
+    Room("striped sage", "stripes", (0.60, 0.65, 0.59), (0.75, 0.68, 0.70), (0.52, 0.46, 0.42), _CEILING),
+)
+"""The rooms of training and test."""
+
+UNSEEN_ROOMS: tuple[Room, ...] = (
+    Room("rose tiles", "tiles", (0.68, 0.56, 0.54), (0.64, 0.70, 0.76), (0.45, 0.47, 0.50), _STRONG_RIGHT),
+    Room("pale blue stripes", "stripes", (0.58, 0.65, 0.71), (0.84, 0.78, 0.68), (0.55, 0.48, 0.40), _EVENING),
+    Room("plum terrazzo", "terrazzo", (0.45, 0.38, 0.44), (0.70, 0.76, 0.72), (0.60, 0.60, 0.58), _DAYLIGHT),
+)
+"""The held-out rooms, which no demonstration shows."""
+
+
+def room_named(name: str) -> Room:
+    """Return a room by its name; raise UnknownNameError if there is none."""
+    known = {room.name: room for room in (*ROOMS, *UNSEEN_ROOMS)}
+    try:
+        return known[name]
+    except KeyError:
+        raise UnknownNameError("room", name, known) from None

@@ -1,0 +1,50 @@
+"""By how much cameras and key light of a trial are off their nominal places; images follow from it and the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from betterbench.geometry import Vector
+from betterbench.json_form import strict_form
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class CameraOffset:
+    """Where a camera is in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
+
+    Attributes:
+        shift_m: Position of the camera [m].
+        turn_rad: Rotation of the camera as an axis-angle vector [rad].
+    """
+
+    shift_m: Vector
+    turn_rad: Vector
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ViewJitter:
+    """The jitter of everything that images depend on beside the model and the state.
+
+    Attributes:
+        cameras: Offset per camera; a camera that is not named is at its nominal place.
+        key_light_turn_rad: Rotation of the key light's direction in the world frame as an axis-angle vector [rad].
+    """
+
+    cameras: Mapping[str, CameraOffset] = field(default_factory=dict)
+    key_light_turn_rad: Vector = (0.0, 0.0, 0.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        cameras = {
+            name: {"shift_m": list(offset.shift_m), "turn_rad": list(offset.turn_rad)}
+            for name, offset in self.cameras.items()
+        }
+        return {"cameras": cameras, "key_light_turn_rad": list(self.key_light_turn_rad)}
+
+
+NO_JITTER = ViewJitter()
+"""Every camera and light at its nominal place."""

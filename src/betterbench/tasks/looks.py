@@ -1,0 +1,20 @@
+"""Which looks a run shows: those of training and test, or those that demonstrations never show."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from betterbench.errors import UnknownNameError
+
+Looks = Literal["seen", "unseen"]
+"""The looks of objects and rooms that a run draws from: "seen" are those of training, "unseen" are held out."""
+
+LOOKS: tuple[Looks, ...] = get_args(Looks)
+
+
+def looks_named(name: str) -> Looks:
+    """Return the looks of a name; raise UnknownNameError for another one."""
+    for known in LOOKS:
+        if name == known:
+            return known
+    raise UnknownNameError("looks", name, LOOKS)

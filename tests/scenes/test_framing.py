@@ -1,0 +1,93 @@
+"""What the cameras show of each task: the limits hold for all conditions, seeds and jitters."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.cameras import camera_matrices
+from betterbench.scenes.framing import (
+    BACKGROUND,
+    GRIPPER_PX,
+    MARGIN_M,
+    SIDE_PX,
+    VISIBLE,
+    FramingView,
+    extreme_jitters,
+    least_margin_m,
+)
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Task, get_task, suite_tasks
+
+pytestmark = [pytest.mark.physics, pytest.mark.render]
+
+EXTREME = tuple(extreme_jitters())
+
+
+def scenes(task: Task, seed: int):
+    conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
+    for condition in conditions:
+        yield Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+
+
+def faults(scene: Scene, jitters) -> list[str]:
+    """What an image of the scene's start shows worse than the limits allow, at any of the jitters."""
+    found, name = [], f"{scene.condition.id} seed {scene.seed}"
+    view = FramingView(scene)
+    for jitter in jitters:
+        framing = view.start(jitter)
+        if framing.gripper_px < GRIPPER_PX:
+            found.append(f"{name}: {framing.gripper_px} px of the gripper")
+        if framing.background > BACKGROUND:
+            found.append(f"{name}: {framing.background:.2f} background")
+        for asked in framing.asked:
+            if asked.side_px < SIDE_PX or asked.visible < VISIBLE:
+                found.append(f"{name}: {asked.name} {asked.side_px:.0f} px, {asked.visible:.2f} visible")
+    view.close()
+    margin = least_margin_m(scene)
+    return [*found, *([f"{name}: margin {1e3 * margin:.0f} mm"] if margin < MARGIN_M else [])]
+
+
+def test_every_condition_is_framed_as_promised():
+    """One seed per condition, under its own jitter; margins count all jitters at once."""
+    found = [f for task in suite_tasks("better60") for s in scenes(get_task(task), 0) for f in faults(s, (None,))]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+def test_every_condition_is_framed_at_the_ends_of_the_jitter(task_id):
+    found = []
+    for number, seed in enumerate((1, 2, 3)):
+        for s in scenes(get_task(task_id), seed):
+            found += faults(s, (None, *EXTREME[number::21]))
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+def test_the_gripper_is_seen_over_every_slot(task_id):
+    task = get_task(task_id)
+    s = next(scenes(task, 0))
+    view = FramingView(s)
+    for slot, jitter in itertools.product(task.slots, EXTREME[::21]):
+        assert view.gripper_over(slot.name, jitter) >= GRIPPER_PX, slot.name
+    view.close()
+
+
+@pytest.mark.parametrize("task_id", ["fast_food", "morning_coffee"])
+def test_the_wrist_camera_sees_both_fingertips_and_the_table_under_them(task_id):
+    s = next(scenes(get_task(task_id), 0))
+    with Renderer(s.model, width=256, height=256, quality=s.quality) as renderer:
+        masks = renderer.render(s.data, "wrist", rgb=False, masks=True).masks
+    fingers = [s.model.body("robot/" + name).id for name in s.compiled.robot.finger_bodies]
+    assert all((masks == finger).sum() > 300 for finger in fingers)
+    x, y, _ = s.state().ee_pose.position
+    pixels, _ = camera_matrices(s.model, s.data, "wrist").project(np.array([[x, y, 0.0]]))
+    assert np.all((pixels > 20) & (pixels < 236)), "what lies under the fingers"
+    arm = [b for b in range(s.model.nbody) if s.model.body(b).name.startswith("robot/") and b not in fingers]
+    assert np.isin(masks, arm).mean() < 0.1, "the robot itself fills little of the image"
