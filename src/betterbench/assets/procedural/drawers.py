@@ -69,7 +69,7 @@ class _Style:
     @staticmethod
     def draw(rng: np.random.Generator, color: str) -> _Style:
         """Draw a style; the same numbers are drawn for every color."""
-        half_x, half_y, height = uniforms(rng, (0.105, 0.114), (0.104, 0.122), (0.1685, 0.1710))
+        half_x, half_y, height = uniforms(rng, (0.1085, 0.1140), (0.1150, 0.1225), (0.1685, 0.1710))
         handle, front = str(rng.choice(_HANDLES)), str(rng.choice(["plain", "frame", "groove", "band"]))
         width, tall, thick = uniforms(rng, (0.044, 0.056), (0.034, 0.042), (0.013, 0.016))
         sizes = {
@@ -157,7 +157,7 @@ def _linings(s: _Style) -> Mesh:
 def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
     """Make the carcass of a two-drawer desk cabinet, open at its front (+x).
 
-    Desk organizers with two drawers are 21 to 25 cm wide and deep and 16 to 20 cm high. Its volume of 1.9 l of particle
+    Desk organizers with two drawers are 22 to 25 cm wide and deep and 16 to 20 cm high. Its volume of 1.9 l of particle
     board (650 kg/m^3) weighs 1.2 kg; it is meant to be fixed. The regions "upper" and "lower" are the frames of the
     closed drawers.
     """
