@@ -11,8 +11,9 @@ import trimesh
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.robots import PANDA, build_robot_spec, robot, robot_names
+from betterbench.robots.decimation import welded
 from betterbench.robots.meshes import mesh_folder, visual_parts
-from betterbench.robots.panda import COLLISION_GROUP, FACE_BUDGET, VISUAL_GROUP
+from betterbench.robots.panda import _SHARES, COLLISION_GROUP, FACE_BUDGET, VISUAL_GROUP, _paint
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +148,36 @@ def test_decimation_keeps_the_shape() -> None:
         points = np.vstack(corners)
         assert points.min(axis=0) == pytest.approx(original[0], abs=0.004), link
         assert points.max(axis=0) == pytest.approx(original[1], abs=0.004), link
+
+
+@pytest.mark.parametrize("link", [*PANDA.arm_bodies, "hand", "finger"])
+def test_decimation_tears_nothing_and_turns_nothing_over(link: str) -> None:
+    """Borders keep their length, so that no hole and no flap appears, and triangles look where the surface did."""
+    source = trimesh.load_mesh(mesh_folder() / f"{link}.stl", process=False)
+    original = welded(np.asarray(source.vertices), np.asarray(source.faces), 1e-4)
+    parts = [p for p in visual_parts(_SHARES, _paint, faces=FACE_BUDGET) if p.link == link]
+    pieces = [welded(part.vertices, part.faces, 1e-4) for part in parts]
+    borders = sum(_border_length(*piece) for piece in pieces)
+    assert 0.9 * _border_length(*original) - 0.01 < borders < 1.35 * _border_length(*original) + 0.01
+    centers, normals = np.asarray(source.triangles_center), np.asarray(source.face_normals)
+    turned = total = 0.0
+    for vertices, faces in pieces:
+        a, b, c = vertices[faces].swapaxes(0, 1)
+        double = np.cross(b - a, c - a)
+        areas = np.linalg.norm(double, axis=1)
+        away = np.linalg.norm((a + b + c)[:, None] / 3.0 - centers[None], axis=2)
+        near = np.argpartition(away, 12, axis=1)[:, :12]
+        cosines = np.einsum("ij,ikj->ik", double / areas[:, None], normals[near]).max(axis=1)
+        turned, total = turned + float(areas[cosines < 0.3].sum()), total + float(areas.sum())
+    assert turned < 0.015 * total
+
+
+def _border_length(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Length of all edges that belong to one triangle only [m]."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, times = np.unique(edges, axis=0, return_counts=True)
+    start, end = unique[times == 1].T
+    return float(np.linalg.norm(vertices[start] - vertices[end], axis=1).sum())
 
 
 def _array(values: np.ndarray) -> np.ndarray:

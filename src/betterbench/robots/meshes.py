@@ -1,8 +1,8 @@
 """The arm's visual meshes: found in an installed wheel, decimated once, kept in the user's cache.
 
 The STL files come with the ``gymnasium-robotics`` wheel and hold 134,000 triangles; software rendering is bound by
-triangles, so each file is split into its connected parts, the parts are sorted into paints, and each paint of a link is
-decimated to its share of a fixed budget.
+triangles, so each file is split into its connected parts, the parts are sorted into paints, and all together are
+decimated to a fixed budget, which goes where it is needed (:mod:`~betterbench.robots.decimation`).
 
 The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so
 two processes that prepare it at once both succeed and end with the same file. A file that cannot be read is made
@@ -22,18 +22,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import fast_simplification
 import numpy as np
 import platformdirs
 import trimesh
 
 from betterbench.errors import MissingDependencyError
+from betterbench.robots.decimation import creased, decimated, welded
 from betterbench.robots.spec import Progress
 
 _log = logging.getLogger(__name__)
 
-RECIPE_VERSION = 1
+RECIPE_VERSION = 2
 """Raise this number when the preparation changes, so that old cache files are not used."""
+
+_WELD_M = 1e-4
+"""Cells in which vertices are one [m]: the files leave seams open by some hundredths of a millimeter."""
+
+_CREASE_DEGREES = 38.0
+"""Angle above which an edge of the arm is drawn sharp: its housings are round, with edges at flanges and covers."""
 
 _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
@@ -85,7 +91,7 @@ def visual_parts(
 ) -> tuple[MeshPart, ...]:
     """Return the decimated visual meshes, ordered by link and paint, from the cache where possible.
 
-    ``shares`` gives by file stem the weight in the face budget (multiplies its surface), ``faces`` the largest number
+    ``shares`` gives by file stem how much an error of its shape counts, ``faces`` the largest number
     of triangles of all parts together; ``paint`` sorts the connected parts of each file. ``progress`` is called for
     each link unless the cache is used. Raises MissingDependencyError if a source file is missing.
     """
@@ -117,7 +123,6 @@ def _prepare(
 ) -> tuple[MeshPart, ...]:
     """Split, sort and decimate all sources so that all parts together keep within the budget."""
     painted: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]] = {}
-    weights: dict[tuple[str, str], float] = {}
     for done, (link, data) in enumerate(sources.items()):
         if progress is not None:
             progress("reading the arm's meshes", done, len(sources))
@@ -132,19 +137,17 @@ def _prepare(
             chosen = np.asarray(mesh.faces)[names == name]
             used, renumbered = np.unique(chosen, return_inverse=True)
             painted[link, name] = (np.asarray(mesh.vertices)[used], renumbered.reshape(-1, 3))
-            weights[link, name] = shares[link] * float(mesh.area_faces[names == name].sum())
-    total = sum(weights.values())
-    parts = []
-    for done, ((link, name), (vertices, triangles)) in enumerate(sorted(painted.items())):
-        if progress is not None:
-            progress("decimating the arm's meshes", done, len(painted))
-        target = max(12, int(budget * weights[link, name] / total))
-        shape = (vertices.astype(np.float32), triangles.astype(np.int32))
-        if len(triangles) > target:
-            shape = fast_simplification.simplify(*shape, target_count=target)
-        parts.append(MeshPart(link, name, shape[0].astype(np.float32), shape[1].astype(np.int32)))
     if progress is not None:
-        progress("decimating the arm's meshes", len(painted), len(painted))
+        progress("decimating the arm's meshes", 0, 1)
+    order = sorted(painted)
+    pieces = [welded(*painted[key], _WELD_M) for key in order]
+    small = decimated(pieces, [shares[link] for link, _ in order], budget)
+    parts = []
+    for (link, name), piece in zip(order, small, strict=True):
+        vertices, triangles = creased(*piece, _CREASE_DEGREES)
+        parts.append(MeshPart(link, name, vertices.astype(np.float32), triangles.astype(np.int32)))
+    if progress is not None:
+        progress("decimating the arm's meshes", 1, 1)
     return tuple(parts)
 
 

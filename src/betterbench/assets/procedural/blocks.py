@@ -1,13 +1,17 @@
 """Painted wooden blocks: cuboids, and those that have the size of something else."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, part, zone
-from betterbench.assets.authoring.mesh import mapped, slab
+from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, merge, part, zone
+from betterbench.assets.authoring.mesh import FRONT, box, mapped, slab
 from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, shaded
-from betterbench.assets.authoring.solids import leaning_box, solid_box
+from betterbench.assets.authoring.solids import solid_box
+from betterbench.assets.procedural.stapler import stapler_size
+
+_BARE: Rgb = (0.85, 0.68, 0.46)  # beech where the paint is off
 
 
 def _painted_wood(
@@ -46,38 +50,52 @@ def toy_block(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-@generator("stapler_block", colors=("black", "red", "blue"))
+@generator("stapler_block", colors=("black", "red", "blue"), family="stapler")
 def stapler_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a painted wooden wedge with the size and outline of a stapler: no gap, no metal, bevelled edges.
+    """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
 
-    Beech of 700 kg/m^3 would weigh 0.15 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so
-    that it differs from a stapler for the eye alone.
+    Its paint is worn off along the edges and at the ends, where bare wood shows. Beech of 700 kg/m^3 would weigh 0.15
+    to 0.19 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so that it differs from a stapler
+    for the eye alone.
     """
-    length, width, height = rng.uniform(0.121, 0.128), rng.uniform(0.0345, 0.0365), rng.uniform(0.053, 0.057)
-    rear, front = height * rng.uniform(0.48, 0.60), height * rng.uniform(0.86, 1.0)
-    bevel = rng.uniform(0.0020, 0.0032)
+    length, width, height = stapler_size(rng)
+    bevel, chamfer = rng.uniform(0.0022, 0.0036), float(rng.choice([0.0, 0.010, 0.018]))
+    count, wear, stained = rng.uniform(4.0, 9.0), rng.uniform(0.5, 1.0), rng.random() < 0.5
     shade = jittered(shaded(PALETTE[color], 1.25) if color == "black" else PALETTE[color], rng)
-    half, side = 0.5 * length, 0.5 * width
-    ridge = half - 0.030
-    wood = _painted_wood(rng, shade, rings=0.05, waves=(11.0, 0.4, 4.0), amount=0.07, cells=26)
-    mesh = slab((-half, half, half, ridge, -half), (0.0, 0.0, front, height, rear), side, bevel=bevel)
-    slope = math.atan2(height - rear, ridge + half)
-    # The wedge: a box to the height of the rear, and one that lies under the slope.
-    plate = 0.5 * (height - rear) * math.cos(slope)
-    x = 0.5 * (ridge - half) + 0.5 * plate * math.sin(slope)
-    z = 0.5 * (height + rear) - 0.5 * plate * math.cos(slope)
-    along = 0.5 * (ridge + half) / math.cos(slope) - 0.5 * math.tan(slope) * plate
+    half, side, height = 0.5 * length, 0.5 * width, 0.98 * height
+    canvas = Canvas(1.0, 1.0, (256, 128), shade)
+    x, y = canvas.x, canvas.y
+    wave = count * y + 0.5 * np.sin(5.0 * x) + 0.3 * np.sin(11.0 * x + 1.0)
+    # Dark year rings that are seen from afar, under paint or, on stained wood, with pale wood between them.
+    ring = np.clip(1.8 * np.sin(2.0 * math.pi * wave) - 0.6, 0.0, 1.0)
+    canvas.shade(1.0 - 0.45 * ring)
+    if stained:
+        canvas.paint(np.clip(-1.8 * np.sin(2.0 * math.pi * wave) - 0.9, 0.0, 1.0), _BARE, strength=0.45)
+    canvas.grain(rng, cells=(3, 40), amount=0.08)
+    worn = np.minimum(np.minimum(x, 1.0 - x) / 0.030, np.minimum(y, 1.0 - y) / 0.045) + 0.35 * np.sin(
+        40.0 * x + 9.0 * y
+    )
+    canvas.paint(worn < wear, _BARE, strength=0.85)
+    flat, shoulder = half - chamfer, height - chamfer
+    outline: tuple[Sequence[float], Sequence[float]] = ((-half, half, half, -half), (0.0, 0.0, height, height))
+    if chamfer:
+        outline = ((-half, half, half, flat, -flat, -half), (0.0, 0.0, shoulder, height, height, shoulder))
+    body = mapped(slab(*outline, side, bevel=bevel), (1.0, 0.30, 0.0), (0.0, 0.75, 1.0))
+    size = (0.0008, 2.0 * side - 0.008, shoulder - 0.008)
+    ends = [box(size, (e * half, 0.0, 0.5 * shoulder)) for e in (-1, 1)]
+    rings = Canvas(1.0, 1.0, (32, 32), shaded(_BARE, 0.92))
+    rings.shade(0.86 + 0.14 * np.sin(2.0 * math.pi * 4.0 * np.hypot(rings.x - 0.3, rings.y + 0.2)))
     return Draft(
-        shape="irregular",
-        description=f"A {color} wooden block with the outline of a stapler.",
-        tags=("block", "wedge", "wooden block", "toy"),
+        shape="box",
+        description=f"A {color} wooden block with the size of a stapler, its paint worn off at the edges.",
+        tags=("block", "wooden block", "toy"),
         mass_kg=0.22,
+        material="wood",
         parts=(
-            part("block", mapped(mesh, (1.0, 0.5, 0.0), (0.0, 0.6, 1.0)), wood),
-            solid_box((-half, -side, 0.0), (half, side, rear)),
-            solid_box((0.0, -side, rear), (half - 0.001, side, 0.5 * (rear + height))),
-            leaning_box((along, side, 0.5 * plate), (x, 0.0, z), -slope),
-            solid_box((ridge - 0.012, -side, rear), (half - 0.006, side, 0.5 * (front + height) - 0.001)),
+            part("block", body, canvas, specular=0.1),
+            part("ends", merge(ends), rings, view=FRONT, specular=0.05),
+            solid_box((-half, -side, 0.0), (half, side, shoulder)),
+            *([solid_box((-flat, -side, shoulder), (flat, side, height))] if chamfer else []),
         ),
         grasps=(grip("body", 0.032, width),),
         regions=(zone("base", half, side),),

@@ -8,50 +8,56 @@ from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_ac
 from betterbench.assets.authoring.mesh import Mesh, prism
 from betterbench.assets.authoring.paint import CHROME, PALETTE, Canvas, Rgb, jittered, mixed, shaded
 
-# Radius of the standard 330 ml can [m].
-CAN_RADIUS = 0.033
+# Sizes of cans: name, radius and height [m]. Standard 330 ml, sleek 330 ml, slim 250 ml, and a small one of 200 ml.
+SIZES = (("standard", 0.0330, 0.115), ("sleek", 0.0290, 0.130), ("slim", 0.0265, 0.122), ("small", 0.0300, 0.086))
 # Prints that a can may have.
-DESIGNS = ("wave", "disc", "stripes", "diamond")
+DESIGNS = ("wave", "disc", "stripes", "diamond", "halves", "bands")
 
 
 @generator("can", colors=("red", "silver", "blue", "green", "orange", "yellow", "black", "white"))
 def can(rng: np.random.Generator, color: str) -> Draft:
     """Make a full beverage can.
 
-    The standard 330 ml can has a diameter of 66 mm, a height of 115 mm and weighs 0.35 kg when full (13 g of aluminum
-    and 0.33 l of drink).
+    Cans have a diameter of 66 mm and a height of 115 mm (330 ml), 58 x 134 to 146 mm (330 ml, sleek), 53 x 122 to 134
+    mm (250 ml, slim) or about 60 x 86 mm (200 ml): 13 g of aluminum, and the drink at 1 kg/l, which fills 86 % of the
+    cylinder around it.
     """
-    height, shoulder, design = rng.uniform(0.1125, 0.1175), rng.uniform(0.010, 0.013), str(rng.choice(DESIGNS))
-    shell, shade = can_shell(height, shoulder), jittered(PALETTE[color], rng, amount=0.06)
+    size, radius, height = SIZES[int(rng.choice(4, p=(0.4, 0.2, 0.2, 0.2)))]
+    height, shoulder = height * rng.uniform(0.975, 1.025), rng.uniform(0.009, 0.014)
+    design, shell = str(rng.choice(DESIGNS)), can_shell(radius, height, shoulder)
+    shade = jittered(PALETTE[color], rng, amount=0.06)
     angle, top = np.arange(10) * (2.0 * math.pi / 10), shell.heights[-1]
+    scale = radius / 0.033
 
     def on_lid(a: float, b: float, x: float, thickness: float) -> Mesh:
-        """Return a flat ellipse on the lid."""
-        outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.full(10, top - 0.0004)], axis=1)
+        """Return a flat ellipse on the lid, with sizes for a can of 66 mm."""
+        outline = np.stack([x + a * np.cos(angle), b * np.sin(angle), np.zeros(10)], axis=1) * scale
+        outline[:, 2] = top - 0.0004
         return prism([outline, outline + np.array([0.0, 0.0, 0.0004 + thickness])])
 
     return Draft(
         shape="cylinder",
         description=f"A full {color} soda can with a printed label and a pull tab.",
         tags=("can", "soda", "drink", "beverage", "metal"),
-        mass_kg=0.35,
+        mass_kg=round(0.013 + 860.0 * math.pi * radius**2 * height, 3),
+        material="aluminum",
         parts=(
             part("shell", shell.mesh(), draw_label(rng, shell, shade, design=design), specular=0.7, shininess=0.6),
-            part("mouth", on_lid(0.0088, 0.0068, 0.0125, 0.0002), (0.36, 0.37, 0.39), specular=0.3),
-            part("tab", on_lid(0.0095, 0.0058, -0.0035, 0.0014), (0.86, 0.87, 0.88), specular=0.8, shininess=0.7),
-            part("hole", on_lid(0.0034, 0.0028, -0.0078, 0.0016), (0.42, 0.43, 0.45), specular=0.3),
-            *standing(0.0170, (CAN_RADIUS, height - 0.006), (0.027, height)),
+            part("mouth", on_lid(0.0098, 0.0078, 0.0125, 0.0002), (0.22, 0.22, 0.24), specular=0.3),
+            part("tab", on_lid(0.0105, 0.0062, -0.0045, 0.0014), (0.93, 0.94, 0.95), specular=0.8, shininess=0.7),
+            part("hole", on_lid(0.0040, 0.0032, -0.0088, 0.0016), (0.30, 0.31, 0.33), specular=0.3),
+            *standing(0.515 * radius, (radius, height - 0.006), (0.82 * radius, height)),
         ),
-        grasps=(grip_across(height - 0.037, CAN_RADIUS, clearance=0.006),),
-        regions=(disc("base", CAN_RADIUS), disc("top", 0.027, height)),
-        parameters={"radius_m": CAN_RADIUS, "height_m": height, "design": design},
+        grasps=(grip_across(height - 0.037, radius, clearance=0.006),),
+        regions=(disc("base", radius), disc("top", 0.82 * radius, height)),
+        parameters={"radius_m": radius, "height_m": height, "design": design, "size": size},
     )
 
 
-def can_shell(height: float, shoulder: float) -> Turned:
-    """Return a can of a height to its rim [m]: bottom, wall, tapered shoulder, rim, lid."""
-    lid = height - 0.0035
-    radii = (0.0, 0.0245, CAN_RADIUS, CAN_RADIUS, 0.0275, 0.0270, 0.0258, 0.0250, 0.0)
+def can_shell(radius: float, height: float, shoulder: float) -> Turned:
+    """Return a can of a radius and a height to its rim [m]: bottom, wall, tapered shoulder, rim, lid."""
+    lid, neck = height - 0.0035, 0.82 * radius
+    radii = (0.0, 0.75 * radius, radius, radius, neck + 0.0005, neck, neck - 0.0012, neck - 0.002, 0.0)
     return Turned(radii, (0.0, 0.0, 0.0075, height - shoulder, height - 0.0015, height, height, lid, lid))
 
 
@@ -72,16 +78,25 @@ def draw_label(rng: np.random.Generator, shell: Turned, shade: Rgb, *, design: s
         canvas.paint(printed & (np.abs(y - wave + 0.15 * span) < 0.025 * span), second)
     elif design == "disc":
         for u in (0.0, 1.0):
-            for radius, ink in ((0.021, accent), (0.0155, second), (0.008, accent)):
-                canvas.ellipse((u * width, middle), (radius, radius), ink)
+            for share, ink in ((0.64, accent), (0.47, second), (0.24, accent)):
+                reach = share * width / math.pi
+                canvas.ellipse((u * width, middle), (reach, reach), ink)
         canvas.band(low + 0.06 * span, low + 0.10 * span, accent)
     elif design == "stripes":
         slanted = (y + 0.9 * np.abs(x - width / 2.0)) % (0.40 * span)
         canvas.paint(printed & (slanted < 0.16 * span), accent)
         canvas.paint(printed & (slanted > 0.20 * span) & (slanted < 0.24 * span), second)
+    elif design == "halves":
+        slant = middle + span * (0.20 + 0.14 * (1.0 - 2.0 * x / width))
+        canvas.paint(printed & (y > slant), accent)
+        canvas.paint(printed & (np.abs(y - slant) < 0.035 * span), second)
+    elif design == "bands":
+        canvas.paint(printed & (np.abs(y - low - 0.80 * span) < 0.06 * span), accent)
+        canvas.paint(printed & (np.abs(y - low - 0.22 * span) < 0.10 * span), accent)
+        canvas.paint(printed & (np.abs(y - low - 0.40 * span) < 0.03 * span), second)
     else:
         for u in (0.0, 0.5, 1.0):
-            away = np.abs(x - u * width) / 0.017 + np.abs(y - middle) / (0.34 * span)
+            away = np.abs(x - u * width) / (0.164 * width) + np.abs(y - middle) / (0.34 * span)
             canvas.paint(printed & (away < 1.0), accent)
             canvas.paint(printed & (away < 0.62), second)
     canvas.band(low + 0.002, low + 0.0045, accent)

@@ -4,44 +4,53 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, Turned, generator, grip, part, solid_span, zone
+from betterbench.assets.authoring import Draft, Turned, generator, grip, merge, part, solid_span, zone
 from betterbench.assets.authoring.mesh import ABOVE, Mesh, creased, loft
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-_SIDES = 28
+_SIDES = 24
+
+
+def _size(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw length, width and height [m] of a mouse and of the soap that has its outline: the first of its numbers."""
+    length, width, height = uniforms(rng, (0.096, 0.114), (0.0575, 0.0645), (0.0335, 0.0395))
+    return length, width, height
 
 
 @generator("computer_mouse", colors=("black", "white", "gray", "blue"))
 def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
-    A cordless office mouse is about 105 x 62 x 36 mm and weighs 80 to 120 g with its battery.
+    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery.
     """
-    length, width, height = uniforms(rng, (0.102, 0.108), (0.0605, 0.0630), (0.0345, 0.0375))
+    length, width, height = _size(rng)
     # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
-    hump, waist = rng.uniform(0.006, 0.016), rng.uniform(0.00, 0.07)
-    trim, extra_button = str(rng.choice(["plain", "grips", "spine", "two-tone"])), rng.random() < 0.6
+    hump, waist, power = rng.uniform(0.002, 0.018), rng.uniform(0.00, 0.14), rng.uniform(2.1, 3.2)
+    extra_button, trim = rng.random() < 0.5, str(rng.choice(["plain", "grips", "spine", "buttons", "palm", "buttons"]))
+    wheel_paint = ((0.86, 0.87, 0.88), (0.95, 0.45, 0.10), (0.20, 0.75, 0.90), (0.80, 0.15, 0.15))[int(rng.integers(4))]
     shade = jittered(shaded(PALETTE[color], 1.06) if color == "black" else PALETTE[color], rng)
-    accent = shaded(shade, 0.45) if sum(shade) > 0.9 else mixed(shade, (0.62, 0.63, 0.66), 0.55)
-    x, half = -0.27 * length, 0.5 * width - 0.0006
-    z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0042
-    radii, levels = (0.0, 0.0070, 0.0080, 0.0080, 0.0070, 0.0), (-0.0034, -0.0034, -0.0018, 0.0018, 0.0034, 0.0034)
+    accent = shaded(shade, 0.38) if sum(shade) > 0.9 else mixed(shade, (0.66, 0.67, 0.70), 0.70)
+    x, half = -0.20 * length, 0.5 * width - 0.0006
+    z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0066
+    radii = (0.0, 0.0085, 0.0100, 0.0100, 0.0085, 0.0)
+    levels = (-0.0048, -0.0048, -0.0026, 0.0026, 0.0048, 0.0048)
     wheel = Turned(radii, levels, 12, wrap=False).mesh().rotated("x", math.pi / 2.0).moved(x, 0.0, z)
-    shell = _dome(length, width, height, hump=hump, waist=waist)
+    shell = _dome(length, width, height, hump=hump, waist=waist, power=power)
     picture = _shell(shade, accent, length=length, width=width, wheel_x=x, trim=trim, extra_button=extra_button)
     return Draft(
         shape="irregular",
         description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
         mass_kg=0.10,
+        material="plastic",
         parts=(
             part("shell", shell, picture, view=ABOVE, specular=0.35, shininess=0.45),
-            part("wheel", wheel, mixed(accent, (0.5, 0.5, 0.52), 0.5), specular=0.3),
+            part("wheel", wheel, wheel_paint, specular=0.3),
             solid_span((-0.30 * length, 0.32 * length), half, (0.0, 0.021)),
             solid_span((-0.47 * length, 0.47 * length), 0.66 * half, (0.0005, 0.0155)),
             solid_span((-0.22 * length, 0.34 * length), 0.66 * half, (0.021, height - 0.003)),
         ),
-        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.008),),
+        grasps=(grip("body", 0.016, 2.0 * half, clearance=0.007),),
         regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "trim": trim},
     )
@@ -64,9 +73,9 @@ def _back(x: np.ndarray, length: float, height: float, hump: float) -> np.ndarra
     return height * (1.0 - np.where(x < hump, 0.36, 0.50) * np.abs(t) ** 2.2)
 
 
-def _dome(length: float, width: float, height: float, *, hump: float, waist: float) -> Mesh:
+def _dome(length: float, width: float, height: float, *, hump: float, waist: float, power: float) -> Mesh:
     """Return the shell of a mouse: an upright side that leans in a little, under a smooth arched back."""
-    outline = _outline(0.5 * length, 0.5 * width, 2.6, waist)
+    outline = _outline(0.5 * length, 0.5 * width, power, waist)
 
     def ring(share: float, level: float) -> np.ndarray:
         points = share * outline
@@ -84,56 +93,66 @@ def _shell(
     """Draw a mouse from above: seams of the buttons, slot of the wheel, trim, a small mark for the maker."""
     canvas = Canvas(width, length, (144, 256), shade)
     x, y = canvas.x - 0.5 * width, canvas.y - 0.5 * length  # x to the right, y away from the user
-    # Seams are dark with a light edge, so that they show on black as well as on white.
-    dark, light = shaded(shade, 0.30), mixed(shade, (1.0, 1.0, 1.0), 0.30)
-    bow = -0.02 * length - 3.5 * x * x / width
-    if trim == "two-tone":
-        canvas.paint(y < bow, accent)
+    # Seams are wide, and light on dark, so that the two buttons are seen from across a table.
+    seam = mixed(shade, (1.0, 1.0, 1.0), 0.55) if sum(shade) < 1.2 else shaded(shade, 0.25)
+    bow = -0.09 * length - 3.0 * x * x / width
+    if trim == "buttons":
+        canvas.paint(y > bow, accent)
+    elif trim == "palm":
+        canvas.paint(y < bow - 0.06 * length, accent)
     elif trim == "grips":
-        canvas.paint((np.abs(x) > 0.37 * width) & (y < 0.30 * length), accent)
+        canvas.paint((np.abs(x) > 0.34 * width) & (y < 0.30 * length), accent)
     elif trim == "spine":
-        canvas.paint((np.abs(x) < 0.13 * width) & (y > -0.20 * length), accent)
-    canvas.paint(np.abs(y - bow + 0.0011) < 0.0005, light)
-    canvas.paint(np.abs(y - bow) < 0.0007, dark)
-    ahead = y > bow
-    canvas.paint(ahead & (np.abs(np.abs(x) - 0.0012) < 0.0006), light)
-    canvas.paint(ahead & (np.abs(x) < 0.0007), dark)
+        canvas.paint((np.abs(x) < 0.15 * width) & (y > -0.30 * length), accent)
+    canvas.paint(np.abs(y - bow) < 0.0013, seam)
+    canvas.paint((y > bow) & (np.abs(x) < 0.0013), seam)
     wheel_y = 0.5 * length - wheel_x
-    canvas.ellipse((0.5 * width, wheel_y), (0.0062, 0.0125), light)
-    canvas.ellipse((0.5 * width, wheel_y), (0.0054, 0.0117), (0.03, 0.03, 0.035))
+    canvas.ellipse((0.5 * width, wheel_y), (0.0088, 0.0165), seam)
+    canvas.ellipse((0.5 * width, wheel_y), (0.0072, 0.0149), (0.02, 0.02, 0.025))
     if extra_button:
-        canvas.ellipse((0.5 * width, wheel_y - 0.0205), (0.0036, 0.0052), dark)
-        canvas.ellipse((0.5 * width, wheel_y - 0.0205), (0.0028, 0.0044), mixed(shade, accent, 0.7))
+        canvas.ellipse((0.5 * width, wheel_y - 0.0225), (0.0046, 0.0056), seam)
+        canvas.ellipse((0.5 * width, wheel_y - 0.0225), (0.0034, 0.0044), mixed(shade, accent, 0.7))
     mark = (0.5 * width, 0.5 * length - 0.27 * length)
     ink = (0.80, 0.81, 0.82) if sum(shade) < 1.6 else (0.35, 0.36, 0.38)
-    canvas.ellipse(mark, (0.0062, 0.0040), ink)
-    canvas.ellipse((mark[0], mark[1] + 0.0006), (0.0044, 0.0024), accent if trim == "two-tone" else shade)
+    canvas.ellipse(mark, (0.0066, 0.0044), ink)
+    canvas.ellipse((mark[0], mark[1] + 0.0006), (0.0044, 0.0024), accent if trim == "palm" else shade)
     return canvas
 
 
-@generator("soap_bar", colors=("gray", "white", "green"))
+@generator("soap_bar", colors=("gray", "white", "green"), family="computer_mouse")
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a bar of soap with about the size and outline of a computer mouse.
+    """Make a bar of soap with the size and about the outline of a computer mouse, with some lather on one end.
 
-    A bar of 0.098 x 0.060 x 0.034 m fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given
-    0.11 kg, a used bar, so that it is no heavier in the hand than the mouse it is taken for.
+    A bar of this size fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given 0.11 kg, a
+    used bar, so that it is no heavier in the hand than the mouse it is taken for.
     """
-    length, width, height = uniforms(rng, (0.095, 0.101), (0.0585, 0.0615), (0.0325, 0.0355))
-    power, stamp = float(rng.choice([2.3, 2.8, 3.6])), str(rng.choice(["SOAP", "PURE", "leaf", "SOAP"]))
-    dish = rng.uniform(0.0012, 0.0022)  # depth of the hollow in which the stamp stands
-    shade = jittered({"gray": (0.56, 0.57, 0.58), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
+    length, width, height = _size(rng)
+    length, width, height = 0.95 * length, 0.97 * width, 0.93 * height
+    power, stamp = float(rng.choice([2.1, 2.8, 4.0])), str(rng.choice(["SOAP", "SOAP", "leaf", "SOAP", "PURE"]))
+    dish, waist, lather = rng.uniform(0.0012, 0.0022), rng.random() < 0.4, int(rng.integers(4, 7))
+    shade = jittered({"gray": (0.60, 0.61, 0.64), "white": PALETTE["white"], "green": (0.42, 0.66, 0.44)}[color], rng)
     outline, half = _outline(0.5 * length, 0.5 * width, power, 0.0), 0.5 * width - 0.0006
+    if waist:
+        # Drawn in at the middle, as bars for the hand are.
+        drawn = 1.0 - 0.16 * np.exp(-((outline[:, 0] / (0.22 * length)) ** 2))
+        outline = outline * np.column_stack(
+            [np.ones(_SIDES), drawn / float((drawn * np.abs(outline[:, 1])).max()) * half]
+        )
+        half = float(np.abs(outline[np.abs(outline[:, 0]) < 0.13 * length, 1]).max())
     sides = ((0.78, 0.0), (0.93, 0.12), (1.0, 0.42), (0.985, 0.62), (0.89, 0.90))
     levels = (*sides, (0.80, 1.0), (0.72, 1.0), (0.66, 1.0 - dish / height))
     bar = creased(loft([np.column_stack([s * outline, np.full(_SIDES, v * height)]) for s, v in levels]), 50.0)
     picture = _stamped(rng, shade, stamp=stamp, length=length, width=width)
+    seen = [part("bar", bar, picture, view=ABOVE, specular=0.45, shininess=0.5)]
+    seen.append(part("lather", _lather(rng, length, width, height, count=lather), (0.97, 0.98, 1.0), specular=0.1))
     return Draft(
         shape="irregular",
         description=f"A {color} bar of soap with a stamp on its top.",
         tags=("soap", "bar of soap", "soap bar", "bathroom"),
         mass_kg=0.11,
+        material="soap",
         parts=(
-            part("bar", bar, picture, view=ABOVE, specular=0.25, shininess=0.2),
+            *seen,
             solid_span((-0.38 * length, 0.38 * length), 0.66 * half, (0.0, height - 0.001)),
             solid_span((-0.28 * length, 0.28 * length), half, (0.005, 0.82 * height)),
             solid_span((-0.49 * length, 0.49 * length), 0.5 * half, (0.006, 0.78 * height)),
@@ -142,6 +161,21 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
         regions=(zone("base", 0.5 * length, 0.5 * width),),
         parameters={"length_m": length, "width_m": width, "height_m": height, "stamp": stamp},
     )
+
+
+def _lather(rng: np.random.Generator, length: float, width: float, height: float, *, count: int) -> Mesh:
+    """Return a heap of lather on one end of the bar, from its top over its edge, not where a jaw takes it."""
+    end, side = float(rng.choice([-1.0, 1.0])), float(rng.choice([-1.0, 1.0]))
+    lumps = []
+    for k in range(count):
+        r = rng.uniform(0.0075, 0.0115) * (1.0 if k < 4 else 0.75)
+        x = end * (0.43 - 0.07 * (k % 3) + rng.uniform(-0.02, 0.02)) * length
+        y = side * (0.30 - 0.19 * (k // 2) + rng.uniform(-0.04, 0.04)) * width
+        top = height - 0.35 * (r if k != 1 else 2.2 * r)
+        lump = Turned((0.92 * r, r, 0.70 * r, 0.0), (-0.5 * r, 0.0, 0.70 * r, r), 7, 80.0, wrap=False, phase=0.5 * k)
+        x, y = 0.94 * x, 0.94 * y
+        lumps.append(lump.mesh().moved(x, y, min(top, height + 0.0035 - r)))
+    return merge(lumps)
 
 
 # Strokes of the letters that are stamped into soap, the x of its points and then their y, in a cell 1 by 1.6.
@@ -165,25 +199,25 @@ def _stamped(rng: np.random.Generator, shade: Rgb, *, stamp: str, length: float,
     canvas = Canvas(width, length, (144, 256), shade)
     canvas.grain(rng, cells=(7, 11), amount=0.018)
     middle = (0.5 * width, 0.5 * length)
-    dark, light = shaded(shade, 0.62), mixed(shade, (1.0, 1.0, 1.0), 0.45)
-    a, b = 0.345 * width, 0.385 * length
-    for grow, ink in ((0.0013, light), (0.0, dark), (-0.0018, shaded(shade, 0.97))):
+    dark, light = shaded(shade, 0.66), mixed(shade, (1.0, 1.0, 1.0), 0.45)
+    a, b = 0.40 * width, 0.44 * length
+    for grow, ink in ((0.0018, light), (0.0, dark), (-0.0024, mixed(shade, (1.0, 1.0, 1.0), 0.12))):
         canvas.ellipse(middle, (a + grow, b + grow), ink)
     for shift, ink in ((-0.0008, light), (0.0, dark)):
         if stamp == "leaf":
             tip, stalk = (middle[0] + shift, middle[1] + 0.024), (middle[0] + shift, middle[1] - 0.024)
-            canvas.line([stalk, tip], 0.0018, ink)
+            canvas.line([stalk, tip], 0.0030, ink)
             for k in range(5):
                 y = middle[1] - 0.015 + 0.0075 * k
-                spread = 0.012 - 0.0018 * k
-                canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
-                canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0018, ink)
+                spread = 0.017 - 0.0024 * k
+                canvas.line([(middle[0] - spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
+                canvas.line([(middle[0] + spread + shift, y + 0.007), (middle[0] + shift, y)], 0.0030, ink)
             continue
         # The word reads from -y: along the bar from the near to the far end.
-        cell, left = 0.0105, middle[0] + shift
+        cell, left = 0.0125, middle[0] + shift
         for k, letter in enumerate(stamp):
-            low = middle[1] + 0.0150 * (k - 1.5) + shift
+            low = middle[1] + 0.0165 * (k - 1.5) + shift
             for across, up in _LETTERS[letter]:
                 points = [(left + cell * (0.8 - v), low + cell * (u - 0.5)) for u, v in zip(across, up, strict=True)]
-                canvas.line(points, 0.0023, ink)
+                canvas.line(points, 0.0028, ink)
     return canvas

@@ -5,83 +5,109 @@ import math
 
 import numpy as np
 
-from betterbench.assets.asset import CollisionPart
-from betterbench.assets.authoring import Draft, centered, disc, generator, grip_across, part
-from betterbench.assets.authoring.mesh import Mesh, creased
-from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded
-from betterbench.assets.authoring.solids import foot_square, upright_cylinder
+from betterbench.assets.authoring import Draft, centered, disc, generator, grip, merge, part, solid_box
+from betterbench.assets.authoring.mesh import Mesh, creased, loft
+from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded, uniforms
 
-# Paper on rubber and paper on wood hold better than smooth plastic does.
-_FRICTION = (0.9, 0.01, 0.001)
+_INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0.26), (0.90, 0.52, 0.10))
 
 
 @generator("crumpled_napkin", colors=("white", "cream"))
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
-    """Make a paper napkin crumpled to a ball.
+    """Make a paper napkin crumpled to a loose ball, from which corners of the paper stand out.
 
-    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
+    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g. It does not roll: what
+    touches are two crossed boxes.
     """
-    across, high, printed = rng.uniform(0.059, 0.064), rng.uniform(0.050, 0.056), rng.random() < 0.45
-    ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
-    roughness = rng.uniform(0.11, 0.16)
-    paper = jittered((0.93, 0.93, 0.92) if color == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)
-    ball = _crumpled(rng, 0.5 * across, high, roughness=roughness)
-    ball = ball.moved(*centered(ball))
-    radius, top = 0.5 * across - 0.0015, float(ball.vertices[:, 2].max())
+    wide, deep, high = uniforms(rng, (0.060, 0.068), (0.054, 0.064), (0.046, 0.057))
+    ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
+    roughness, corners = rng.uniform(0.11, 0.19), int(rng.integers(2, 5))
+    paper = jittered((0.95, 0.95, 0.95) if color == "white" else (0.92, 0.85, 0.68), rng, amount=0.02)
+    ball = _crumpled(rng, (0.5 * wide, 0.5 * deep, 0.5 * high), roughness=roughness)
+    flaps = [_corner(rng, (0.5 * wide, 0.5 * deep, 0.5 * high), k, corners) for k in range(corners)]
+    x, y, z = centered(ball)
+    ball, flaps = ball.moved(x, y, z), [flap.moved(x, y, z) for flap in flaps]
+    top = float(ball.vertices[:, 2].max())
+    a, b = 0.5 * wide - 0.0025, 0.5 * deep - 0.0025
+    picture = _paper(rng, paper, ink=ink if printed else None)
+    edge = Canvas(1.0, 1.0, (16, 32), paper)
+    if printed:
+        edge.paint(edge.between(0.45, 0.72), ink)
+    edge.brighten(0.72, 0.5)
     return Draft(
         shape="irregular",
         description=f"A crumpled {color} paper napkin.",
         tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
         mass_kg=0.015,
+        material="paper",
         parts=(
-            part("paper", ball, _paper(rng, paper, ink=ink if printed else None), specular=0.02, shininess=0.05),
-            _rough(foot_square(0.013, height=0.006)),
-            _rough(upright_cylinder(0.66 * radius, 0.0010, top - 0.003)),
-            _rough(upright_cylinder(radius, 0.26 * top, 0.74 * top)),
+            part("paper", ball, picture, specular=0.02, shininess=0.05),
+            part("corners", merge(flaps), edge, specular=0.02, shininess=0.05),
+            solid_box((-a, -0.66 * b, 0.0), (a, 0.66 * b, 0.80 * top)),
+            solid_box((-0.66 * a, -b, 0.08 * top), (0.66 * a, b, top - 0.004)),
         ),
-        grasps=(grip_across(0.028, radius, clearance=0.006),),
-        regions=(disc("base", 0.5 * across),),
-        parameters={"across_m": across, "height_m": top, "roughness": roughness},
+        grasps=(
+            grip("body", 0.026, 2.0 * b, clearance=0.006),
+            grip("long", 0.026, 2.0 * a, across="x", clearance=0.005, preference=1),
+        ),
+        regions=(disc("base", 0.5 * deep),),
+        parameters={"wide_m": wide, "deep_m": deep, "height_m": top, "roughness": roughness},
     )
 
 
-def _rough(solid: CollisionPart) -> CollisionPart:
-    """Return the solid with the friction of paper."""
-    return CollisionPart(solid.shape, solid.size, solid.position, friction=_FRICTION)
-
-
-def _sphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (n, 3) and faces (20 * 4**subdivisions, 3) of a subdivided icosahedron."""
+def _sphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors (n, 3) and faces (20 * parts**2, 3) of an icosahedron with divided edges."""
     golden = 0.5 * (1.0 + math.sqrt(5.0))
     points = []
     for a in (-1.0, 1.0):
         for b in (-golden, golden):
             points += [(0.0, a, b), (a, b, 0.0), (b, 0.0, a)]
-    vertices = np.array(points)
-    edge = 2.0 + 1e-6  # length of the edges of this icosahedron
-    near = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < edge
-    triangles = []
+    corners = np.array(points)
+    near = np.linalg.norm(corners[:, None] - corners[None], axis=2) < 2.0 + 1e-6  # the length of its edges
+    soup = []
     for i, j, k in itertools.combinations(range(12), 3):
-        if near[i, j] and near[j, k] and near[i, k]:
-            normal = np.cross(vertices[j] - vertices[i], vertices[k] - vertices[i])
-            triangles.append((i, j, k) if normal @ vertices[i] > 0.0 else (i, k, j))
-    faces = np.array(triangles)
-    for _ in range(subdivisions):
-        corners = vertices[faces]
-        middles = [0.5 * (corners[:, a] + corners[:, b]) for a, b in ((0, 1), (1, 2), (2, 0))]
-        soup = np.concatenate([corners.reshape(-1, 3), *middles])
-        n = len(faces)
-        p, q, r = 3 * np.arange(n), 3 * np.arange(n) + 1, 3 * np.arange(n) + 2
-        pq, qr, rp = 3 * n + np.arange(n), 4 * n + np.arange(n), 5 * n + np.arange(n)
-        split = np.concatenate([np.stack(t, axis=1) for t in ((p, pq, rp), (q, qr, pq), (r, rp, qr), (pq, qr, rp))])
-        unique, inverse = np.unique(np.round(soup, 6) + 0.0, axis=0, return_inverse=True)
-        vertices, faces = unique, inverse.reshape(-1)[split]
-    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+        if not (near[i, j] and near[j, k] and near[i, k]):
+            continue
+        o, p, q = corners[[i, j, k]]
+        if np.cross(p - o, q - o) @ o < 0.0:
+            p, q = q, p
+        grid = {
+            (s, t): o + (p - o) * s / parts + (q - o) * t / parts
+            for s in range(parts + 1)
+            for t in range(parts + 1 - s)
+        }
+        for (s, t), here in grid.items():
+            if s + t < parts:
+                soup += [here, grid[s + 1, t], grid[s, t + 1]]
+            if s + t < parts - 1:
+                soup += [grid[s + 1, t], grid[s + 1, t + 1], grid[s, t + 1]]
+    unique, inverse = np.unique(np.round(np.array(soup), 6) + 0.0, axis=0, return_inverse=True)
+    return unique / np.linalg.norm(unique, axis=1, keepdims=True), inverse.reshape(-1, 3)
 
 
-def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness: float) -> Mesh:
+def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: int, count: int) -> Mesh:
+    """Return a corner of the paper that stands out of a ball with these half extents [m]: a bent, pointed sheet."""
+    angle = 2.0 * math.pi * (number + rng.uniform(-0.3, 0.3)) / count
+    rise, size, curl = rng.uniform(0.50, 1.15), rng.uniform(0.017, 0.024), rng.uniform(-0.5, 0.5)
+    out = np.array([math.cos(angle) * math.cos(rise), math.sin(angle) * math.cos(rise), math.sin(rise)])
+    side = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    lift = np.cross(out, side)
+    root = 0.72 * out * np.array(half)
+    rings = []
+    for t, width in ((0.0, 1.0), (0.5, 0.62), (1.0, 0.06)):
+        middle = root + out * size * t * 0.9 + lift * size * curl * t * t
+        reach = side * size * 0.62 * width
+        fold = lift * size * 0.22 * (1.0 - t)
+        # A sheet of 0.8 mm, folded along its middle line.
+        outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
+        rings.append(np.array(outline))
+    points = [np.column_stack([r[:, 0], r[:, 1], np.clip(r[:, 2], -half[2], half[2] + 0.001)]) for r in rings]
+    return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
+
+
+def _crumpled(rng: np.random.Generator, half: tuple[float, float, float], *, roughness: float) -> Mesh:
     """Return the ball: flats between sharp folds, creases that cut in, and tips of paper that stand out."""
-    directions, faces = _sphere(2)
+    directions, faces = _sphere(5)
     n = len(directions)
     # Flats: the ball lies within randomly placed planes.
     planes = rng.standard_normal((16, 3))
@@ -91,22 +117,23 @@ def _crumpled(rng: np.random.Generator, radius: float, high: float, *, roughness
     share = np.min(np.where(cosine > 0.3, distance / np.maximum(cosine, 0.3), 1.15), axis=1)
     share = np.minimum(share, 1.12)
     # Creases: valleys along random small circles; tips: single points pulled out or pushed in.
-    for _ in range(7):
+    for _ in range(9):
         axis = rng.standard_normal(3)
         axis /= np.linalg.norm(axis)
         away = np.abs(directions @ axis - rng.uniform(-0.5, 0.5))
-        share = share * (1.0 - roughness * np.clip(1.0 - away / 0.17, 0.0, 1.0))
-    share = share * (1.0 + 0.55 * roughness * rng.uniform(-1.0, 1.0, n))
-    spread = directions + 0.05 * rng.standard_normal((n, 3))
+        share = share * (1.0 - roughness * np.clip(1.0 - away / 0.15, 0.0, 1.0))
+    share = share * (1.0 + 0.22 * roughness * rng.uniform(-1.0, 1.0, n))
+    spread = directions + 0.035 * rng.standard_normal((n, 3))
     points = spread * share[:, None]
     depth = share / float(share.max())
     # Fit the size, and press the underside flat where it lies.
     low, top = points.min(axis=0), points.max(axis=0)
-    points = (points - 0.5 * (low + top)) / (0.5 * (top - low)) * np.array([radius, radius, 0.5 * high + 0.0025])
-    points[:, 2] = np.maximum(points[:, 2], -0.5 * high)
+    rx, ry, rz = half
+    points = (points - 0.5 * (low + top)) / (0.5 * (top - low)) * np.array([rx, ry, rz + 0.0025])
+    points[:, 2] = np.maximum(points[:, 2], -rz)
     folds = np.clip((depth - 0.62) / 0.38, 0.0, 1.0)
-    around = 0.5 + 0.5 * np.sin(np.arctan2(points[:, 1], points[:, 0]) + 2.0 * points[:, 2] / radius)
-    return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 14.0)
+    around = 0.5 + 0.5 * np.sin(np.arctan2(points[:, 1], points[:, 0]) + 2.0 * points[:, 2] / rx)
+    return creased(Mesh(points, faces.astype(np.int32), np.stack([around, folds], axis=1)), 24.0)
 
 
 def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
@@ -114,8 +141,8 @@ def _paper(rng: np.random.Generator, paper: Rgb, *, ink: Rgb | None) -> Canvas:
     canvas = Canvas(1.0, 1.0, (64, 64), paper)
     canvas.grain(rng, cells=(20, 20), amount=0.015)
     if ink is not None:
-        for at in (0.30, 0.38):
-            canvas.paint(np.abs(canvas.x - at) < 0.022, mixed(paper, ink, 0.75))
-    canvas.shade(0.66 + 0.34 * np.clip(canvas.y / 0.7, 0.0, 1.0))
+        for at in (0.30, 0.40):
+            canvas.paint(np.abs(canvas.x - at) < 0.028, mixed(paper, ink, 0.90))
+    canvas.shade(0.62 + 0.38 * np.clip(canvas.y / 0.60, 0.0, 1.0))
     canvas.paint(canvas.y > 0.93, shaded(paper, 1.3), strength=0.5)
     return canvas

@@ -1,91 +1,144 @@
 """Crushed beverage cans: the trash that a full can must not be taken for."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, centered, disc, generator, grip_across, part
+from betterbench.assets.asset import CollisionPart, Grasp
+from betterbench.assets.authoring import Draft, centered, disc, generator, part
+from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_Y
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import PALETTE, Canvas, jittered, uniforms
-from betterbench.assets.authoring.solids import foot_square, upright_cylinder
-from betterbench.assets.procedural.can import CAN_RADIUS, DESIGNS, can_shell, draw_label
+from betterbench.assets.procedural.can import DESIGNS, can_shell, draw_label
+from betterbench.geometry import Pose, from_yaw, multiply
 
 _SIDES = 18
-_CAN = can_shell(0.115, 0.0115)  # before it was crushed
+_RADIUS = 0.0300
+_CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
+
+
+@dataclass(frozen=True, slots=True)
+class _Crush:
+    """How a can was squeezed while it lay along x; lengths in m, angles in rad.
+
+    Attributes:
+        length, height: Of what is left.
+        waist: Half the width where it was pressed together, ``at`` this position along x.
+        bend: Angle of the ends against each other, about the vertical axis.
+        lift: By how much the ends stand up from the table.
+    """
+
+    length: float
+    height: float
+    waist: float
+    at: float
+    bend: float
+    lift: float
 
 
 @generator("crushed_can", colors=("red", "silver", "blue", "green"))
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
-    """Make an empty can that was stamped down along its axis: folded, skewed, half as high, a little wider.
+    """Make an empty can that lies on its side, squeezed together in its middle and bent by a hand.
 
-    The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it.
+    The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it. A jaw takes it at its waist.
     """
-    height, folds, lobes = rng.uniform(0.050, 0.058), int(rng.choice([3, 3, 4])), int(rng.choice([4, 5]))
-    skew, tilt = rng.uniform(0.0025, 0.0045), math.radians(rng.uniform(6.0, 13.0))  # of the top
+    length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.008, 0.008))
+    bend, lift, heading = uniforms(rng, (0.16, 0.55), (0.0, 0.010), (0.75, 1.35))
+    bend, heading = bend * float(rng.choice([-1.0, 1.0])), heading * float(rng.choice([-1.0, 1.0]))
+    if rng.random() < 0.5:
+        heading += math.pi  # the other end in front
     design, shade = str(rng.choice(DESIGNS)), jittered(PALETTE[color], rng, amount=0.06)
-    mesh = _folded(rng, height, folds=folds, lobes=lobes, skew=skew, tilt=tilt)
-    mesh = mesh.moved(*centered(mesh))
+    crush = _Crush(length, height, waist, at, bend, lift)
+    mesh = _squeezed(rng, crush).rotated("z", heading)
     canvas = draw_label(rng, _CAN, shade, design=design)
-    _scratch(rng, canvas, folds=folds)
-    across = float(min(np.ptp(mesh.vertices[:, 0]), np.ptp(mesh.vertices[:, 1])))
-    radius, top = 0.5 * min(across, 0.070) - 0.0008, float(mesh.vertices[:, 2].max())
+    _wear(rng, canvas, at=0.5 + at / length)
+    x, y, z = centered(mesh)
+    mesh = mesh.moved(x, y, z)
+    middle = (x + at * math.cos(heading), y + at * math.sin(heading), 0.024)
+    grasp = Pose(middle, multiply(from_yaw(heading), JAW_OPENS_ALONG_Y))
     return Draft(
         shape="irregular",
         description=f"A crushed, empty {color} soda can.",
         tags=("crushed can", "can", "empty can", "metal", "trash"),
         mass_kg=0.020,
-        parts=(
-            part("shell", mesh, canvas, specular=0.7, shininess=0.6),
-            foot_square(0.0165),
-            upright_cylinder(radius, 0.0060, 0.80 * top),
-            upright_cylinder(0.024, 0.0005, top - 0.004),
-        ),
-        grasps=(grip_across(0.028, radius, clearance=0.004),),
-        regions=(disc("base", radius),),
-        parameters={"height_m": top, "folds": float(folds), "lobes": float(lobes), "design": design},
+        material="aluminum",
+        parts=(part("shell", mesh, canvas, specular=0.6, shininess=0.5), *_solids(crush, heading, (x, y))),
+        grasps=(Grasp("body", grasp, 2.0 * waist, 0.012),),
+        regions=(disc("base", 0.5 * length),),
+        parameters={"length_m": length, "height_m": height, "waist_m": 2.0 * waist, "design": design},
     )
 
 
-def _folded(rng: np.random.Generator, height: float, *, folds: int, lobes: int, skew: float, tilt: float) -> Mesh:
-    """Return the crushed shell; its texture rows are those of the full can, so that the print is folded with it."""
+def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
+    """Return x, y and the direction [rad] of the can's axis at a distance along it from its waist."""
+    turn = 0.5 * crush.bend * math.copysign(1.0, along)
+    return crush.at + along * math.cos(turn), along * math.sin(turn), turn
+
+
+def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
+    """Return three boxes: the waist, and the two ends, which leave room for the pads between them."""
+    free, low, high = 0.019, -0.5 * crush.length - crush.at, 0.5 * crush.length - crush.at
+    boxes = [(0.0, (0.021, crush.waist, 0.42 * crush.height), 0.42 * crush.height + 0.001)]
+    for start, end in ((low, -free), (free, high)):
+        half = (0.5 * (end - start) - 0.001, 0.86 * _RADIUS, 0.46 * crush.height)
+        boxes.append((0.5 * (start + end), half, half[2]))
+    solids = []
+    for along, half, z in boxes:
+        x, y, turn = _bent(crush, along) if along else (crush.at, 0.0, 0.0)
+        c, s = math.cos(heading), math.sin(heading)
+        position = (shift[0] + c * x - s * y, shift[1] + s * x + c * y, z)
+        solids.append(CollisionPart("box", half, position, from_yaw(heading + turn)))
+    return tuple(solids)
+
+
+def _squeezed(rng: np.random.Generator, crush: _Crush) -> Mesh:
+    """Return the shell along x, its lid at +x; its texture rows are those of the full can."""
     rows = [row / _CAN.rows[-1] for row in _CAN.rows]
-    # Ring by ring: radius [m], height as a share of the whole, how strongly it is wrinkled, texture row.
-    rings = [(0.0245, 0.0, 0.0, rows[1]), (CAN_RADIUS - 0.001, 0.13, 0.35, rows[2])]
-    for k in range(1, 2 * folds):
-        r = CAN_RADIUS + (-0.0055 if k % 2 == 1 else 0.0012) + rng.uniform(-0.0006, 0.0006)
-        share = k / (2 * folds)
-        rings.append((r, 0.13 + 0.69 * share, 1.0, rows[2] + share * (rows[3] - rows[2])))
-    rings += [(CAN_RADIUS - 0.001, 0.82, 0.45, rows[3]), (0.0272, 0.965, 0.15, rows[4])]
-    rings += [(0.0270, 1.0, 0.10, rows[5]), (0.0256, 1.0, 0.10, rows[6]), (0.0250, 0.945, 0.08, rows[7])]
+    body = [(_RADIUS, t, rows[2] + t * (rows[3] - rows[2])) for t in (0.0, 0.17, 0.34, 0.5, 0.66, 0.83, 1.0)]
+    # Radius [m], share of the length, texture row, from the bottom to the lid, which is pushed in.
+    stations = [(0.0, 0.03, 0.0), (0.75 * _RADIUS, 0.0, rows[1])]
+    stations += [(r, 0.07 + 0.80 * t, row) for r, t, row in body]
+    stations += [(0.83 * _RADIUS, 0.985, rows[4]), (0.79 * _RADIUS, 1.0, rows[6]), (0.73 * _RADIUS, 0.955, rows[7])]
+    stations += [(0.0, 0.93, 1.0)]
     angle = 2.0 * math.pi * np.arange(_SIDES) / _SIDES
-    heading, phase = uniforms(rng, (0.0, 2.0 * math.pi), (0.0, 2.0 * math.pi))
-    points = []
-    for index, (r, share, wrinkle, _) in enumerate(rings):
-        # Buckled cylinders fold into diamonds: each fold is turned by half a lobe against the one below.
-        turn = phase + math.pi * (index // 2 % 2)
-        wave = np.cos(lobes * angle + turn)
-        rough = rng.uniform(-1.0, 1.0, _SIDES)
-        reach = r * (1.0 + wrinkle * (0.035 * wave + 0.018 * rough)) if wrinkle > 0.0 else np.full(_SIDES, r)
-        reach = np.minimum(reach, CAN_RADIUS + 0.0016)
-        x, y = reach * np.cos(angle), reach * np.sin(angle)
-        z = height * share + wrinkle * (0.0022 * np.cos(lobes * angle + turn + 1.2) + 0.0008 * rough)
-        z = z + share * math.tan(tilt) * (x * math.cos(heading) + y * math.sin(heading)) * share
-        z = np.maximum(z, 0.0) if share > 0.0 else np.zeros(_SIDES)
-        dx, dy = skew * share * math.cos(heading + 0.7), skew * share * math.sin(heading + 0.7)
-        points.append(np.stack([x + dx, y + dy, z], axis=1))
+    phase = rng.uniform(0.0, 2.0 * math.pi)
+    rings = []
+    for index, (radius, share, _) in enumerate(stations):
+        along = (share - 0.5) * crush.length - crush.at
+        pinch = math.exp(-((along / 0.021) ** 2))
+        rough = 0.0 if radius == 0.0 else (0.06 + 0.10 * pinch) * min(1.0, 4.0 * share, 4.0 * (1.0 - share) + 0.2)
+        wave = np.cos(3.0 * angle + phase + math.pi * (index % 2)) + 0.7 * rng.uniform(-1.0, 1.0, _SIDES)
+        reach = radius * (1.0 + rough * wave)
+        across = reach * np.cos(angle) * (1.0 - pinch * (1.0 - crush.waist / _RADIUS))
+        across = np.clip(across, -_RADIUS, _RADIUS)
+        up = 0.5 * crush.height * reach / _RADIUS * np.sin(angle) * (1.0 - 0.12 * pinch)
+        # The lid and the bottom are tilted, each to its side; the sharp edge of each fold stands out.
+        tilt = 0.22 * (share - 0.5) * across + 0.0026 * (-1.0) ** index * (np.abs(np.sin(angle)) - 0.5) * (radius > 0.0)
+        x0, y0, turn = _bent(crush, along)
+        x = x0 + tilt * math.cos(turn) - across * math.sin(turn)
+        y = y0 + tilt * math.sin(turn) + across * math.cos(turn)
+        z = (
+            0.5 * crush.height
+            + up
+            + crush.lift * (abs(along) / (0.5 * crush.length)) ** 2 * np.clip(up / (0.5 * crush.height) + 0.4, 0.0, 1.0)
+        )
+        rings.append(np.stack([x, y, np.maximum(z, 0.0)], axis=1))
     u = 1.0 - np.abs(np.arange(_SIDES) / (_SIDES / 2) - 1.0)
-    return creased(loft(points, u=u, v=[row for *_, row in rings]), 28.0)
+    return creased(loft(rings, u=u, v=[row for *_, row in stations], caps=(False, False)), 24.0)
 
 
-def _scratch(rng: np.random.Generator, canvas: Canvas, *, folds: int) -> None:
-    """Rub the print off along the folds, where bare metal shows, and darken the valleys between them."""
-    low, high = _CAN.rows[2], _CAN.rows[3]
-    wave = 0.0012 * np.sin(900.0 * canvas.x + rng.uniform(0.0, 6.0))
-    for k in range(1, 2 * folds):
-        away = np.abs(canvas.y + wave - low - (high - low) * k / (2 * folds))
-        if k % 2 == 1:
-            canvas.shade(1.0 - 0.40 * np.clip(1.0 - away / 0.006, 0.0, 1.0))
-        else:
-            start, stop = sorted(rng.uniform(0.0, float(canvas.x.max()), 2).tolist())
-            worn = (away < 0.0009) & (canvas.x > start) & (canvas.x < stop)
-            canvas.paint(worn, (0.86, 0.87, 0.88), strength=0.8)
+def _wear(rng: np.random.Generator, canvas: Canvas, *, at: float) -> None:
+    """Darken the valleys where the can was pressed, show bare metal along the folds, and open the lid."""
+    low, high, lid, end = _CAN.rows[2], _CAN.rows[3], _CAN.rows[7], _CAN.rows[8]
+    middle = low + (at - 0.07) / 0.80 * (high - low)
+    slant = 0.010 * np.sin(80.0 * canvas.x + rng.uniform(0.0, 6.0))
+    canvas.shade(1.0 - 0.45 * np.exp(-(((canvas.y + slant - middle) / 0.006) ** 2)))
+    for _ in range(7):
+        x, y = rng.uniform(0.0, canvas.width), middle + rng.uniform(-0.030, 0.030)
+        points = [(x, y), (x + rng.uniform(-0.02, 0.02), y + rng.uniform(-0.018, 0.018))]
+        canvas.line(points, 0.0022, (0.90, 0.91, 0.92), strength=0.85)
+        canvas.line([(a + 0.0022, b + 0.0015) for a, b in points], 0.0020, (0.15, 0.04, 0.04), strength=0.45)
+    # The hole from which one drinks, on one side of the lid.
+    hole = canvas.between(lid + 0.15 * (end - lid), lid + 0.72 * (end - lid)) & (canvas.x > 0.72 * canvas.width)
+    canvas.paint(hole, (0.10, 0.10, 0.11))
