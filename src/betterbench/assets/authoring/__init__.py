@@ -6,6 +6,7 @@ beyond it follows from the draft in one place, the registry.
 
 from betterbench.assets.authoring.ceramics import glazed
 from betterbench.assets.authoring.draft import Draft, block, centered, disc, grip, grip_across, part, zone
+from betterbench.assets.authoring.materials import MATERIALS, Material, material
 from betterbench.assets.authoring.mesh import (
     ABOVE,
     FRONT,
@@ -32,6 +33,7 @@ from betterbench.assets.authoring.solids import (
     solid_span,
     spheroid,
     standing,
+    surfaced,
     upright_cylinder,
 )
 from betterbench.assets.authoring.turned import Turned
@@ -39,9 +41,11 @@ from betterbench.assets.authoring.turned import Turned
 __all__ = [
     "ABOVE",
     "FRONT",
+    "MATERIALS",
     "PALETTE",
     "Canvas",
     "Draft",
+    "Material",
     "Mesh",
     "Rgb",
     "Turned",
@@ -58,6 +62,7 @@ __all__ = [
     "leaning_box",
     "loft",
     "mapped",
+    "material",
     "merge",
     "mixed",
     "open_box",
@@ -73,6 +78,7 @@ __all__ = [
     "span",
     "spheroid",
     "standing",
+    "surfaced",
     "sweep",
     "uniforms",
     "unregister",

@@ -33,6 +33,9 @@ class Draft:
         parts: What is seen and what is touched, in any order.
         densities: Relative density of each collision part, in order; the parts after the last number weigh nothing. All
             parts have the same density if not given.
+        material: Name of the material of the surface, see :mod:`~betterbench.assets.authoring.materials`: it gives
+            all collision parts their friction, except those that have one of their own (:func:`surfaced`). Without a
+            material each part keeps the friction it was made with.
     """
 
     shape: Literal["round", "cylinder", "box", "irregular"]
@@ -41,6 +44,7 @@ class Draft:
     mass_kg: float
     parts: Sequence[VisualPart | CollisionPart]
     densities: Sequence[float] | None = None
+    material: str | None = None
     grasps: tuple[Grasp, ...] = ()
     regions: tuple[Region, ...] = ()
     parameters: Mapping[str, float | str] = field(default_factory=dict)

@@ -11,6 +11,7 @@ import numpy as np
 from betterbench.assets.asset import Asset, CollisionPart, VisualPart
 from betterbench.assets.authoring.draft import Draft
 from betterbench.assets.authoring.mass import mass_properties
+from betterbench.assets.authoring.solids import surfaced
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.tasks.user_files import load_declared, registered
 
@@ -137,6 +138,8 @@ def _build(category: str, look: int, color: str) -> Asset:
     draft = entry.make(np.random.default_rng(seed), color)
     visual = tuple(p for p in draft.parts if isinstance(p, VisualPart))
     collision = tuple(p for p in draft.parts if isinstance(p, CollisionPart))
+    if draft.material is not None:
+        collision = surfaced(collision, draft.material, only_plain=True)
     if not visual or not collision:
         raise InvalidInputError(f"asset {category!r}", "it has nothing to see or nothing to touch", "Add a part")
     points = np.concatenate([part.vertices for part in visual]).astype(float)

@@ -1,9 +1,24 @@
 """Collision shapes: convex solids, and the walls of hollow things made of them."""
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 
 from betterbench.assets.asset import CollisionPart
+from betterbench.assets.authoring.materials import material
 from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply
+
+
+def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
+    """Return solids with the friction of a material: a handle of rubber on a thing of steel.
+
+    With ``only_plain``, solids that have a friction of their own keep it.
+
+    Raises:
+        UnknownNameError: If there is no such material.
+    """
+    friction, plain = material(name).friction, CollisionPart("box", (1.0, 1.0, 1.0)).friction
+    return tuple(s if only_plain and s.friction != plain else replace(s, friction=friction) for s in solids)
 
 
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
