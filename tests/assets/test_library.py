@@ -101,7 +101,7 @@ def has_grasps_that_fit_a_parallel_jaw(asset):
         x, y, z = grasp.pose.position
         assert low[0] - 0.005 <= x <= high[0] + 0.005
         assert low[1] - 0.005 <= y <= high[1] + 0.005
-        assert 0.005 < z
+        assert z > 0.005
         assert z - PAD_M < asset.size_m[2] - PINCH_M, "the pads take hold of it"
         down = Pose((0.0, 0.0, 0.0), grasp.pose.quaternion).apply((0.0, 0.0, 1.0))
         assert down[2] < -0.99, "the gripper comes from above"
@@ -414,14 +414,14 @@ def test_a_drawer_stays_where_it_is_left_and_stops_at_both_ends(category):
 
 LOOK_ALIKES = {
     ("soap_bar", "computer_mouse"): "xyz",
-    ("sponge", "cheese_slice"): "xyz",
+    ("sponge", "cheese_slice"): "xy",
     ("stapler_block", "stapler"): "xyz",
     ("round_block", "burger"): "xyz",
     ("pill_bottle", "spice_jar"): "xyz",
     ("plain_jar", "spice_jar"): "xyz",
     ("shallow_bowl", "dinner_plate"): "xy",
 }
-"""What resembles what, and in which extents; a bowl looks like a plate from above and is higher."""
+"""What resembles what, and in which extents; a bowl and a sponge are as wide and higher."""
 
 
 @pytest.mark.parametrize(("fake", "real"), LOOK_ALIKES)
