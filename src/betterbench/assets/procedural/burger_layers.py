@@ -89,7 +89,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     canvas.grain(rng, cells=(22, 22), amount=0.030)
     for x, y in scattered(rng, tries=90, gap=0.12, reach=0.74):
         size = rng.uniform(0.016, 0.040)
-        canvas.ellipse((x, y), (size, 0.7 * size), shaded(crumb, 0.80), rng.uniform(0.0, 3.0))
+        canvas.ellipse((x, y), (size, 0.7 * size), mixed(shaded(crumb, 0.84), brown, 0.35), rng.uniform(0.0, 3.0))
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",
