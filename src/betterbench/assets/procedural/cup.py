@@ -24,10 +24,10 @@ _FORMS = {
 def cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a low wide cup of tea on a narrow foot; its handle stands out along +x like an ear.
 
-    A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 60 mm high and weighs 0.13 to 0.2 kg. Its collision
+    A porcelain tea cup of 0.12 to 0.18 l is 65 to 90 mm wide, 50 to 65 mm high and weighs 0.13 to 0.2 kg. Its collision
     shape is filled: it holds tea already, and nothing is put into it.
     """
-    size, base, height = uniforms(rng, (0.975, 1.0), (0.0200, 0.0245), (0.0500, 0.0580))
+    size, base, height = uniforms(rng, (0.975, 1.0), (0.0200, 0.0245), (0.0530, 0.0610))
     # The loop stands out by so much.
     loop, thickness, level = *uniforms(rng, (0.0225, 0.0270), (0.0080, 0.0105)), rng.uniform(0.72, 0.82)
     decoration, form = str(rng.choice(["plain", "band", "rim", "dots", "stripes"])), str(rng.choice(list(_FORMS)))
@@ -56,7 +56,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
         shape="cylinder",
         description=f"A {color} tea cup with a handle.",
         tags=("cup", "tea cup", "coffee cup", "drinkware", "tableware"),
-        mass_kg=round(0.165 * size**2 * height / 0.055, 4),
+        mass_kg=round(0.165 * size**2 * height / 0.057, 4),
         material="ceramic",
         # The loop is mostly air and the solid foot stands for a thin floor.
         densities=(0.4, 0.4, 1.0, 0.35),
@@ -68,7 +68,7 @@ def cup(rng: np.random.Generator, color: str) -> Draft:
             upright_cylinder(body, 0.36 * height, height - 0.0005, x=axis),
             solid_box((axis + body - 0.002, -half, low), (out, half, top + 0.002)),
         ),
-        grasps=(grip("body", max(0.66 * height, 0.036), 2.0 * body, x=axis, clearance=0.005),),
+        grasps=(grip("body", height - 0.0140, 2.0 * body, x=axis, clearance=0.005),),
         regions=(
             disc("base", base, x=axis),
             disc("opening", inner, height, x=axis),
