@@ -109,7 +109,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
     A grilled patty of 70 mm by 14 mm holds 54 cm^3 and weighs 60 g.
     """
     radius, ragged, shoulder = uniforms(rng, (0.0325, 0.0355), (0.02, 0.06), (0.86, 0.96))
-    meat = jittered(mixed((0.30, 0.14, 0.07), (0.22, 0.11, 0.07), rng.random()), rng, amount=0.15)
+    meat = jittered(mixed((0.40, 0.19, 0.10), (0.29, 0.14, 0.08), rng.random()), rng, amount=0.15)
     marks, height = str(rng.choice(["stripes", "cross", "seared", "charred"])), FILLING_M
     radii = (0.0, 0.92 * radius, radius, 0.99 * radius, shoulder * radius, 0.0)
     disc_ = Turned(radii, (0.0, 0.0, 0.30 * height, 0.68 * height, height, height), 26, 60.0, wrap=False)
@@ -121,7 +121,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
     canvas.grain(rng, cells=(26, 26), amount=0.22)
     canvas.grain(rng, cells=(50, 50), amount=0.14)
     for u, v, size in rng.uniform(0.0, 1.0, (70, 3)).tolist():
-        tone = shaded(meat, 0.5) if size < 0.5 else mixed(meat, (0.66, 0.38, 0.20), 0.65)
+        tone = shaded(meat, 0.5) if size < 0.5 else mixed(meat, (0.74, 0.46, 0.26), 0.7)
         canvas.ellipse((2.0 * u, 2.0 * v), (0.016 + 0.04 * size, 0.014 + 0.03 * size), tone, 6.0 * u)
     turn, pitch = rng.uniform(-0.8, 0.8), rng.uniform(0.30, 0.44)
     for k in range({"stripes": 1, "cross": 2}.get(marks, 0)):

@@ -160,7 +160,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     """
     radius, half = 0.029 * rng.uniform(0.90, 1.02), 0.040 * rng.uniform(0.92, 1.06)
     nipple, full = rng.uniform(0.0065, 0.0095), rng.uniform(0.0, 0.06)  # full: how far the ends are filled out
-    peel = jittered(mixed((0.95, 0.80, 0.10), (0.93, 0.88, 0.22), rng.random()), rng, amount=0.06)
+    peel = jittered(mixed((0.96, 0.76, 0.06), (0.95, 0.84, 0.16), rng.random()), rng, amount=0.06)
     near, far = (0.0, 0.13, 0.20, 0.43 + full, 0.76 + 0.5 * full, 0.96, 1.0, 0.93), (0.70 + 0.5 * full, 0.37 + full)
     middle = [level * half for level in (-0.80, -0.52, -0.20, 0.04, 0.30, 0.58)]
     tip = (half - nipple - 0.001, half - 0.45 * nipple, half - 0.0008, half)
@@ -169,7 +169,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     canvas = solid.canvas(peel, (128, 192), width=math.pi * radius)
     canvas.grain(rng, cells=(5, 7), amount=0.035)
     canvas.grain(rng, cells=(48, 72), amount=0.065)
-    green = mixed(peel, (0.50, 0.62, 0.12), 0.6)
+    green = mixed(peel, (0.62, 0.64, 0.12), 0.45)
     canvas.paint(np.clip((canvas.y - canvas.height + 0.016) / 0.014, 0.0, 1.0), green, strength=0.75)
     canvas.paint(np.clip((0.012 - canvas.y) / 0.010, 0.0, 1.0), green, strength=0.6)
     canvas.paint(canvas.y < 0.0042, (0.40, 0.34, 0.14))
