@@ -71,10 +71,8 @@ LOOKS = {  # size, color, shape
     "spice_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
     "plain_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
     "pill_bottle": ((0.043, 0.043, 0.085), "white", "cylinder"),
-    "plate_large": ((0.176, 0.176, 0.036), "white", "round"),
-    "plate_medium": ((0.148, 0.148, 0.036), "red", "round"),
-    "plate_small": ((0.12, 0.12, 0.036), "blue", "round"),
-    "shallow_bowl": ((0.148, 0.148, 0.036), "red", "round"),
+    "dinner_plate": ((0.158, 0.158, 0.0205), "white", "round"),
+    "shallow_bowl": ((0.142, 0.142, 0.060), "red", "round"),
 }
 REGIONS = {
     "takeaway_box": (Region("inside", (0.0, 0.0, 0.075), (0.09, 0.06, 0.07)),),
@@ -109,8 +107,8 @@ REGIONS = {
     "bun_bottom": (Region("top", (0.0, 0.0, 0.02), (0.039, 0.039, 0.001)),),
     "spice_rack": tuple(Region(f"hole_{k}", (0.0, y, 0.006), (0.004, 0.004, 0.035)) for k, y in HOLES),
     **{
-        plate: (Region("floor", (0.0, 0.0, 0.016), (0.08, 0.08, 0.001)),)
-        for plate in ("plate_large", "plate_medium", "plate_small", "shallow_bowl")
+        plate: (Region("floor", (0.0, 0.0, 0.0105), (0.075, 0.075, 0.001)),)
+        for plate in ("dinner_plate", "shallow_bowl")
     },
 }
 LAYERS = ("bun_bottom", "bun_top", "patty", "cheese_slice", "lettuce_leaf", "sponge")

@@ -7,10 +7,23 @@ import numpy as np
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, mixed, shaded
 from betterbench.assets.authoring.turned import Turned
 
+FORMS: Mapping[str, tuple[float, float, float]] = {
+    "straight": (1.0, 1.0, 1.0),
+    "tapered": (0.88, 0.92, 0.96),
+    "waisted": (0.97, 0.93, 0.94),
+    "round foot": (0.80, 0.98, 1.0),
+    "step": (0.93, 0.93, 1.0),
+}
+"""Forms of a mug: shares of its radius at the foot, at a third and at two thirds of its height."""
+
+DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
+"""How mugs are decorated."""
+
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
-    "band": ((0.55, 0.72),),
-    "rim": ((0.94, 2.0),),
-    "stripes": ((0.22, 0.255), (0.30, 0.335), (0.38, 0.415)),
+    "band": ((0.40, 0.62),),
+    "rim": ((0.84, 2.0),),
+    "stripes": ((0.20, 0.29), (0.42, 0.51), (0.64, 0.73)),
+    "two-tone": ((-0.05, 0.36),),
 }
 """Painted bands of a decoration: lower and upper edge as shares of the wall; above 1 is the top of the rim."""
 
@@ -31,7 +44,7 @@ def glazed(
     """Draw a vessel from the foot over the rim to the floor inside, with the inside in its own shadow.
 
     The glaze runs thin and bright over the rim. A ``decoration`` is one of ``bands``, "speckled", "dots", or another
-    word for none; without an ``ink`` it is cream on dark glazes and a gray blue on light ones. Without a ``lining`` the
+    word for none; without an ``ink`` it is cream on dark glazes and dark gray on light ones. Without a ``lining`` the
     inside has the color of the outside. The ``rows`` are the numbers of the points of the profile where the unglazed
     foot ends, the wall begins, the rim begins, the inside begins and its floor begins. The ``shadow`` is the brightness
     of the inside below the rim, and what it has lost at the floor; ``unglazed`` is that of the foot.
@@ -40,7 +53,7 @@ def glazed(
     span = rim - wall
     canvas = vessel.canvas(shade)
     if ink is None:
-        ink = PALETTE["cream"] if sum(shade) < 2.2 else mixed(PALETTE["blue"], PALETTE["gray"], 0.3)
+        ink = PALETTE["cream"] if sum(shade) < 2.2 else (0.30, 0.30, 0.32)
     for low, high in bands.get(decoration, ()):
         canvas.band(wall + low * span, min(wall + high * span, inner), ink)
     if decoration == "speckled":

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, disc, generator, grip_across, part, spheroid, standing
+from betterbench.assets.authoring.lettering import write_word
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, scattered, shaded, uniforms
 
 _PALE: Rgb = (0.92, 0.91, 0.87)
@@ -15,24 +16,25 @@ _GRAY_BLUE = mixed(PALETTE["blue"], PALETTE["gray"], 0.2)
 def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
     """Make a bowl of cereal with milk.
 
-    A small bowl of 0.25 kg filled with 0.2 kg of cereal and milk. It is too wide for a jaw and filled to the rim, so
-    its collision shape is solid.
+    A small bowl of 0.25 kg filled with 0.2 kg of cereal and milk, in proportion for the others. It is too wide for a
+    jaw and filled to the rim, so its collision shape is solid.
     """
-    size, stand, height, below = uniforms(rng, (0.98, 1.0), (0.030, 0.034), (0.0485, 0.0520), (0.009, 0.012))
+    size, stand, height, below = uniforms(rng, (0.92, 1.0), (0.027, 0.036), (0.0440, 0.0540), (0.007, 0.011))
     radius, level = 0.060 * size, height - below
-    cereal, striped = str(rng.choice(["rings", "flakes", "balls"])), rng.random() < 0.5
+    cereal, striped = str(rng.choice(["rings", "flakes", "balls"])), str(rng.choice(["none", "two", "wide", "rim"]))
+    belly, ink = rng.uniform(0.66, 0.86), ((0.55, 0.33, 0.16), (0.36, 0.37, 0.39), (0.30, 0.42, 0.30))[rng.integers(3)]
     glaze = jittered(mixed(PALETTE[color], (0.9, 0.9, 0.9), 0.10), rng)
     inside = radius - 0.0035 - 0.10 * (height - level)
-    outer = (0.0, stand, stand + 0.001, 0.76 * radius, 0.93 * radius, radius)
+    outer = (0.0, stand, stand + 0.001, belly * radius, (0.62 + 0.40 * belly) * radius, radius)
     edge, low = height - 0.0010, level - 0.002
     z = (0.0, 0.0, 0.0050, 0.0180, 0.0340, edge, height, edge, low, low)
     bowl = Turned((*outer, radius - 0.0012, radius - 0.0030, inside, 0.0), z, wrap=False)
     _, _, _, wall, _, rim, _, inner, _, _ = bowl.rows
     canvas = bowl.canvas(glaze, (8, 128))
-    if striped:
-        for share in (0.50, 0.70):
-            ink = _PALE if color != "white" else _GRAY_BLUE
-            canvas.band(wall + share * (rim - wall), wall + (share + 0.11) * (rim - wall), ink)
+    bands = {"two": ((0.50, 0.61), (0.70, 0.81)), "wide": ((0.35, 0.75),), "rim": ((0.84, 1.0),)}
+    for low_edge, high_edge in bands.get(striped, ()):
+        ink = _PALE if color != "white" else ink
+        canvas.band(wall + low_edge * (rim - wall), wall + high_edge * (rim - wall), ink)
     canvas.brighten(0.80, rim)
     canvas.shade(np.where(canvas.y > inner, 0.88, 1.0))
     reach = inside + 0.0008
@@ -41,11 +43,12 @@ def cereal_bowl(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A {color} bowl of cereal with milk.",
         tags=("bowl", "cereal bowl", "cereal", "breakfast", "tableware"),
-        mass_kg=0.45,
+        mass_kg=round(0.45 * size**2 * height / 0.050, 4),
+        material="ceramic",
         parts=(
             part("bowl", bowl.mesh(), canvas, specular=0.5, shininess=0.6),
             part("cereal", milk.mesh().seen_from_above(inside), _cereal(rng, kind=cereal), specular=0.25),
-            *standing(0.68 * stand, (0.76 * radius, 0.018), (radius, height)),
+            *standing(0.68 * stand, (belly * radius, 0.018), (radius, height)),
         ),
         regions=(disc("base", stand), disc("top", radius, height)),
         parameters={"radius_m": radius, "height_m": height, "cereal": cereal},
@@ -78,20 +81,21 @@ def _cereal(rng: np.random.Generator, *, kind: str) -> Canvas:
 
 @generator("salt_shaker", colors=("white", "silver"))
 def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
-    """Make a salt shaker of white porcelain or brushed steel with a pierced chrome top.
+    """Make a salt shaker of porcelain or brushed steel with a large S and a chrome top with large holes.
 
-    A shaker of this size, half full, weighs about 0.12 kg.
+    A shaker of this size, half full, weighs 0.1 to 0.14 kg.
     """
-    size, height, neck, waist = uniforms(rng, (0.97, 1.0), (0.073, 0.077), (0.018, 0.022), (0.80, 1.0))
-    radius, shoulder, facets = 0.020 * size, height - neck, rng.random() < 0.4
+    size, height, neck, waist = uniforms(rng, (0.92, 1.08), (0.070, 0.080), (0.016, 0.022), (0.72, 1.0))
+    radius, shoulder, facets = 0.0205 * size, height - neck, rng.random() < 0.4
+    swell, sides = rng.uniform(0.0, 0.10), int(rng.choice([6, 8, 12]))
     shade = jittered(PALETTE[color], rng, amount=0.05)
     narrow = 0.88 * waist * radius
     body = Turned(
-        (0.0, radius - 0.0015, radius, 0.5 * (1.0 + waist) * radius, narrow, 0.0),
+        (0.0, radius - 0.0015, radius, (0.5 * (1.0 + waist) + swell) * radius, narrow, 0.0),
         (0.0, 0.0, 0.0020, 0.55 * shoulder, shoulder, shoulder),
-        sides=12 if facets else 20,
+        sides=sides if facets else 20,
         crease_degrees=22.0 if facets else 40.0,
-        phase=math.pi / 2,
+        phase=-math.pi / 2 + (math.pi / sides if facets else 0.0),
     )
     cap = narrow + 0.0012
     low, high = (shoulder - 0.0010, shoulder - 0.0010, shoulder + 0.0070), (height - 0.0070, height - 0.0022)
@@ -99,29 +103,26 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     top = Turned(radii, (*low, *high, height - 0.0004, height), 18, 55.0, wrap=False)
     canvas = body.canvas(shade, (128, 128))
     canvas.brighten(0.84, body.rows[4])
-    # An S for salt on each half of the body: two arcs of a ring, open on opposite sides.
-    letter = 0.0052
-    cx, cy = 0.5 * math.pi * radius, body.rows[2] + 0.55 * shoulder
-    for sign in (1.0, -1.0):
-        dx, dy = sign * (canvas.x - cx), sign * (canvas.y - cy) - letter
-        ring = np.abs(np.hypot(dx, dy) - letter) < 0.0014
-        canvas.paint(ring & ~((dx > 0.0) & (dy < 0.35 * letter)), (0.15, 0.22, 0.42))
-    picture = Canvas(2.0, 2.0, (96, 96), (0.78, 0.79, 0.82))
+    # An S for salt on each half of the body.
+    middle = (0.5 * canvas.width, body.rows[2] + 0.46 * shoulder)
+    write_word(canvas, "S", middle, height=0.027, ink=(0.12, 0.14, 0.20), weight=0.19)
+    picture = Canvas(2.0, 2.0, (96, 96), (0.60, 0.61, 0.64))
     picture.shade(1.0 - 0.30 * np.exp(-(((picture.radius - 0.80) / 0.08) ** 2)))
     holes = [(0.0, 0.0), *((0.40 * math.cos(math.pi * k / 3), 0.40 * math.sin(math.pi * k / 3)) for k in range(6))]
     for x, y in holes:
-        picture.ellipse((1.0 + x, 1.0 + y), (0.095, 0.095), (0.08, 0.08, 0.09))
+        picture.ellipse((1.0 + x, 1.0 + y), (0.125, 0.125), (0.05, 0.05, 0.06))
     return Draft(
         shape="cylinder",
         description=f"A {color} salt shaker with a pierced chrome top.",
         tags=("salt", "salt shaker", "shaker", "condiment", "tableware"),
-        mass_kg=0.12,
+        mass_kg=round(0.12 * size**2 * height / 0.075, 4),
+        material="ceramic" if color == "white" else "steel",
         parts=(
             part("body", body.mesh(), canvas, specular=0.5, shininess=0.6),
             part("top", top.mesh().seen_from_above(cap), picture, specular=0.9, shininess=0.8),
-            *standing(0.66 * radius, (radius, 0.62 * shoulder), (cap, height - 0.001)),
+            *standing(0.62 * radius, ((0.5 * (1.0 + waist) + swell) * radius, 0.72 * shoulder), (cap, height - 0.001)),
         ),
-        grasps=(grip_across(0.40 * height, radius, clearance=min(0.012, 0.039 - radius)),),
+        grasps=(grip_across(0.45 * height, (0.5 * (1.0 + waist) + swell) * radius),),
         regions=(disc("base", radius), disc("top", 0.7 * cap, height)),
         parameters={"radius_m": radius, "height_m": height, "facets": str(facets)},
     )
@@ -134,29 +135,33 @@ _LIDS: dict[str, Rgb] = {"gingham": (0.93, 0.92, 0.88), "gold": (0.80, 0.62, 0.2
 def jam_jar(rng: np.random.Generator, color: str) -> Draft:
     """Make a jar of jam with a screw lid and a label; the color is that of the jam.
 
-    A jar of 0.12 l, full, weighs about 0.25 kg.
+    A jar of 0.12 l, full, weighs about 0.25 kg, others in proportion.
     """
-    size, height, lid_height = uniforms(rng, (0.975, 1.0), (0.072, 0.078), (0.013, 0.016))
+    size, height, lid_height = uniforms(rng, (0.86, 1.0), (0.060, 0.074), (0.012, 0.017))
     radius, low, kind = 0.030 * size, height - lid_height, str(rng.choice(list(_LIDS)))
     jam = jittered({"red": (0.50, 0.03, 0.05), "orange": (0.86, 0.38, 0.03)}[color], rng, amount=0.10)
-    neck = 0.86 * radius
-    radii = (0.0, radius - 0.004, radius, radius, 0.95 * radius, neck, neck, 0.0)
+    neck, faces = rng.uniform(0.78, 0.92) * radius, int(rng.choice([22, 22, 6, 8]))
+    wide = rng.uniform(0.90, 1.0)  # of the foot: some jars widen upward
+    radii = (0.0, wide * radius - 0.004, wide * radius, radius, 0.95 * radius, neck, neck, 0.0)
     z = (0.0, 0.0, 0.0045, low - 0.0090, low - 0.0040, low - 0.0010, low + 0.001, low + 0.001)
-    jar = Turned(radii, z, sides=22, phase=math.pi / 2)
-    cap, inner = 0.93 * radius, height - 0.0010
+    crease = 40.0 if faces > 12 else 25.0
+    jar = Turned(radii, z, faces, crease, phase=math.pi / 2 + (0.0 if faces > 12 else math.pi / faces))
+    cap, inner = min(neck + 0.0045, 0.97 * radius), height - 0.0010
     lid_radii = (0.0, cap, cap, cap - 0.0020, 0.82 * cap, 0.78 * cap, 0.0)
     top = Turned(lid_radii, (low, low, height - 0.0020, height, height, inner, inner), 22, 50.0, wrap=False)
+    held = radius if faces > 12 else 0.5 * (1.0 + math.cos(math.pi / faces)) * radius
     return Draft(
         shape="cylinder",
         description=f"A glass jar of {color} jam with a lid and a label.",
         tags=("jam", "jam jar", "marmalade", "jar", "breakfast"),
-        mass_kg=0.25,
+        mass_kg=round(0.25 * size**2 * height / 0.070, 4),
+        material="glass",
         parts=(
             part("jar", jar.mesh(), _jam(rng, jar, jam), specular=0.8, shininess=0.8),
             part("lid", top.mesh().seen_from_above(cap), _lid(kind, color, jam), specular=0.4, shininess=0.5),
-            *standing(0.64 * radius, (radius, low - 0.005), (cap, height)),
+            *standing(0.58 * radius, (held, low - 0.005), (cap, height)),
         ),
-        grasps=(grip_across(0.45 * height, radius, clearance=min(0.012, 0.039 - radius)),),
+        grasps=(grip_across(0.45 * height, held),),
         regions=(disc("base", radius), disc("top", 0.7 * cap, height)),
         parameters={"radius_m": radius, "height_m": height, "lid": kind},
     )
@@ -201,8 +206,8 @@ def egg_cup(rng: np.random.Generator, color: str) -> Draft:
 
     A hen's egg weighs 60 g, a porcelain cup the same; the egg does not come out.
     """
-    size, share, lip = uniforms(rng, (0.97, 1.0), (0.82, 0.92), (0.040, 0.043))
-    height, stem = uniforms(rng, (0.0685, 0.0715), (0.36, 0.46))
+    size, share, lip = uniforms(rng, (0.92, 1.0), (0.78, 1.0), (0.037, 0.044))
+    height, stem = uniforms(rng, (0.0660, 0.0725), (0.30, 0.62))
     radius, banded = 0.026 * size, rng.random() < 0.5
     stand, glaze = radius * share, jittered(PALETTE[color], rng, amount=0.05)
     shell = mixed((0.95, 0.91, 0.84), (0.80, 0.54, 0.34), 0.25 + 0.75 * rng.random())
@@ -227,7 +232,8 @@ def egg_cup(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A boiled egg in a {color} egg cup.",
         tags=("egg cup", "egg", "boiled egg", "breakfast", "tableware"),
-        mass_kg=0.12,
+        mass_kg=round(0.06 + 0.06 * size**2 * lip / 0.040, 4),
+        material="ceramic",
         parts=(
             part("cup", cup.mesh(), canvas, specular=0.5),
             part("egg", egg.mesh().seen_from_above(inner), spots),

@@ -37,6 +37,7 @@ def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
         description=f"A {color} coffee machine with a {face}, a water tank and a marked ring on its drip tray.",
         tags=("coffee machine", "espresso machine", "coffee maker", "appliance", "fixture"),
         mass_kg=3.5,
+        material="plastic",
         parts=(
             part("housing", merge(housing), shade, specular=0.45, shininess=0.5),
             solid_span((back, wall), side, (0.0, height)),

@@ -20,17 +20,21 @@ def fries_box(rng: np.random.Generator, color: str) -> Draft:
     A portion of fries weighs 0.10 to 0.12 kg. The carton is 38 to 42 mm thick where the pads close; the fries end
     below the underside of a Franka hand, 45 mm above the tool center point.
     """
-    thick, width, height = uniforms(rng, (0.0390, 0.0415), (0.0600, 0.0640), (0.0780, 0.0840))
-    dip, half_x, half_y = rng.uniform(0.012, 0.020), thick / 2, width / 2
-    shade, design = jittered(PALETTE[color], rng), str(rng.choice(["stripes", "disc", "smile"]))
+    thick, width, height = uniforms(rng, (0.0370, 0.0415), (0.0550, 0.0660), (0.0740, 0.0860))
+    dip, half_x, half_y = rng.uniform(0.006, 0.022), thick / 2, width / 2
+    shade, design = (
+        jittered(PALETTE[color], rng),
+        str(rng.choice(["stripes", "disc", "smile", "broad stripes", "band"])),
+    )
     picture = _print(rng, shade, design=design)
     sticks, dark = _sticks(rng, thick, width, height)
-    golden = jittered((0.93, 0.68, 0.20), rng, amount=0.06)
+    golden = jittered(mixed((0.93, 0.68, 0.20), (0.90, 0.58, 0.13), rng.random()), rng, amount=0.08)
     return Draft(
         shape="box",
         description=f"A {color} and white striped carton of French fries.",
         tags=("fries", "french fries", "chips", "food", "carton"),
-        mass_kg=0.12,
+        mass_kg=round(0.115 * thick * width / (0.040 * 0.062), 4),
+        material="cardboard",
         parts=(
             part("carton", _carton(thick, width, height, dip=dip), picture, specular=0.15),
             part("fries", sticks, golden, specular=0.12),
@@ -72,14 +76,18 @@ def _print(rng: np.random.Generator, shade: Rgb, *, design: str) -> Canvas:
     """Draw the stripes and the sign on the front."""
     canvas = Canvas(1.0, 1.0, (128, 128), (0.93, 0.92, 0.89))
     x, y = canvas.x, canvas.y
-    stripes = np.abs((x / 0.14 + 0.5) % 1.0 - 0.5) < 0.25
+    pitch = 0.28 if design == "broad stripes" else 0.14
+    stripes = np.abs((x / pitch + 0.5) % 1.0 - 0.5) < 0.25
     outside, level = y < _OUTSIDE, 0.45
-    canvas.paint(outside if design == "smile" else outside & stripes, shade)
+    canvas.paint(outside if design in ("smile", "band") else outside & stripes, shade)
     if design == "disc":
         for u in (0.0, 1.0):
             canvas.ellipse((u, level), (0.23, 0.185), (0.93, 0.92, 0.89))
             canvas.ellipse((u, level), (0.195, 0.155), shade)
             canvas.ellipse((u, level), (0.10, 0.08), PALETTE["yellow"])
+    elif design == "band":
+        canvas.paint(outside & (y > 0.30) & (y < 0.52), (0.93, 0.92, 0.89))
+        canvas.paint(outside & (y > 0.36) & (y < 0.46), PALETTE["yellow"])
     elif design == "smile":
         for u in (0.0, 1.0):
             above = canvas.inside_ellipse((u, level + 0.10), (0.24, 0.19))

@@ -44,15 +44,15 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
     A small dessert apple is 65 to 70 mm wide and weighs 0.15 to 0.18 kg; small ones are used because the jaw opens to
     80 mm.
     """
-    size, height, waist = uniforms(rng, (0.985, 1.0), (0.0620, 0.0665), (0.86, 0.97))
-    lobes, stalk, lean = uniforms(rng, (0.015, 0.045), (0.011, 0.015), (-0.004, 0.004))
+    size, height, waist = uniforms(rng, (0.930, 1.0), (0.0580, 0.0670), (0.82, 0.98))
+    lobes, stalk, lean = uniforms(rng, (0.010, 0.055), (0.009, 0.016), (-0.006, 0.006))
     leafy, blush, radius = rng.random() < 0.4, rng.uniform(0.15, 0.9), _APPLE_RADIUS * size
     levels = (0.060, 0.020, 0.0, 0.100, 0.300, 0.540, 0.720, 0.885, 0.990, 0.985, 0.880, 0.830)
     shares = (0.0, 0.20, 0.40, 0.72, 0.955, 1.0, 0.965, 0.830, 0.560, 0.330, 0.130, 0.0)
     # Slender apples narrow toward the calyx.
     radii = [s * radius * (waist if level < 0.35 else 1.0) for s, level in zip(shares, levels, strict=True)]
     solid = Turned(radii, [level * height for level in levels], 18, 80.0, phase=math.pi / 2)
-    skin = jittered(_APPLES[color][0], rng)
+    skin = jittered(_APPLES[color][0], rng, amount=0.16)
     body = solid.mesh()
     angle = np.arctan2(body.vertices[:, 1], body.vertices[:, 0])
     low = np.clip(1.0 - 3.0 * body.vertices[:, 2] / height, 0.0, 1.0)
@@ -72,7 +72,9 @@ def apple(rng: np.random.Generator, color: str) -> Draft:
         shape="round",
         description=f"A {color} apple.",
         tags=("apple", "fruit", "food"),
-        mass_kg=0.17,
+        # 830 kg/m^3: apples float; the shape fills nine tenths of its ellipsoid.
+        mass_kg=round(0.9 * 830.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
+        material="fruit",
         parts=(*parts, *_round_collision(radius, height)),
         grasps=(grip_across(0.5 * height + 0.0005, radius),),
         regions=(disc("base", 0.4 * radius),),
@@ -114,9 +116,9 @@ def orange(rng: np.random.Generator, _color: str) -> Draft:
 
     A small orange of 70 mm weighs 0.16 to 0.2 kg.
     """
-    radius = 0.035 * rng.uniform(0.985, 1.0)
-    height, neck = 2.0 * radius * rng.uniform(0.93, 0.985), rng.uniform(0.0, 0.0016)  # the neck is around the stalk
-    peel = jittered(mixed(PALETTE["orange"], (0.95, 0.52, 0.03), 0.7), rng)
+    radius = 0.035 * rng.uniform(0.93, 1.01)
+    height, neck = 2.0 * radius * rng.uniform(0.88, 0.985), rng.uniform(0.0, 0.0016)  # the neck is around the stalk
+    peel = jittered(mixed(PALETTE["orange"], (0.95, 0.52, 0.03), 1.3 * rng.random()), rng)
     leafy = rng.random() < 0.3
     angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 12).tolist()
     raised = (0.0004, *(0.0,) * 9, neck, -0.0006)
@@ -141,7 +143,8 @@ def orange(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="An orange.",
         tags=("orange", "fruit", "citrus", "food"),
-        mass_kg=0.18,
+        mass_kg=round(960.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.5 * height, 4),
+        material="fruit",
         parts=(*parts, *_round_collision(radius, height)),
         grasps=(grip_across(0.5 * height, radius),),
         regions=(disc("base", 0.4 * radius),),
@@ -155,9 +158,9 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
 
     A lemon is 50 to 60 mm wide, 75 to 90 mm long and weighs about 0.1 kg.
     """
-    radius, half = 0.029 * rng.uniform(0.965, 1.0), 0.040 * rng.uniform(0.97, 1.03)
+    radius, half = 0.029 * rng.uniform(0.90, 1.02), 0.040 * rng.uniform(0.92, 1.06)
     nipple, full = rng.uniform(0.0065, 0.0095), rng.uniform(0.0, 0.06)  # full: how far the ends are filled out
-    peel = jittered((0.95, 0.80, 0.10), rng, amount=0.06)
+    peel = jittered(mixed((0.96, 0.76, 0.06), (0.95, 0.84, 0.16), rng.random()), rng, amount=0.06)
     near, far = (0.0, 0.13, 0.20, 0.43 + full, 0.76 + 0.5 * full, 0.96, 1.0, 0.93), (0.70 + 0.5 * full, 0.37 + full)
     middle = [level * half for level in (-0.80, -0.52, -0.20, 0.04, 0.30, 0.58)]
     tip = (half - nipple - 0.001, half - 0.45 * nipple, half - 0.0008, half)
@@ -166,7 +169,7 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
     canvas = solid.canvas(peel, (128, 192), width=math.pi * radius)
     canvas.grain(rng, cells=(5, 7), amount=0.035)
     canvas.grain(rng, cells=(48, 72), amount=0.065)
-    green = mixed(peel, (0.50, 0.62, 0.12), 0.6)
+    green = mixed(peel, (0.62, 0.64, 0.12), 0.45)
     canvas.paint(np.clip((canvas.y - canvas.height + 0.016) / 0.014, 0.0, 1.0), green, strength=0.75)
     canvas.paint(np.clip((0.012 - canvas.y) / 0.010, 0.0, 1.0), green, strength=0.6)
     canvas.paint(canvas.y < 0.0042, (0.40, 0.34, 0.14))
@@ -177,7 +180,8 @@ def lemon(rng: np.random.Generator, _color: str) -> Draft:
         shape="round",
         description="A lemon lying on its side.",
         tags=("lemon", "fruit", "citrus", "food"),
-        mass_kg=0.10,
+        mass_kg=round(950.0 * 4.0 / 3.0 * math.pi * radius**2 * 0.88 * half, 4),
+        material="fruit",
         densities=(1.0, 1.0),
         parts=(
             part("peel", mesh.moved(z=-float(mesh.vertices[:, 2].min())), canvas, specular=0.45, shininess=0.45),

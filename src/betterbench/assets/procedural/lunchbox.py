@@ -21,7 +21,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     opening and a hand that comes straight down keeps clear of it. A box of this size in 2.5 mm polypropylene weighs
     0.35 kg; 0.5 kg, most of it in the floor, stands for one with a cooling element.
     """
-    dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.020, 0.034))
+    dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
     opened, depth = math.radians(rng.uniform(117.0, 124.0)), rng.uniform(0.014, 0.018)  # of the lid
     latches, motif = int(rng.choice([1, 2])), str(rng.choice(["fruit", "stripes", "dots", "star"]))
@@ -47,6 +47,7 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
         description=f"An open {color} plastic lunchbox with a hinged lid.",
         tags=("lunchbox", "lunch box", "box", "container", "plastic"),
         mass_kg=0.5,
+        material="plastic",
         densities=(4.0, 0.5, 0.5, 0.5, 0.5, 0.15),
         parts=(
             part("tray", tray.moved(x=x), _shell(shade, lining), specular=0.4, shininess=0.5),

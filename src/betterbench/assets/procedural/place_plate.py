@@ -18,12 +18,12 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
     A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
     around it. Its places are named as the eater sees them: right is +y, upper is -x.
     """
-    stand = rng.uniform(0.050, 0.057)
-    well = stand + rng.uniform(0.004, 0.012)
-    decoration = str(rng.choice(["bands", "dots", "leaves", "petals"]))
+    stand = rng.uniform(0.046, 0.058)
+    well = stand + rng.uniform(0.003, 0.014)
+    decoration = str(rng.choice(["bands", "dots", "leaves", "petals", "wide", "center"]))
     base = mixed(PALETTE["blue"], (0.62, 0.74, 0.90), 0.55) if color == "blue" else PALETTE[color]
     glaze = jittered(base, rng, amount=0.05)
-    inks = (mixed(PALETTE["blue"], PALETTE["gray"], 0.2), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
+    inks = ((0.33, 0.34, 0.37), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
     drawn = inks[int(rng.integers(len(inks)))]
     ink = (0.92, 0.93, 0.93) if color == "blue" else drawn
     radii = (0.0, stand, stand + 0.003, _RADIUS, _RADIUS - 0.0008, well + 0.003, well - 0.003, 0.0)
@@ -39,6 +39,7 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
         description=f"A {color} breakfast plate with a decorated rim.",
         tags=("plate", "breakfast plate", "dish", "tableware"),
         mass_kg=0.55,
+        material="ceramic",
         parts=(
             part("plate", plate, picture, specular=0.5, shininess=0.6),
             *standing(0.66 * stand, (well, 0.0065)),
@@ -74,6 +75,11 @@ def _glaze(rng: np.random.Generator, glaze: Rgb, ink: Rgb, *, decoration: str, w
         slant = (r - middle) - 0.55 * along
         canvas.paint((along / 0.135) ** 2 + (slant / 0.042) ** 2 < 1.0, ink)
         canvas.paint(np.abs(r - middle + 0.115) < 0.010, ink)
+    elif decoration == "wide":
+        canvas.paint(r > well + 0.06, mixed(glaze, ink, 0.6))
+    elif decoration == "center":
+        canvas.paint((r < 0.30) & (np.cos(6.0 * angle) + 1.6 > 8.0 * r), ink)
+        canvas.paint(r < 0.07, glaze)
     else:
         canvas.paint(np.abs(r - middle - 0.085 * np.cos(12.0 * angle)) < 0.022, ink)
         canvas.paint(np.abs(r - middle + 0.085 * np.cos(12.0 * angle)) < 0.022, mixed(glaze, ink, 0.55))

@@ -1,4 +1,4 @@
-"""Dinner plates of three sizes that stack on their feet, and a shallow bowl of a plate's size."""
+"""Dinner plates of one family of sizes that stack on each other in any order, and a bowl of a plate's width."""
 
 import math
 
@@ -7,103 +7,107 @@ import numpy as np
 from betterbench.assets.asset import CollisionPart, Grasp
 from betterbench.assets.authoring import Draft, Turned, disc, generator, part, round_wall, upright_cylinder
 from betterbench.assets.authoring.draft import JAW_OPENS_ALONG_X
-from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded
+from betterbench.assets.authoring.mesh import Mesh
+from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.geometry import Pose, from_yaw, multiply
 
-FOOT_HEIGHT_M = 0.012
-"""Height of a plate's foot [m]: holds the rim of the inner plate above that of the outer one."""
+FLOOR_M = 0.0105
+"""Height of a plate's floor, on which the next plate stands [m]; the same for all, so that stacks are equally high.
 
-FLOOR_M = 0.016
-"""Height of the floor on which the next plate stands [m]."""
+It is also the height at which the rim begins. The rim of a plate that stands on another one so begins above the rim of
+the lower one, and plates of any two radii stack with room to the sides."""
 
-RIM_M = 0.036
-"""Height of the rim [m]: 20 mm of upright lip were measured to be held without slipping, 15 mm were not."""
+RIM_M = 0.0205
+"""Height of the rim [m]: pads that reach 9 mm down its upright edge of 10 mm hold a plate at half of their force with a
+tilt of less than 1 degree; they then end 1 mm above the floor, and 1 mm above the rim of a plate below."""
 
 _LIP = 0.004
-_GRIP_BELOW_RIM = 0.006  # the pads then reach 18 mm down the lip and end 2 mm above the floor
+_GRIP_ABOVE_RIM = 0.0030  # of the middle of the pads, which reach 12 mm further down
 _COLORS = ("white", "red", "blue", "green", "yellow")
-_MEDIUM_RADIUS = 0.074
+_DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "speckled", "broad rings")
 
 
-@generator("plate_large", colors=_COLORS, family="plate")
-def plate_large(rng: np.random.Generator, color: str) -> Draft:
-    """Make the plate at the bottom of a stack: 176 mm across, 0.30 kg.
+@generator("dinner_plate", colors=_COLORS)
+def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
+    """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
 
-    Dessert plates of stoneware have diameters of 170 to 210 mm and weigh 0.3 to 0.4 kg. This one is only stood on.
+    Side plates are 150 to 180 mm across and 20 to 30 mm high. One of melamine (1.5 g/cm^3, 2.5 to 3 mm thick) weighs
+    0.10 to 0.15 kg, one of enameled steel sheet of 0.6 mm as much. Held at its rim a plate tilts; at 0.25 kg, as of
+    stoneware, by more than 20 degrees, so that no plate is heavier than 0.13 kg.
     """
-    return _plate(rng, color, "large", radius=0.088, mass_kg=0.30)
-
-
-@generator("plate_medium", colors=("red", "white", "blue", "green", "yellow"), family="plate")
-def plate_medium(rng: np.random.Generator, color: str) -> Draft:
-    """Make the plate in the middle of a stack: 148 mm across, 0.15 kg.
-
-    Melamine side plates (1.5 g/cm^3, 3 to 4 mm thick) of 150 mm weigh 0.10 to 0.16 kg. Held at its rim, a plate of
-    this size tilts by 3 degrees with 0.15 kg and by more than 20 with 0.25 kg.
-    """
-    return _plate(rng, color, "medium", radius=_MEDIUM_RADIUS, mass_kg=0.15)
-
-
-@generator("plate_small", colors=("blue", "white", "red", "green", "yellow"), family="plate")
-def plate_small(rng: np.random.Generator, color: str) -> Draft:
-    """Make the plate on top of a stack: 120 mm across, 0.12 kg, a melamine saucer with a lip."""
-    return _plate(rng, color, "small", radius=0.060, mass_kg=0.12)
-
-
-def _plate(rng: np.random.Generator, color: str, size: str, *, radius: float, mass_kg: float) -> Draft:
-    """Make a plate: a foot, a flat floor, an upright lip."""
-    glaze, r, foot = _Glaze(rng, color), radius, 0.55 * radius
-    edge, low = RIM_M - 0.0012, FOOT_HEIGHT_M
-    outside = (0.0, foot, foot + 0.0015, r - 0.0030, r, r, r - 0.5 * _LIP)
-    z = (0.0, 0.0, low, low + 0.0008, low + 0.0045, edge, RIM_M, edge, FLOOR_M + 0.0004, FLOOR_M)
-    plate = Turned((*outside, r - _LIP, r - _LIP - 0.0022, 0.0), z, sides=28)
-    picture = glaze.draw(plate, wall=4, rim=5, inner=7, floor=8)
+    radius, foot_share, well = uniforms(rng, (0.0760, 0.0820), (0.46, 0.56), (0.60, 0.76))
+    raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
+    scallops, depth = int(rng.choice([0, 0, 0, 10, 14])), rng.uniform(0.008, 0.014)
+    enameled, thickness = bool(rng.random() < 0.35), rng.uniform(0.0025, 0.0030)
+    glaze, r, foot = _Glaze(rng, color, edge=enameled), radius, foot_share * radius
+    # From the foot over the sloped underside and the upright edge to the well.
+    outer = (0.0, foot, foot + 0.0010, r - 0.0060, r - flare, r, r - 0.5 * _LIP)
+    rising = (0.0, 0.0, 0.0030, FLOOR_M - 0.0020, FLOOR_M + 0.0020, RIM_M - 0.0010, RIM_M)
+    inner = (r - _LIP, r - _LIP - flare - 0.0010, well * r + 0.004, well * r, 0.0)
+    falling = (RIM_M - 0.0010, FLOOR_M + 0.0010, FLOOR_M + 0.0004, FLOOR_M - raised, FLOOR_M - raised)
+    plate = Turned((*outer, *inner), (*rising, *falling), sides=28, crease_degrees=46.0, wrap=False)
+    mesh = _scalloped(plate.mesh(), r, scallops, depth).seen_from_above(1.02 * r)
+    mass = 0.105 + 0.012 * enameled if enameled else round(1500.0 * thickness * math.pi * r * r * 1.35, 4)
     return Draft(
         shape="round",
-        description=f"A {size} round {color} plate with an upright lip.",
-        tags=("plate", f"{size} plate", "dinner plate", "tableware", "crockery"),
-        mass_kg=mass_kg,
+        description=f"A round {color} dinner plate with {glaze.design} decoration.",
+        tags=("plate", "dinner plate", "dish", "tableware", "crockery"),
+        mass_kg=min(mass, 0.13),
+        material="steel" if enameled else "plastic",
         # The foot is a ring and the floor thin: the foot weighs a third of the solid that stands for it.
         densities=(0.33, *(1.0,) * 9),
         parts=(
-            part("plate", plate.mesh(), picture, specular=0.5, shininess=0.6),
-            upright_cylinder(foot, 0.0, low),
-            upright_cylinder(r - 0.001, low, FLOOR_M),
-            *_lip(r, low + 0.002, RIM_M),
+            part("plate", mesh, glaze.from_above(1.02 * r, well * r, r - _LIP), specular=0.5, shininess=0.6),
+            upright_cylinder(foot, 0.0, 0.006),
+            upright_cylinder(0.70 * r, 0.006, FLOOR_M),
+            *_lip(r, FLOOR_M - 0.0001, RIM_M),
         ),
         grasps=_rim_grasps(r, RIM_M),
         regions=(disc("base", foot), disc("floor", r - _LIP, FLOOR_M), disc("rim", r, RIM_M)),
-        parameters={"radius_m": r, "foot_radius_m": foot, "design": glaze.design},
+        parameters={"radius_m": r, "foot_radius_m": foot, "design": glaze.design, "scallops": float(scallops)},
     )
 
 
-@generator("shallow_bowl", colors=("red", "white", "blue"), family="plate")
-def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
-    """Make a shallow bowl of the medium plate's diameter: from above a plate, from the side clearly none.
+def _scalloped(mesh: Mesh, radius: float, count: int, depth: float) -> Mesh:
+    """Draw the edge in between ``count`` scallops, by a share ``depth`` of the radius [m]; the middle stays round."""
+    if not count:
+        return mesh
+    angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
+    out = np.clip(np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1]) / radius * 4.0 - 3.0, 0.0, 1.0)
+    return mesh.scaled_across(1.0 - depth * out * (1.0 - np.abs(np.cos(0.5 * count * angle))))
 
-    A melamine bowl of 150 mm weighs 0.12 to 0.2 kg. The collision shape is the upright upper wall, a disc under the
-    hollow and the foot, so that a plate that is wrongly stood in the bowl rests on its floor.
+
+@generator("shallow_bowl", colors=("red", "white", "blue"))
+def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
+    """Make a soup bowl about as wide as a dinner plate: round, on a narrow foot, and more than twice as high.
+
+    A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
+    upper wall, two discs under the hollow and the foot, so that a plate that is wrongly stood in the bowl rests in it.
     """
-    glaze = _Glaze(rng, color)
-    r, rim, floor, foot = _MEDIUM_RADIUS, 0.045, 0.0125, 0.034
-    outside = (0.0, foot, foot + 0.001, 0.052, 0.0665, 0.0728, r, r - 0.5 * _LIP)
-    rising, falling = (0.0, 0.0, 0.0045, 0.0090, 0.0185, 0.0300, rim - 0.0012), (0.0300, 0.0185, floor + 0.0006, floor)
-    radii = (*outside, r - _LIP, 0.0680, 0.0600, 0.0430, 0.0)
-    bowl = Turned(radii, (*rising, rim, rim - 0.0012, *falling), crease_degrees=44.0)
+    radius, rim, foot = uniforms(rng, (0.0690, 0.0740), (0.0560, 0.0640), (0.0260, 0.0310))
+    belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
+    r, glaze, wall = radius, _Glaze(rng, color, edge=banded), RIM_M - FLOOR_M + 0.0045
+    outside = (0.0, foot, foot - 0.0010, 0.66 * r * belly, 0.86 * r * belly, r - 0.0016, r, r - 0.5 * _LIP)
+    rising = (0.0, 0.0, 0.0060, 0.0110, 0.38 * rim, rim - wall, rim - 0.0012, rim)
+    inside = (r - _LIP, r - 0.0056, 0.80 * r * belly, 0.58 * r * belly, 0.30 * r, 0.0)
+    falling = (rim - 0.0012, rim - wall, 0.38 * rim, 0.0160, floor + 0.0010, floor)
+    bowl = Turned((*outside, *inside), (*rising, *falling), sides=22, crease_degrees=50.0, wrap=False)
     return Draft(
         shape="round",
-        description=f"A shallow {color} bowl with a curved wall.",
-        tags=("bowl", "shallow bowl", "soup bowl", "tableware", "crockery"),
-        mass_kg=0.17,
-        densities=(0.33, *(1.0,) * 9),
+        description=f"A {color} soup bowl with a high curved wall.",
+        tags=("bowl", "soup bowl", "shallow bowl", "tableware", "crockery"),
+        mass_kg=round(2.45 * r, 4),
+        material="plastic",
+        densities=(0.33, *(1.0,) * 10),
         parts=(
-            part("bowl", bowl.mesh(), glaze.draw(bowl, wall=3, rim=6, inner=8, floor=11), specular=0.5, shininess=0.6),
-            upright_cylinder(foot, 0.0, 0.0075),
-            upright_cylinder(0.060, 0.0075, floor),
-            *_lip(r, 0.0140, rim),
+            part("bowl", bowl.mesh(), glaze.inside_out(bowl, rim=7, floor=12), specular=0.5, shininess=0.6),
+            upright_cylinder(foot, 0.0, 0.0060),
+            upright_cylinder(0.46 * r, 0.0060, floor),
+            *_lip(r, rim - wall, rim),
+            *round_wall(0.84 * r * belly, 0.012, 0.012, rim - wall)[::4],
         ),
         grasps=_rim_grasps(r, rim),
-        regions=(disc("base", foot), disc("floor", 0.045, floor), disc("rim", r, rim)),
+        regions=(disc("base", foot), disc("floor", 0.46 * r, floor), disc("rim", r, rim)),
         parameters={"radius_m": r, "foot_radius_m": foot, "height_m": rim, "design": glaze.design},
     )
 
@@ -118,7 +122,7 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 
     They share the name "rim", so that a search by name gives the one at +x and a planner can choose among all.
     """
-    away, height = radius - 0.5 * _LIP, rim - _GRIP_BELOW_RIM
+    away, height = radius - 0.5 * _LIP, rim + _GRIP_ABOVE_RIM
     angles = [k * math.pi / 4.0 for k in range(8)]
     places = [(away * math.cos(a), away * math.sin(a), height) for a in angles]
     turns = [multiply(from_yaw(a), JAW_OPENS_ALONG_X) for a in angles]
@@ -126,43 +130,66 @@ def _rim_grasps(radius: float, rim: float) -> tuple[Grasp, ...]:
 
 
 class _Glaze:
-    """The glaze of a set of tableware: one look gives one design to every piece of it."""
+    """The color and the decoration of a piece of tableware."""
 
-    def __init__(self, rng: np.random.Generator, color: str) -> None:
-        self.color: Rgb = jittered(PALETTE[color], rng, amount=0.07)
-        self.design = str(rng.choice(["plain", "line", "ring", "two lines", "speckled"]))
-        # The line on white ware is gray, sand or a pale blue.
-        tints = ((0.62, 0.63, 0.65), (0.74, 0.66, 0.52), (0.58, 0.66, 0.76))
-        white = color == "white"
-        self._light = tints[int(rng.integers(3))] if white else shaded(self.color, rng.uniform(1.5, 1.9))
-        self._rng = rng
+    def __init__(self, rng: np.random.Generator, color: str, *, edge: bool) -> None:
+        """Draw a design; with an ``edge`` the rim has a dark or a pale line around it, as enameled ware has."""
+        self.color: Rgb = jittered(PALETTE[color], rng, amount=0.10)
+        self.design = str(rng.choice(_DESIGNS))
+        self._edge, self._rng = edge, rng
+        # On white ware gray, sand or brown, words that no plate of the suite is called by; on the others a pale tint.
+        inks = ((0.42, 0.43, 0.45), (0.66, 0.55, 0.36), (0.40, 0.27, 0.17))
+        chosen = inks[int(rng.integers(3))]
+        self._ink = chosen if color == "white" else mixed(self.color, (0.97, 0.96, 0.93), 0.80)
 
-    def draw(self, piece: Turned, *, wall: int, rim: int, inner: int, floor: int) -> Canvas:
-        """Draw a piece from the foot over the rim to the middle of the floor.
+    def from_above(self, reach: float, well: float, lip: float) -> Canvas:
+        """Draw a plate as seen from above; ``reach`` is the radius at the edge of the picture [m]."""
+        canvas = Canvas(2.0, 2.0, (160, 160), self.color)
+        r, angle = canvas.radius, np.arctan2(canvas.y - 1.0, canvas.x - 1.0)
+        inner, edge, ink = well / reach, lip / reach, self._ink
+        middle = 0.5 * (inner + edge)
+        if self.design == "wide band":
+            canvas.paint(np.abs(r - middle) < 0.30 * (edge - inner), ink)
+        elif self.design == "thin lines":
+            canvas.paint((np.abs(r - edge + 0.07) < 0.016) | (np.abs(r - inner) < 0.016), ink)
+        elif self.design == "pale middle":
+            canvas.paint(r < inner, mixed(self.color, (0.97, 0.96, 0.93), 0.40))
+        elif self.design == "dots":
+            around = (angle / (2.0 * math.pi) * 12.0) % 1.0 - 0.5
+            canvas.paint(np.hypot(around * 2.0 * math.pi / 12.0 * r, r - middle) < 0.34 * (edge - inner) + 0.02, ink)
+        elif self.design == "rays":
+            canvas.paint((np.cos(16.0 * angle) > 0.35) & (r > inner + 0.03) & (r < edge - 0.02), ink)
+        elif self.design == "broad rings":
+            canvas.paint((np.abs(r - 0.30) < 0.055) | (np.abs(r - middle) < 0.055), ink)
+        elif self.design == "speckled":
+            for u, v, size in self._rng.uniform(0.0, 1.0, (70, 3)).tolist():
+                dot = 0.012 + 0.022 * size
+                canvas.ellipse((2.0 * u, 2.0 * v), (dot, dot), ink)
+        # A shadow where the well begins and where the edge rises; the edge itself catches the light.
+        canvas.shade(1.0 - 0.20 * np.exp(-(((r - inner) / 0.022) ** 2)))
+        canvas.paint(np.clip(1.0 - r / inner, 0.0, 1.0) * (r < inner), shaded(self.color, 1.15), strength=0.5)
+        canvas.shade(np.where(r > edge - 0.02, 0.88, 1.0))
+        crest = (r > edge + 0.006) & (r < 0.978)
+        canvas.paint(crest, ink if self._edge else shaded(self.color, 1.22))
+        return canvas
 
-        Given are the numbers of the points of its profile where the wall, the rim, the inside of the lip and the floor
-        begin.
+    def inside_out(self, piece: Turned, *, rim: int, floor: int) -> Canvas:
+        """Draw a bowl from the foot over the rim to the floor; the inside is dark toward its floor.
+
+        Given are the numbers of the points of its profile where the rim and the floor begin.
         """
-        foot, crest, lip, well = (piece.rows[k] for k in (wall, rim, inner, floor))
-        canvas = piece.canvas(self.color, (64, 256), width=1.0)
-        y, end = canvas.y, canvas.height
-        if self.design == "speckled":
-            ink = mixed(self.color, self._light, 0.75)
-            canvas.spots(self._rng, 90, ink, radius=(0.0006, 0.0013), rows=(0.0, end), stretch=6.0)
-        # The floor catches more light in its middle; a turned ring shows where the foot is.
-        away = (end - y) / (end - well)
-        canvas.paint(y > well, shaded(self.color, 1.14), strength=0.8)
-        canvas.shade(np.where(y > well, 1.0 - 0.10 * np.clip(away - 0.55, 0.0, 1.0) / 0.45, 1.0))
-        canvas.shade(np.where(np.abs(away - 0.62) < 0.012, 0.86, 1.0))
-        rings = {"ring": ((0.78, 0.035),), "two lines": ((0.84, 0.016), (0.92, 0.016))}
-        for place, width in rings.get(self.design, ()):
-            canvas.paint(np.abs(away - place) < width, self._light)
-        # The inside of the lip lies in its own shadow, deepest where it meets the floor.
-        down = np.clip((y - lip) / (well - lip), 0.0, 1.0)
-        canvas.shade(np.where((y > lip) & (y <= well), 0.92 - 0.20 * down, 1.0))
-        # Glaze runs thin over the rim, and there is none under the foot.
-        canvas.paint(canvas.between(crest - 0.0004, lip + 0.0006), self._light)
-        if self.design == "line":
-            canvas.paint(canvas.between(crest - 0.0045, crest), self._light)
-        canvas.shade(np.where(y < foot, 0.78, 1.0))
+        crest, well = piece.rows[rim], piece.rows[floor]
+        canvas = piece.canvas(self.color, (8, 256), width=1.0)
+        y = canvas.y
+        wall, down = piece.rows[4], np.clip((y - crest) / (well - crest), 0.0, 1.0)
+        if self.design in ("wide band", "broad rings", "rays"):
+            canvas.band(wall + 0.45 * (crest - wall), wall + 0.78 * (crest - wall), self._ink)
+        elif self.design in ("thin lines", "dots"):
+            for share in (0.45, 0.65):
+                canvas.band(wall + share * (crest - wall), wall + (share + 0.09) * (crest - wall), self._ink)
+        elif self.design == "pale middle":
+            canvas.paint(y > crest + 0.004, mixed(self.color, (0.97, 0.96, 0.93), 0.35))
+        canvas.shade(np.where(y > crest + 0.002, 0.92 - 0.42 * down, 0.82 + 0.18 * np.clip(y / crest, 0.0, 1.0)))
+        lit = self._ink if self._edge else shaded(self.color, 1.25)
+        canvas.paint(canvas.between(crest - 0.0022, crest + 0.0032), lit)
         return canvas

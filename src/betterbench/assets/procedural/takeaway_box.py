@@ -33,6 +33,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
         description=f"An open {color} takeaway box of kraft board with a printed {sign}.",
         tags=("box", "takeaway box", "food tray", "container"),
         mass_kg=0.45,
+        material="cardboard",
         densities=(3.0, 0.25, 0.25, 0.25, 0.25),
         parts=(part("box", mesh, picture, specular=0.05), *open_box((half_x, half_y), _WALL, _FLOOR, height)),
         regions=(

@@ -2,9 +2,9 @@
 
 from betterbench.tasks import authoring as a
 
-WHITE = a.item("white_plate", category="plate_large", color="white")
-RED = a.item("red_plate", category="plate_medium", color="red")
-BLUE = a.item("blue_plate", category="plate_small", color="blue")
+WHITE = a.item("white_plate", category="dinner_plate", color="white")
+RED = a.item("red_plate", category="dinner_plate", color="red")
+BLUE = a.item("blue_plate", category="dinner_plate", color="blue")
 BOWL = a.distractor("red_bowl", category="shallow_bowl", color="red")
 
 LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.48, -0.19), a.Slot("left_front", 0.67, -0.10)
