@@ -141,10 +141,8 @@ class Restraint:
         if self._expected is Expected.STAY_STILL:
             away = distance(state.ee_pose.position, state.info.home_position) > THRESHOLDS.home_radius
             return state.gripper_command > 0.0 and away
-        since = (self._row + 1 - self._changed) / self._rate_hz
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
-        step = 1.0 / self._rate_hz
-        resolved = self._changed > 0 and span <= since - step * self._closing < span + step
+        resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
         if not resolved and state.step < self._limit:
             return False
         info = state.info
