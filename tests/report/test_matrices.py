@@ -12,8 +12,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from factory import diagnosis, trial
 
-from betterbench.diagnosis import Label
+from betterbench.diagnosis import Evidence, Label
 from betterbench.interventions.resolve import resolve_condition
+from betterbench.report import write_report
 from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
 from betterbench.report.latex import table_to_latex
 from betterbench.report.matrices import PAPER, matrices_of, plain_matrix
@@ -176,11 +177,24 @@ def test_the_plain_form_has_nine_rows_per_policy(run):
     row = next(r for r in table.rows if r[1:3] == ("at the target", "on the table"))
     assert row[3:6] == (1, 6, 1 / 6)
     assert row[6] < row[5] < row[7]
-    assert row[8] == "phase_conflict 3, early_halt 2, success 1"
+    assert row[8:10] == (0, "phase_conflict 3, early_halt 2, success 1")
     empty = next(r for r in table.rows if r[1:3] == ("absent", "absent"))
     assert empty[3:8] == (0, 0, None, None, None)
     assert "'=evil" in to_csv(table)
     assert "phase\\_conflict 3" in table_to_latex(table)
+
+
+def test_a_success_with_a_needless_step_is_counted_in_its_cell_and_shown_on_the_page(tmp_path):
+    step = Evidence("air_grasp_at_memorized_slot", "The gripper closes on nothing at slot 'first'.", 3.2, 3.9)
+    done = [trial("fruit_lunch", "T1", seed=s, needless=(step,) if s < 2 else ()) for s in range(5)]
+    run = diagnosis(done)
+    cell = matrices_of(run)[1].cell(TARGET, TABLE)
+    assert (cell.success.k, cell.success.n, cell.needless) == (5, 5, 2)
+    page = write_report([run], tmp_path).read_text()
+    assert "5/5</b> right, 2 of them with a needless step" in page
+    assert "Success with a needless step" in page
+    assert step.text in page, "the list of trials shows the evidence"
+    assert "Needless step at" in page
 
 
 def test_no_run_gives_an_empty_table():

@@ -47,12 +47,18 @@ _HEADINGS = {
 
 @dataclass(frozen=True, slots=True)
 class MatrixSource:
-    """One condition behind a cell ("fruit_lunch/T1"); ``labels`` is how its trials ended, the most frequent first."""
+    """One condition behind a cell ("fruit_lunch/T1").
+
+    Attributes:
+        labels: How its trials ended, the most frequent first.
+        needless: How many of its successes took a needless step.
+    """
 
     id: str
     expected: Expected
     success: Rate
     labels: tuple[tuple[Label, int], ...]
+    needless: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,7 @@ class Cell:
         sources: The conditions behind it; none if the run has none.
         success: Success rate over all their trials; no trials if there are none.
         labels: How the trials ended, the most frequent first.
+        needless: How many of the successes took a needless step, as an air grasp at an emptied slot.
         note: Why the cell is empty; an empty text if it is not.
         paper: What the paper saw, for reference.
     """
@@ -74,6 +81,7 @@ class Cell:
     labels: tuple[tuple[Label, int], ...]
     note: str
     paper: str
+    needless: int = 0
 
     @property
     def empty(self) -> bool:
@@ -140,10 +148,23 @@ def plain_matrix(matrices: Sequence[Matrix]) -> Table:
             ends = (None, None) if cell.empty else (rate.low, rate.high)
             sources = " ".join(source.id for source in cell.sources)
             where = (matrix.policy, cell.row.value, cell.column.value, rate.k, rate.n, rate.value, *ends)
-            rows.append((*where, outcomes_text(cell.labels), sources, cell.note, cell.paper))
+            rows.append((*where, cell.needless, outcomes_text(cell.labels), sources, cell.note, cell.paper))
     first = matrices[0] if matrices else None
     axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
-    columns = ("policy", *axes, "k", "n", "success_rate", "low", "high", "outcomes", "conditions", "note", "paper")
+    columns = (
+        "policy",
+        *axes,
+        "k",
+        "n",
+        "success_rate",
+        "low",
+        "high",
+        "needless",
+        "outcomes",
+        "conditions",
+        "note",
+        "paper",
+    )
     name, caption = ("matrix", "No run.") if first is None else (first.name, first.caption)
     return Table(name, caption, columns, tuple(rows))
 
@@ -156,7 +177,8 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
     """Return what the trials of one condition show."""
     success = Rate(sum(t.success for t in trials), len(trials))
-    return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)))
+    needless = sum(t.success and bool(t.needless) for t in trials)
+    return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)
 
 
 def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
@@ -183,7 +205,8 @@ def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -
     for source in sources:
         labels.update(dict(source.labels))
     note = "" if sources else _why_empty(position)
-    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper)
+    needless = sum(source.needless for source in sources)
+    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper, needless)
 
 
 def _why_empty(position: CellPosition) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from betterbench.geometry import distance
 from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.relations import on_floor
 from betterbench.tasks.targets import Asked, Places, Targets
@@ -79,8 +79,9 @@ class HarmWatch:
         if not self._start:
             self._start = state.positions
             self._at_start = self._targets.in_any_posture(state, places)
+        positions, start = state.positions, self._start
         for i in self._watched:
-            if distance(state.positions[i], self._start[i]) > DISPLACED:
+            if math.dist(positions[i], start[i]) > DISPLACED:
                 self._displaced[state.info.objects[i].name] = None
 
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from betterbench.geometry import distance
@@ -87,6 +89,8 @@ class Restraint:
         self._forbidden = graspable(info) if still else off_limits(info, asked)
         self._names = frozenset(o.name for o in info.objects) if still else frozenset(self._named(info))
         self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
+        sizes = (info.objects[i].size_m for i in self._forbidden)
+        self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
         self._motion = MotionBuilder(info, rate_hz=rate_hz)
         self._closing, self._changed, self._row, self._near = False, 0, -1, 0
 
@@ -114,8 +118,16 @@ class Restraint:
 
     def _stays_near(self, state: WorldState) -> bool:
         near = None
-        if not self._closing and state.held is None:
-            tool, positions = np.array(state.ee_pose.position), np.array(state.positions)
+        place = state.ee_pose.position
+        if (
+            not self._closing
+            and state.held is None
+            and any(
+                distance(place, state.positions[i]) <= reach
+                for i, reach in zip(self._forbidden, self._reach, strict=True)
+            )
+        ):
+            tool, positions = np.array(place), np.array(state.positions)
             near = hovered_over(state.info, tool, positions, np.array(state.quaternions), self._forbidden)
         self._near = 0 if near is None else self._near + 1
         return self._near > max(1, round(HOVER_TIME * self._rate_hz))
@@ -129,10 +141,8 @@ class Restraint:
         if self._expected is Expected.STAY_STILL:
             away = distance(state.ee_pose.position, state.info.home_position) > THRESHOLDS.home_radius
             return state.gripper_command > 0.0 and away
-        since = (self._row + 1 - self._changed) / self._rate_hz
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
-        step = 1.0 / self._rate_hz
-        resolved = self._changed > 0 and span <= since - step * self._closing < span + step
+        resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
         if not resolved and state.step < self._limit:
             return False
         info = state.info

@@ -81,7 +81,7 @@ class Targets:
 
     def places(self, state: WorldState) -> Places:
         """Return where every subject is, strictly."""
-        return tuple(tuple(w.relation.where(state, name, w.target) for name in w.subjects) for w in self.watches)
+        return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return where every subject is in any posture; ``strictly`` are the places that are known already."""

@@ -123,7 +123,8 @@ def _on_the_table(where: Where) -> Where:
     """Return a ``where`` that knows no place for or at what lies on the floor."""
 
     def guarded(state: WorldState, name: str, target: str) -> str | None:
-        return None if on_floor(state, name) or on_floor(state, target) else where(state, name, target)
+        place = where(state, name, target)
+        return None if place is None or on_floor(state, name) or on_floor(state, target) else place
 
     return guarded
 
