@@ -8,7 +8,7 @@ import pytest
 
 from betterbench.certification import summaries
 from betterbench.certification.examine import _premise, examine, examine_condition
-from betterbench.tasks import Slot, Support, TrialId, get_task
+from betterbench.tasks import Slot, Support, TrialId, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -64,6 +64,20 @@ def test_refusing_is_right_where_the_premise_is_broken_on_purpose():
     found = examine(TrialId("fruit_lunch", "O1", 0))
     assert found.passed
     assert "broken on purpose: no apple" in found.clauses["e"].text
+
+
+SEEN = [(t.id, v.name) for t in all_tasks() for v in t.variations if v.support is Support.SEEN]
+QUICK = {("fast_food", "T2"), ("office_drawer", "R1"), ("fruit_lunch", "T1"), ("morning_coffee", "T1")}
+"""A container that is filled up, a drawer that was trained with another object, and what is pre-placed."""
+
+
+@pytest.mark.parametrize(
+    ("task_id", "name"),
+    [pytest.param(*c, marks=() if c in QUICK else pytest.mark.slow, id="/".join(c)) for c in SEEN],
+)
+def test_every_variation_that_claims_to_be_seen_is_certified(task_id, name):
+    found = examine(TrialId(task_id, name, 1))
+    assert found.passed, {letter: found.clauses[letter].text for letter in found.failed}
 
 
 def test_a_slot_that_training_never_used_has_to_be_declared():

@@ -126,14 +126,36 @@ def test_without_a_certificate_the_error_names_both_cures(mine, tmp_path):
     assert "--uncertified" in err
 
 
+def test_a_certificate_wants_measured_demonstrations(mine, tmp_path):
+    chosen = ("--task-file", mine, "--tasks", "my_coffee")
+    status, _, err = better("certify", *chosen, "--trials", "1", "--workers", "1", "--out", tmp_path / "certificate")
+    assert status == 2
+    assert "demonstrations of my_coffee were never measured" in err
+    assert f"better certify --task-file {mine} --tasks my_coffee --demonstrations 120." in err
+
+
 @pytest.mark.slow
-def test_the_cure_works(mine, tmp_path):
+def test_the_cure_works(tmp_path):
+    mine = tmp_path / "my_tasks.py"
+    mine.write_text(MINE.replace("base.variations[:1]", "(base.variations[0], base.variations[-1])"), encoding="utf-8")
     chosen = ("--task-file", mine, "--tasks", "my_coffee", "--trials", "1")
+    measured = ("--task-file", mine, "--tasks", "my_coffee", "--demonstrations", "8")
+    status, out, err = better("certify", *measured, "--workers", "2", "--out", tmp_path / "certificate")
+    assert status == 0, err
+    assert "my_coffee: 8 demonstrations" in out
+    assert set(json.loads((tmp_path / "my_tasks.demonstrations.json").read_text())["tasks"]) == {"my_coffee"}
     status, _, err = better("certify", *chosen, "--workers", "2", "--out", tmp_path / "certificate")
     assert status == 0, err
     certificate = ("--certificate", tmp_path / "certificate")
     status, _, err = better("eval", "--policy", "expert", *chosen, *certificate, "--out", tmp_path / "run")
     assert status == 0, err
+    (copy,) = (tmp_path / "run" / "task_files").glob("*.demonstrations.json")
+    assert copy.read_bytes() == (tmp_path / "my_tasks.demonstrations.json").read_bytes()
+    record = tmp_path / "run" / "records" / "my_coffee" / "T1" / "0.parquet"
+    script = next((tmp_path / "run" / "task_files").glob("*.py"))
+    status, out, err = better("replay", record, "--check", "--json", "--task-file", script)
+    assert status == 0, err
+    assert json.loads(out)["identical"] is True
 
 
 REMOTE = """

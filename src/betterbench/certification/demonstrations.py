@@ -16,6 +16,7 @@ from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, get_task
 from betterbench.tasks.demonstrated import Demonstrated, FinalPoses, FlatPose, Releases, measured_so_far
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.relations import RELATIONS
 
 MOST_POSES = 12
 """Most final poses that are kept per asset and place, the first ones."""
@@ -113,7 +114,8 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
     left: dict[tuple[str, str, str, str, str], list[FlatPose]] = {}
     for put in puts:
         places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
-        left.setdefault((put.kind, put.asset, put.target_kind, put.relation, put.region), []).append(put.pose)
+        if RELATIONS[put.relation].surface is not None:  # something can be pre-placed there
+            left.setdefault((put.kind, put.asset, put.target_kind, put.relation, put.region), []).append(put.pose)
     return Demonstrated(
         SUITE_VERSION,
         engine_version(),
