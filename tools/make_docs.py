@@ -9,10 +9,11 @@ from pathlib import Path
 from PIL import Image
 
 import calibration_page
+import framing_page
 import library_sheet
 import scene_pictures
 import task_pages
-from betterbench.assets import categories, colors, looks
+from betterbench.assets import categories, colors, looks, unseen_looks
 from betterbench.evaluation import show_comparison
 from betterbench.interventions import vary
 from betterbench.tasks import Task, all_tasks, suite_tasks
@@ -72,6 +73,7 @@ def write_overviews(tasks: list[Task], out: Path, *, seed: int) -> None:
     scene_pictures.save_small(scene_pictures.row(hero, columns=1), pictures / "hero.jpg", limit=100_000)
     sheet = scene_pictures.contact_sheet(tasks, seed=seed)
     scene_pictures.save_small(sheet, pictures / "contact_sheet.jpg", limit=SHEET_BYTES)
+    framing_page.write([t for t in tasks if t.id in suite_tasks("better60")], out)
     library = library_sheet.sheet(categories())
     scene_pictures.save_small(library, pictures / "library.jpg", limit=SHEET_BYTES)
 
@@ -83,10 +85,10 @@ def library_page(tasks: list[Task]) -> str:
         conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
         for category in sorted({o.category for c in conditions for o in c.objects}):
             used.setdefault(category, []).append(f"[{task.id}](tasks/{task.id}.md)")
-    rows = [
-        f"| `{name}` | {len(looks(name))} | {', '.join(colors(name))} | {', '.join(used.get(name, ['–']))} |"
-        for name in categories()
-    ]
+    rows = []
+    for name in categories():
+        counts = f"{len(looks(name))} + {len(unseen_looks(name))}"
+        rows.append(f"| `{name}` | {counts} | {', '.join(colors(name))} | {', '.join(used.get(name, ['–']))} |")
     return "\n".join(
         [
             "# Asset library",
@@ -94,6 +96,7 @@ def library_page(tasks: list[Task]) -> str:
             (
                 "Every object is made by a parametric generator: a category is one function, and each of its looks is "
                 "the result of this function for another random generator. The seed of the trial determines the look; "
+                "the looks after the plus sign are held out for `--looks unseen`; "
                 f"the condition determines the color. There are {len(rows)} categories. The sheet shows three looks of "
                 "each category in its default color and one in another color, if it has several."
             ),

@@ -64,8 +64,9 @@ def index_page(tasks: Sequence[Task]) -> str:
             "![all variations, training scene beside test scene](pictures/contact_sheet.jpg)",
             "",
             (
-                "`better show TASK/VARIATION` draws one pair in any size and for any seed. [Add a task]"
-                "(adding-a-task.md) explains how to write a task of your own."
+                "`better show TASK/VARIATION` draws one pair in any size and for any seed. [What the cameras show]"
+                "(framing.md) measures the images and lists the rooms that seeds draw. [Add a task](adding-a-task.md) "
+                "explains how to write a task of your own."
             ),
             "",
         ]

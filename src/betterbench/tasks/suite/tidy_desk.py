@@ -9,7 +9,7 @@ KEYBOARD, STAPLER = a.distractor("keyboard"), a.distractor("stapler")
 TAPE = a.distractor("tape", "tape roll")
 BIN = a.container("bin", "waste bin")
 
-TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.61, -0.22)
+TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.62, -0.24)
 TRASH_3, TRASH_4 = a.Slot("trash_3", 0.48, -0.125), a.Slot("trash_4", 0.59, -0.13, yaw=1.5708)
 PLACE_1, PLACE_2 = a.Slot("place_1", 0.33, -0.02), a.Slot("place_2", 0.51, 0.0)
 PLACE_3 = a.Slot("place_3", 0.72, 0.03)

@@ -1,0 +1,159 @@
+"""The page of the documentation about what the cameras show, with the numbers of every task and a picture of rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image, ImageDraw
+
+import scene_pictures
+from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import vary
+from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.appearance import room_of
+from betterbench.scenes.framing import (
+    BACKGROUND,
+    GRIPPER_PX,
+    MARGIN_M,
+    SIDE_PX,
+    VISIBLE,
+    FramingView,
+    extreme_jitters,
+    least_margin_m,
+)
+from betterbench.scenes.rooms import ROOMS, UNSEEN_ROOMS
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Looks, Task
+
+SEEDS = (0, 1, 2)
+PICTURE_TASK_SIZE = 192
+PICTURE_BYTES = 90_000
+HEADINGS = (
+    "task",
+    "gripper at the start [px]",
+    "gripper over a slot [px]",
+    "least margin [mm]",
+    "smallest named object [px]",
+    "least visible share",
+    "most background",
+)
+
+
+def write(tasks: Sequence[Task], out: Path) -> None:
+    """Write the page and its picture below the folder of the documentation."""
+    (out / "framing.md").write_text(page(tasks), encoding="utf-8")
+    scene_pictures.save_small(rooms_picture(tasks), out / "pictures" / "rooms.jpg", limit=PICTURE_BYTES)
+
+
+def page(tasks: Sequence[Task]) -> str:
+    """Return the page, with the worst value of each number over all conditions of a task and some seeds."""
+    rows = [f"| {' | '.join((f'`{task.id}`', *_worst(task)))} |" for task in tasks]
+    seen, unseen = (", ".join(room.name for room in rooms) for rooms in (ROOMS, UNSEEN_ROOMS))
+    return "\n".join(
+        [
+            "# What the cameras show",
+            "",
+            (
+                "The front camera is at (1.45, 0, 0.95) m and sees the gripper, the table and everything on it. "
+                "The wrist camera is fixed to the gripper and sees both fingertips and what lies under them. In an "
+                "image of 256 x 256 pixels, at every start of a trial:"
+            ),
+            "",
+            f"- the gripper has at least {GRIPPER_PX:g} pixels, and likewise 12 cm over every slot;",
+            (
+                f"- slots, with all places that their jitter allows, and target regions stay {1e3 * MARGIN_M:g} mm "
+                "inside the image, at all jitters of the camera;"
+            ),
+            (
+                f"- what the instruction names is at least {SIDE_PX:g} pixels long, and at least "
+                f"{100 * VISIBLE:g} % of it is not hidden by anything else;"
+            ),
+            f"- at most {100 * BACKGROUND:g} % of the image shows neither table nor robot nor object.",
+            "",
+            (
+                f"The table gives the worst value over all training conditions and variations and the seeds "
+                f"{', '.join(map(str, SEEDS))}; `tests/scenes/test_framing.py` checks the limits."
+            ),
+            "",
+            f"| {' | '.join(HEADINGS)} |",
+            f"|---|{'---:|' * (len(HEADINGS) - 1)}",
+            *rows,
+            "",
+            "## Rooms, looks and jitter",
+            "",
+            (
+                "The seed of a trial draws its room (table, wall, floor and light), the look of every kind of object, "
+                "the places of the cameras (± 1 cm and ± 1° per axis), the direction of the key light (± 4° per axis) "
+                "and the start of the arm (± 2 cm per axis, ± 5° about the tool). A trial and its twin share all of "
+                "it, and training and test draw from the same distribution."
+            ),
+            "",
+            f"- rooms of training and test: {seen};",
+            f"- held-out rooms: {unseen}.",
+            "",
+            "![one task in every room; the last three are held out](pictures/rooms.jpg)",
+            "",
+            (
+                "`better eval --looks unseen` shows objects and rooms in held-out looks, which no demonstration shows. "
+                "The packaged certificate covers the seen looks; `better certify --looks unseen` makes one for the "
+                "others. Runs with different looks are not compared."
+            ),
+            "",
+        ]
+    )
+
+
+def _worst(task: Task) -> tuple[str, ...]:
+    over: list[int] = []
+    gripper, margins, sides, shares, background = [], [], [], [], []
+    for condition in (*task.training, *(vary(task, v)[0] for v in task.variations)):
+        for seed in SEEDS:
+            scene = Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+            view = FramingView(scene)
+            if not over:
+                jitters = tuple(extreme_jitters())[::21]
+                over = [view.gripper_over(slot.name, jitter) for slot in task.slots for jitter in jitters]
+            framing = view.start()
+            view.close()
+            gripper.append(framing.gripper_px)
+            background.append(framing.background)
+            sides += [asked.side_px for asked in framing.asked]
+            shares += [asked.visible for asked in framing.asked]
+            margins.append(least_margin_m(scene))
+    return (
+        str(min(gripper)),
+        str(min(over)),
+        f"{1e3 * min(margins):.0f}",
+        f"{min(sides):.0f}",
+        f"{100 * min(shares):.0f} %",
+        f"{100 * max(background):.0f} %",
+    )
+
+
+def rooms_picture(tasks: Sequence[Task]) -> Image.Image:
+    """Return the front view of tasks in every room, the first of which a seed of a task draws."""
+    shown: tuple[tuple[Looks, tuple[str, ...]], ...] = (
+        ("seen", tuple(room.name for room in ROOMS)),
+        ("unseen", tuple(room.name for room in UNSEEN_ROOMS)),
+    )
+    wanted = [(looks, name) for looks, names in shown for name in names]
+    views = []
+    for number, (looks, name) in enumerate(wanted):
+        task = tasks[number % len(tasks)]
+        seed = next(s for s in range(1000) if room_of(task.id, s, shown=looks).name == name)
+        views.append(_view(task, seed, looks, name))
+    return scene_pictures.row(views, columns=4)
+
+
+def _view(task: Task, seed: int, looks: Looks, name: str) -> Image.Image:
+    scene = Scene(
+        task, task.training[0], seed=seed, action_space=EE_DELTA, quality=quality_preset("standard"), looks=looks
+    )
+    with Renderer(scene.model, width=256, height=256, quality=scene.quality) as renderer:
+        rgb = renderer.render(scene.data, "front").rgb
+    if rgb is None:
+        raise AssertionError("colors were asked for")
+    image = Image.fromarray(rgb).resize((PICTURE_TASK_SIZE, PICTURE_TASK_SIZE), Image.Resampling.LANCZOS)
+    ImageDraw.Draw(image).text((4, 3), name, fill=(255, 255, 255), stroke_width=1, stroke_fill=(0, 0, 0))
+    return image
