@@ -84,7 +84,7 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
     upper wall, two discs under the hollow and the foot, so that a plate that is wrongly stood in the bowl rests in it.
     """
-    radius, rim, foot = uniforms(rng, (0.0690, 0.0740), (0.0560, 0.0640), (0.0260, 0.0310))
+    radius, rim, foot = uniforms(rng, (0.0702, 0.0745), (0.0560, 0.0640), (0.0260, 0.0310))
     belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
     r, glaze, wall = radius, _Glaze(rng, color, edge=banded), RIM_M - FLOOR_M + 0.0045
     outside = (0.0, foot, foot - 0.0010, 0.66 * r * belly, 0.86 * r * belly, r - 0.0016, r, r - 0.5 * _LIP)
