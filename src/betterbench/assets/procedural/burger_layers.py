@@ -63,33 +63,33 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
 
     Half a bun of 80 mm weighs 30 to 40 g; 60 to 70 g let it stand still while a burger is built on it.
     """
-    radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.36, 0.54), (0.030, 0.070))
-    toast, sole = str(rng.choice(["plain", "ring", "rim"])), rng.uniform(0.58, 0.70)
+    radius, belly, bulge = uniforms(rng, (0.0375, 0.0405), (0.40, 0.58), (0.050, 0.100))
+    toast, sole = str(rng.choice(["plain", "golden", "rim"])), rng.uniform(0.58, 0.70)
     crust = shaded(jittered((0.72, 0.38, 0.10), rng, amount=0.16), 0.95)
     face, height = radius * (1.0 - bulge), BOTTOM_M
-    radii = (0.0, sole * radius, 0.88 * radius, radius, 0.985 * radius, face, face - 0.0015, 0.0)
-    z = (0.0, 0.0, 0.20 * height, belly * height, 0.78 * height, height - 0.0012, height, height)
+    radii = (0.0, sole * radius, 0.88 * radius, radius, 0.5 * (radius + face) + 0.0008, face, face - 0.0015, 0.0)
+    z = (0.0, 0.0, 0.20 * height, belly * height, 0.84 * height, height - 0.0012, height, height)
     bun = Turned(radii, z, 26, crease_degrees=55.0, wrap=False)
     mesh = bun.mesh().seen_from_above(radius)
     # The side shows the rim of the picture, its upper edge nearest to the cut face in the middle.
     level = mesh.vertices[:, 2:] / height
     turned = mesh.uv - 0.5
     outward = turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-9)
-    uv = np.where(level < 0.96, 0.5 + (0.49 - 0.06 * level) * outward, 0.5 + turned * 0.42 * radius / face)
+    uv = np.where(level < 0.96, 0.5 + (0.49 - 0.06 * level) * outward, 0.5 + turned * 0.84 * radius / face)
     mesh = Mesh(mesh.vertices, mesh.faces, uv)
     canvas = Canvas(2.0, 2.0, (128, 128), crust)
     r, crumb = canvas.radius, jittered(_CRUMB, rng, amount=0.06)
-    canvas.paint(np.clip((0.93 - r) / 0.06, 0.0, 1.0), mixed(crust, (0.93, 0.68, 0.32), 0.45))
+    canvas.paint(np.clip((0.93 - r) / 0.06, 0.0, 1.0), mixed(crust, (0.93, 0.68, 0.32), 0.30))
     canvas.paint(r < 0.84, crumb)
     brown: Rgb = (0.78, 0.52, 0.22)
-    if toast == "ring":
-        canvas.paint(np.exp(-(((r - 0.55) / 0.16) ** 2)) * (r < 0.82), brown, strength=0.75)
+    if toast == "golden":
+        canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.38)
     elif toast == "rim":
-        canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.85)
-    canvas.grain(rng, cells=(22, 22), amount=0.030)
-    for x, y in scattered(rng, tries=90, gap=0.12, reach=0.74):
-        size = rng.uniform(0.016, 0.040)
-        canvas.ellipse((x, y), (size, 0.7 * size), mixed(shaded(crumb, 0.84), brown, 0.35), rng.uniform(0.0, 3.0))
+        canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.60)
+    # Fluffy crumb has soft clouds and no sharp holes, which would be those of a biscuit.
+    canvas.grain(rng, cells=(7, 7), amount=0.045)
+    canvas.grain(rng, cells=(20, 20), amount=0.025)
+    canvas.paint((r > 0.80) & (r < 0.86), mixed(crust, brown, 0.5))
     return Draft(
         shape="round",
         description="The lower half of a burger bun, cut face up.",

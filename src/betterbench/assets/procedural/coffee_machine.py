@@ -15,8 +15,8 @@ def coffee_machine(rng: np.random.Generator, color: str) -> Draft:
 
     A mug comes down with its handle toward +x: the nozzle is 19 mm behind the ring's center, 126 mm above the tray.
     """
-    width, wall_depth, reach, height = uniforms(rng, (0.186, 0.204), (0.088, 0.096), (0.078, 0.082), (0.266, 0.284))
-    more, tray, short, head = uniforms(rng, (0.010, 0.022), (0.120, 0.150), (0.009, 0.011), (0.025, 0.0295))
+    width, wall_depth, reach, height = uniforms(rng, (0.176, 0.212), (0.084, 0.098), (0.078, 0.082), (0.262, 0.296))
+    more, tray, short, head = uniforms(rng, (0.006, 0.030), (0.120, 0.150), (0.009, 0.011), (0.025, 0.0295))
     tip, under, side, tray_side = _TRAY + 0.126, _TRAY + 0.138, width / 2, tray / 2
     deep, top = reach + 0.0490, under + rng.uniform(0.046, 0.058)
     face, corner = str(rng.choice(["gauge", "display"])), float(rng.choice([0.010, 0.022]))

@@ -20,7 +20,7 @@ _FORMS = {
 }
 
 
-@generator("cup", colors=_COLORS)
+@generator("cup", colors=_COLORS, family="tea cup")
 def cup(rng: np.random.Generator, color: str) -> Draft:
     """Make a low wide cup of tea on a narrow foot; its handle stands out along +x like an ear.
 

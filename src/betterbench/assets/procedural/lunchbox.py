@@ -24,9 +24,9 @@ def lunchbox(rng: np.random.Generator, color: str) -> Draft:
     dx, dy, dz, corner = uniforms(rng, (-0.002, 0.002), (-0.002, 0.002), (-0.002, 0.002), (0.012, 0.038))
     half_x, half_y, height = 0.100 + dx, 0.125 + dy, 0.065 + dz
     opened, depth = math.radians(rng.uniform(117.0, 124.0)), rng.uniform(0.014, 0.018)  # of the lid
-    latches, motif = int(rng.choice([1, 2])), str(rng.choice(["fruit", "stripes", "dots", "star"]))
+    latches, motif = int(rng.choice([1, 2])), str(rng.choice(["fruit", "stripes", "dots", "star", "plain"]))
     shade = jittered(mixed(PALETTE[color], (1.0, 1.0, 1.0), 0.06), rng)
-    lining = mixed(shade, (0.93, 0.93, 0.91), float(rng.choice([0.25, 0.75])))
+    lining = mixed(shade, (0.93, 0.93, 0.91), float(rng.choice([0.25, 0.60, 0.90])))
     trim = ((0.93, 0.92, 0.88), (0.95, 0.70, 0.12), (0.20, 0.21, 0.24))[int(rng.integers(3))]
     ox, oy = half_x + _WALL, half_y + _WALL
     tray, hinge = _tray(ox, oy, height, corner=corner), (opened, -ox - 0.001, height)
@@ -118,7 +118,7 @@ def _lining(rng: np.random.Generator, shade: Rgb, lining: Rgb, trim: Rgb, *, mot
                 canvas.ellipse((0.5 * width + u, 0.5 * height + v), (0.009, 0.009), ink)
     elif motif == "star":
         canvas.paint(np.hypot(x, y) < 0.030 * (1.0 + 0.42 * np.cos(5.0 * np.arctan2(x, y))), ink)
-    else:
+    elif motif == "fruit":
         canvas.paint(np.hypot(np.abs(x) - 0.013, y + 0.004) < 0.026, ink)
         canvas.paint((np.abs(x - 0.1 * y) < 0.0022) & (y > 0.015) & (y < 0.042), (0.34, 0.22, 0.10))
         canvas.ellipse((0.5 * width + 0.016, 0.5 * height + 0.034), (0.014, 0.006), (0.25, 0.50, 0.14), 0.45)

@@ -11,7 +11,7 @@ from betterbench.assets.authoring.solids import foot_square, solid_box, upright_
 _WALL, _FLOOR, _TOP = 0.0035, 0.006, 0.0745  # thickness of wall and floor, height of the handle's top [m]
 
 
-@generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"))
+@generator("mug", colors=("red", "blue", "white", "green", "yellow", "black", "gray"), family="mugs")
 def mug(rng: np.random.Generator, color: str) -> Draft:
     """Make a ceramic mug, filled to the touch; its handle points along +x.
 

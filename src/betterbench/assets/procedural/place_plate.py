@@ -11,7 +11,7 @@ _RADIUS, _HEIGHT = 0.095, 0.018
 _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate from its own [m]
 
 
-@generator("place_plate", colors=("white", "blue", "cream"))
+@generator("place_plate", colors=("white", "blue", "cream"), family="place plate")
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; whoever eats sits at +x.
 

@@ -27,7 +27,7 @@ _COLORS = ("white", "red", "blue", "green", "yellow")
 _DESIGNS = ("plain", "wide band", "thin lines", "pale middle", "dots", "rays", "speckled", "broad rings")
 
 
-@generator("dinner_plate", colors=_COLORS)
+@generator("dinner_plate", colors=_COLORS, family="plates")
 def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a flat plate on a foot, 152 to 164 mm across, whose edge is turned up for a jaw to pinch.
 
@@ -84,7 +84,7 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
     A melamine bowl of 140 to 150 mm is 55 to 65 mm high and weighs 0.12 to 0.2 kg. The collision shape is the upright
     upper wall, two discs under the hollow and the foot, so that a plate that is wrongly stood in the bowl rests in it.
     """
-    radius, rim, foot = uniforms(rng, (0.0690, 0.0740), (0.0560, 0.0640), (0.0260, 0.0310))
+    radius, rim, foot = uniforms(rng, (0.0702, 0.0745), (0.0560, 0.0640), (0.0260, 0.0310))
     belly, floor, banded = rng.uniform(0.90, 1.0), 0.010, bool(rng.random() < 0.5)
     r, glaze, wall = radius, _Glaze(rng, color, edge=banded), RIM_M - FLOOR_M + 0.0045
     outside = (0.0, foot, foot - 0.0010, 0.66 * r * belly, 0.86 * r * belly, r - 0.0016, r, r - 0.5 * _LIP)
@@ -98,13 +98,12 @@ def shallow_bowl(rng: np.random.Generator, color: str) -> Draft:
         tags=("bowl", "soup bowl", "shallow bowl", "tableware", "crockery"),
         mass_kg=round(2.45 * r, 4),
         material="plastic",
-        densities=(0.33, *(1.0,) * 10),
+        densities=(0.33, *(1.0,) * 9),
         parts=(
             part("bowl", bowl.mesh(), glaze.inside_out(bowl, rim=7, floor=12), specular=0.5, shininess=0.6),
             upright_cylinder(foot, 0.0, 0.0060),
             upright_cylinder(0.46 * r, 0.0060, floor),
             *_lip(r, rim - wall, rim),
-            *round_wall(0.84 * r * belly, 0.012, 0.012, rim - wall)[::4],
         ),
         grasps=_rim_grasps(r, rim),
         regions=(disc("base", foot), disc("floor", 0.46 * r, floor), disc("rim", r, rim)),

@@ -21,12 +21,16 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
     """
     half_x, half_y = 0.100 + rng.uniform(-0.002, 0.002), 0.135 + rng.uniform(-0.002, 0.002)
     height, tooth = rng.uniform(0.100, 0.108), rng.uniform(0.0032, 0.0045)
-    kraft = jittered((0.72, 0.53, 0.33) if color == "brown" else (0.90, 0.88, 0.83), rng, amount=0.08)
+    tone, band = (
+        mixed((0.84, 0.66, 0.44), (0.66, 0.46, 0.27), rng.random()),
+        str(rng.choice(["line", "band", "stripes"])),
+    )
+    kraft = jittered(tone if color == "brown" else (0.90, 0.88, 0.83), rng, amount=0.06)
     sign = str(rng.choice(["burger", "sun", "leaf"]))
     ink = ((0.62, 0.12, 0.10), (0.12, 0.30, 0.16), (0.20, 0.14, 0.10))[int(rng.integers(3))]
     mesh, front = _box(rng, half_x + _WALL, half_y + _WALL, height, tooth=tooth)
     around = 2.0 * (half_x + half_y + 2 * _WALL)
-    picture = _print(rng, kraft, ink, sign=sign, height=height, half_perimeter=around, front=front)
+    picture = _print(rng, kraft, ink, sign=sign, band=band, height=height, half_perimeter=around, front=front)
     inside = 0.5 * (height - _FLOOR)
     return Draft(
         shape="box",
@@ -40,7 +44,7 @@ def takeaway_box(rng: np.random.Generator, color: str) -> Draft:
             zone("inside", half_x, half_y, _FLOOR + inside, half_z=inside),
             zone("opening", half_x, half_y, height),
         ),
-        parameters={"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height, "sign": sign},
+        parameters={"inner_x_m": 2 * half_x, "inner_y_m": 2 * half_y, "height_m": height, "sign": sign, "print": band},
     )
 
 
@@ -85,7 +89,15 @@ def _box(rng: np.random.Generator, half_x: float, half_y: float, height: float, 
 
 
 def _print(
-    rng: np.random.Generator, kraft: Rgb, ink: Rgb, *, sign: str, height: float, half_perimeter: float, front: float
+    rng: np.random.Generator,
+    kraft: Rgb,
+    ink: Rgb,
+    *,
+    sign: str,
+    band: str,
+    height: float,
+    half_perimeter: float,
+    front: float,
 ) -> Canvas:
     """Draw half of the box, from the middle of the front to the middle of the back."""
     scale = height / _OUTSIDE  # meters per full height of the picture
@@ -95,7 +107,16 @@ def _print(
     canvas.grain(rng, cells=(60, 10), amount=0.022)
     canvas.grain(rng, cells=(9, 5), amount=0.025)
     middle = 0.50 * height
+    if band == "band":
+        canvas.paint(outside & (y < 0.20 * height), ink)
+    elif band == "stripes":
+        canvas.paint(
+            outside & (y > 0.10 * height) & (y < 0.90 * height) & ((x / half_perimeter * 40.0) % 1.0 < 0.35),
+            mixed(kraft, ink, 0.5),
+        )
     for u in (0.0, half_perimeter):
+        if band == "stripes":
+            canvas.ellipse((u, middle), (0.050, 0.042), kraft)
         _sign(canvas, sign, (u, middle), ink, kraft)
     canvas.paint(outside & (np.abs(y - 0.09 * height) < 0.0022), ink, strength=0.8)
     edge = front * half_perimeter
@@ -111,20 +132,19 @@ def _print(
 
 
 def _sign(canvas: Canvas, sign: str, center: tuple[float, float], ink: Rgb, kraft: Rgb) -> None:
-    """Draw the printed sign: the outline of a burger, a sun, or a leaf."""
-    cx, cy = center
-    dx, dy = canvas.x - cx, canvas.y - cy
+    """Draw the printed sign, seven tenths of the board high: a burger, a sun, or a leaf."""
+    dx, dy = (canvas.x - center[0]) / 1.15, (canvas.y - center[1]) / 1.15
+    r, angle = np.hypot(dx, dy), np.arctan2(dy, np.abs(dx) + 1e-12)
     if sign == "burger":
-        canvas.paint(canvas.inside_ellipse((cx, cy + 0.003), (0.032, 0.026)) & (dy > 0.005), ink)
-        canvas.paint((np.abs(dx) < 0.034) & (np.abs(dy + 0.001) < 0.0035), ink)
-        canvas.paint((np.abs(dx) < 0.031) & (dy < -0.008) & (dy > -0.019), ink)
+        canvas.paint(((dx / 0.034) ** 2 + ((dy - 0.003) / 0.027) ** 2 < 1.0) & (dy > 0.006), ink)
+        canvas.paint((np.abs(dx) < 0.037) & (np.abs(dy + 0.001) < 0.0040), ink)
+        canvas.paint((np.abs(dx) < 0.033) & (dy < -0.009) & (dy > -0.021), ink)
     elif sign == "sun":
-        r, angle = np.hypot(dx, dy), np.arctan2(dy, np.abs(dx) + 1e-12)
         canvas.paint((r > 0.020) & (r < 0.031) & (np.cos(10.0 * angle) > 0.1), ink)
         canvas.paint(r < 0.016, ink)
         canvas.paint(r < 0.009, mixed(kraft, ink, 0.1))
     else:
-        leaf = canvas.inside_ellipse(center, (0.018, 0.030))
+        leaf = (dx / 0.018) ** 2 + (dy / 0.030) ** 2 < 1.0
         canvas.paint(leaf, ink)
         canvas.paint(np.abs(dx) < 0.0014, kraft)
         for level in (-0.012, 0.0, 0.012):
