@@ -10,7 +10,7 @@ from betterbench.assets.authoring.lettering import write_word
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, box, mapped, slab
 from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, mixed, shaded
 from betterbench.assets.authoring.solids import solid_box
-from betterbench.assets.procedural.stapler import stapler_size
+from betterbench.assets.procedural.stapler_outline import stapler_size
 
 _BARE: Rgb = (0.85, 0.68, 0.46)  # beech where the paint is off
 
