@@ -6,10 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, merge, part, zone
-from betterbench.assets.authoring.mesh import FRONT, box, mapped, slab
-from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, shaded
+from betterbench.assets.authoring.lettering import write_word
+from betterbench.assets.authoring.mesh import ABOVE, FRONT, box, mapped, slab
+from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, mixed, shaded
 from betterbench.assets.authoring.solids import solid_box
-from betterbench.assets.procedural.stapler import stapler_size
+from betterbench.assets.procedural.stapler_outline import stapler_size
 
 _BARE: Rgb = (0.85, 0.68, 0.46)  # beech where the paint is off
 
@@ -31,23 +32,60 @@ def _painted_wood(
 
 @generator("block", colors=("red", "blue", "green", "yellow", "orange", "purple", "white", "black", "brown"))
 def toy_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a painted cube or cuboid of beech (700 kg/m^3) with bevelled edges."""
+    """Make a painted cube or cuboid of beech (700 kg/m^3): plain, framed, with a sign, striped or worn at its edges.
+
+    Wooden toy blocks have sides of 30 to 60 mm.
+    """
     x, y, z = sorted((float(e) for e in rng.uniform(0.034, 0.058, 3)), reverse=True)
     if rng.random() < 0.4:
         x = z = y
-    bevel = rng.uniform(0.0018, 0.0035)
-    wood = _painted_wood(rng, jittered(PALETTE[color], rng), rings=0.03, waves=(9.0, 0.35, 5.0), amount=0.05, cells=24)
+    bevel, style = rng.uniform(0.0015, 0.0050), str(rng.choice(["plain", "frame", "star", "letter", "worn", "stripes"]))
+    letter = str(rng.choice(["A", "1", "2", "3", "K", "S"]))
+    shade = jittered(PALETTE[color], rng)
+    bright = sum(shade) > 1.6
+    ink = shaded(shade, 0.35) if bright else mixed(shade, (1.0, 0.97, 0.90), 0.85)
+    wood = _painted_wood(rng, shade, rings=0.05, waves=(7.0, 0.35, 5.0), amount=0.05, cells=24)
     low, high, axes = (-x / 2, -y / 2, 0.0), (x / 2, y / 2, z), ((0.8, 0.6, 0.0), (-0.35, 0.35, 0.87))
+    body, solid = block("block", low, high, wood, bevel=bevel, corner=bevel, view=axes, specular=0.25)
+    seen = [body]
+    if style != "plain":
+        face = _block_face(style, shade, ink, letter)
+        inset, thin = bevel + 0.0004, 0.0004
+        top = box((x - 2.0 * inset, y - 2.0 * inset, thin), (0.0, 0.0, z))
+        seen.append(part("top", top, face, view=ABOVE, specular=0.25))
+        sides = box((x + thin, y - 2.0 * inset, z - 2.0 * inset), (0.0, 0.0, 0.5 * z))
+        seen.append(part("front", sides, face, view=FRONT, specular=0.25))
     return Draft(
         shape="box",
         description=f"A {color} wooden toy block.",
         tags=("block", "cube", "cuboid", "wood", "toy"),
         mass_kg=round(700.0 * x * y * z, 4),
-        parts=block("block", low, high, wood, bevel=bevel, corner=bevel, view=axes, specular=0.25),
+        material="wood",
+        parts=(*seen, solid),
         grasps=(grip("body", z / 2, y), grip("long", z / 2, x, across="x", preference=1)),
         regions=(zone("top", x / 2, y / 2, z), zone("base", x / 2, y / 2)),
-        parameters={"x_m": x, "y_m": y, "z_m": z, "bevel_m": bevel},
+        parameters={"x_m": x, "y_m": y, "z_m": z, "bevel_m": bevel, "style": style},
     )
+
+
+def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
+    """Draw one face of a toy block, 1 by 1, in one of its styles."""
+    canvas = Canvas(1.0, 1.0, (64, 64), shade)
+    x, y = canvas.x, canvas.y
+    edge = np.minimum(np.minimum(x, 1.0 - x), np.minimum(y, 1.0 - y))
+    if style == "worn":
+        canvas.paint(edge < 0.07 + 0.05 * np.sin(23.0 * x + 17.0 * y), _BARE, strength=0.9)
+    elif style == "stripes":
+        canvas.paint(np.abs(x - 0.5) < 0.11, ink)
+    else:
+        canvas.paint((edge > 0.04) & (edge < 0.11), ink)
+    if style == "letter":
+        write_word(canvas, letter, (0.5, 0.5), height=0.56, ink=ink, weight=0.20)
+    elif style == "star":
+        angle, reach = np.arctan2(y - 0.48, x - 0.5) - 0.5 * math.pi, np.hypot(x - 0.5, y - 0.48)
+        wedge = np.abs((angle * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between two
+        canvas.paint(reach < 0.34 - 0.19 * wedge, ink)
+    return canvas
 
 
 @generator("stapler_block", colors=("black", "red", "blue"), family="stapler")
@@ -107,9 +145,11 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 def round_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a wooden round block with the size of a burger; in brown it has the color of the bun.
 
-    Beech of 700 kg/m^3 weighs 0.13 kg at this size.
+    Some have grooves around their side, some a lighter or darker side, as if stained. Beech of 700 kg/m^3 weighs 0.11
+    to 0.15 kg at this size.
     """
-    radius, height, bevel = rng.uniform(0.0325, 0.0340), rng.uniform(0.0480, 0.0540), rng.uniform(0.0018, 0.0032)
+    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0470, 0.0550), rng.uniform(0.0015, 0.0050)
+    grooves, stain = int(rng.integers(0, 3)), (0.62, 1.0, 1.0, 1.25)[int(rng.integers(4))]
     shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
     radii = (0.0, radius - bevel, radius, radius, radius - bevel, 0.0)
     solid = Turned(radii, (0.0, 0.0, bevel, height - bevel, height, height), sides=28, crease_degrees=35.0)
@@ -117,17 +157,24 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
     canvas = solid.canvas(shade, (64, 256))
     # End grain: year rings on both flat faces, long fibers on the side.
     flat = (canvas.y > top) | (canvas.y < under)
-    year = rng.uniform(0.0035, 0.0055)
-    canvas.shade(np.where(flat, 0.95 + 0.05 * np.sin(2.0 * math.pi * (canvas.y - top) / year), 1.0))
-    canvas.grain(rng, cells=(26, 3), amount=0.045)
-    canvas.paint(canvas.between(edge, top), shaded(shade, 1.25))
+    year = rng.uniform(0.0050, 0.0085)
+    canvas.paint(canvas.between(under, edge), shaded(shade, stain))
+    canvas.paint(flat, mixed(shade, _BARE, 0.45))
+    rings = np.clip(1.6 * np.sin(2.0 * math.pi * (canvas.y - top) / year) - 0.4, 0.0, 1.0)
+    canvas.shade(np.where(flat, 1.0 - 0.38 * rings, 1.0))
+    canvas.grain(rng, cells=(26, 3), amount=0.06)
+    for k in range(grooves):
+        level = under + (edge - under) * (k + 1) / (grooves + 1)
+        canvas.paint(np.abs(canvas.y - level) < 0.0013, shaded(shade, 0.35))
+    canvas.paint(canvas.between(edge, top), mixed(shade, _BARE, 0.75))
     return Draft(
         shape="round",
         description=f"A {color} round wooden block with flat faces and bevelled edges.",
         tags=("block", "round block", "cylinder", "wood", "toy"),
         mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
+        material="wood",
         parts=(part("block", solid.mesh(), canvas, specular=0.25), *solid.filled(0.021)),
-        grasps=(grip("body", 0.5 * height, 2.0 * radius, clearance=0.005, symmetric_yaw=True),),
+        grasps=(grip("body", 0.5 * height, 2.0 * radius, clearance=0.004, symmetric_yaw=True),),
         regions=(disc("base", radius), disc("top", 0.5 * radius, height)),
         parameters={"radius_m": radius, "height_m": height, "bevel_m": bevel},
     )

@@ -18,7 +18,7 @@ ROWS: tuple[tuple[float, ...], ...] = (
     (*(0.93,) * 15,),
 )
 _KEYS: dict[str, dict[str, Rgb]] = {
-    "black": {"same": (0.15, 0.15, 0.16), "two-tone": (0.17, 0.17, 0.18), "contrast": (0.22, 0.22, 0.24)},
+    "black": {"same": (0.17, 0.17, 0.18), "two-tone": (0.36, 0.37, 0.39), "contrast": (0.70, 0.71, 0.72)},
     "white": {"same": (0.93, 0.93, 0.92), "two-tone": (0.94, 0.94, 0.93), "contrast": (0.80, 0.81, 0.83)},
     "gray": {"same": (0.55, 0.56, 0.58), "two-tone": (0.62, 0.63, 0.65), "contrast": (0.16, 0.16, 0.17)},
 }
@@ -28,12 +28,12 @@ _KEYS: dict[str, dict[str, Rgb]] = {
 def keyboard(rng: np.random.Generator, color: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
-    A compact keyboard with six rows is 280 x 110 mm and weighs 0.35 to 0.6 kg.
+    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg.
     """
-    width, depth, near, far = uniforms(rng, (0.274, 0.284), (0.107, 0.114), (0.0095, 0.0125), (0.0165, 0.0190))
-    corner, key_height, bezel = uniforms(rng, (0.004, 0.010), (0.0026, 0.0036), (0.005, 0.008))
+    width, depth, near, far = uniforms(rng, (0.262, 0.292), (0.102, 0.120), (0.0085, 0.0135), (0.0155, 0.0215))
+    corner, key_height, bezel = uniforms(rng, (0.002, 0.016), (0.0026, 0.0042), (0.004, 0.010))
     half_x, half_y = 0.5 * depth, 0.5 * width
-    lip, style = float(rng.choice([0.0, 0.0, 0.009])), str(rng.choice(["same", "two-tone", "contrast"]))
+    lip, style = float(rng.choice([0.0, 0.009, 0.014])), str(rng.choice(["same", "two-tone", "contrast"]))
     accent = (None, PALETTE["orange"], PALETTE["red"], PALETTE["green"])[int(rng.integers(4))]
     case = jittered(shaded(PALETTE[color], 1.05) if color == "black" else PALETTE[color], rng)
     keys, slope = _KEYS[color][style], math.atan2(far - near, 2.0 * half_x)
@@ -71,6 +71,7 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
         description=f"A compact {color} computer keyboard with six rows of keys.",
         tags=("keyboard", "computer keyboard", "desk", "typing"),
         mass_kg=0.50,
+        material="rubber",  # of its feet
         parts=(
             *visual,
             solid_span((-half_x, half_x), half_y, (0.0, near)),

@@ -20,12 +20,12 @@ _BEHIND = 0.065  # between the back edge of the screen and the middle of the zon
 def laptop(rng: np.random.Generator, color: str) -> Draft:
     """Make an open laptop that faces its user at +x; the screen leans back and shows a desktop with windows.
 
-    A laptop of 11 inches is 0.25 to 0.29 m wide, 0.17 to 0.20 m deep and weighs 1.1 to 1.4 kg, two thirds of it in the
+    A laptop of 10 to 11 inches is 0.24 to 0.29 m wide, 0.16 to 0.20 m deep and weighs 1.1 to 1.4 kg, most of it in the
     lower half. The zones "left", "right" and "behind" are the user's: the user looks to -x, so right is +y.
     """
-    depth, width, lean = uniforms(rng, (0.166, 0.173), (0.246, 0.254), (15.0, 20.0))
+    depth, width, lean = uniforms(rng, (0.160, 0.176), (0.240, 0.258), (13.0, 24.0))
     lean, half_x, half_y = math.radians(lean), 0.5 * depth, 0.5 * width
-    height, corner = rng.uniform(0.148, 0.152), rng.uniform(0.006, 0.012)
+    height, corner = rng.uniform(0.142, 0.156), rng.uniform(0.003, 0.016)
     wallpaper = str(rng.choice(["hills", "gradient", "rings", "night"]))
     dark_keys = bool(color == "black" or rng.random() < 0.6)
     metal = jittered(shaded(PALETTE[color], 1.10) if color == "black" else PALETTE[color], rng, amount=0.06)
@@ -57,6 +57,7 @@ def laptop(rng: np.random.Generator, color: str) -> Draft:
         description=f"An open {color} laptop with a lit screen.",
         tags=("laptop", "notebook", "computer", "desk"),
         mass_kg=1.3,
+        material="rubber",  # of its feet
         densities=(1.0, 1.1),
         parts=(
             part("base", base, metal, specular=0.4, shininess=0.4),

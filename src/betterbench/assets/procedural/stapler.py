@@ -1,23 +1,14 @@
 """Staplers."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from betterbench.assets.authoring import Draft, generator, grip, part, zone
 from betterbench.assets.authoring.mesh import box, slab
-from betterbench.assets.authoring.paint import PALETTE, STEEL, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.paint import PALETTE, STEEL, jittered, shaded
 from betterbench.assets.authoring.solids import hinged_box, solid_box
-
-
-def stapler_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    """Draw length, width and height [m] of a stapler and of what looks like it: the first numbers of its look.
-
-    Desk staplers are 110 to 150 mm long, 30 to 40 mm wide and 50 to 65 mm high; these fit into a drawer.
-    """
-    length, width, height = uniforms(rng, (0.112, 0.132), (0.0330, 0.0380), (0.0500, 0.0575))
-    return length, width, height
+from betterbench.assets.procedural.stapler_outline import cover_outline, on_top, stapler_size
 
 
 @generator("stapler", colors=("black", "red", "blue"))
@@ -35,8 +26,9 @@ def stapler(rng: np.random.Generator, color: str) -> Draft:
     cheek_x = [x - half for x in (0.001, 0.034, 0.026, 0.014, 0.003)]
     cheeks = slab(cheek_x, (0.007, 0.007, 0.026, 0.030, 0.024), side, bevel=0.0014)
     arm, hinge = length - 0.014, (slope, -half + 0.013, 0.0165)
-    t = height - 0.013 - 0.0085 - arm * math.sin(slope)
-    cover = slab(*_cover(style, arm, t), 0.46 * width, bevel=0.0034)  # drawn level about the hinge, as all of the arm
+    t = height - 0.0215 - arm * math.sin(slope)
+    # All of the arm is drawn level about the hinge.
+    cover = slab(*cover_outline(style, arm, t), 0.46 * width, bevel=0.0034)
     magazine = box((arm - 0.002, 0.74 * width, 0.0105), (0.5 * arm, 0.0, -0.0008), bevel=0.0008)
     head = box((0.0050, 0.76 * width, 0.0150), (arm - 0.0020, 0.0, -0.0005), bevel=0.0008)
     anvil = box((0.022, 0.62 * width, 0.0024), (half - 0.016, 0.0, 0.0098), bevel=0.0005)
@@ -46,14 +38,9 @@ def stapler(rng: np.random.Generator, color: str) -> Draft:
         part("cover", cover.hinged(*hinge), shade, specular=0.45, shininess=0.5),
         part("magazine", magazine.hinged(*hinge), shaded(STEEL, 1.15), specular=0.8, shininess=0.7),
         part("head", head.hinged(*hinge), shaded(STEEL, 0.85), specular=0.8, shininess=0.7),
+        part("badge", on_top(badge, arm, width, t).hinged(*hinge), dark if badge == "pad" else STEEL, specular=0.5),
         part("anvil", anvil, shaded(STEEL, 1.15), specular=0.8, shininess=0.7),
     ]
-    crown = 0.0030 + 0.975 * t
-    sizes = {"plate": (0.026, 0.42, 0.56), "pad": (0.034, 0.80, 0.70), "stripe": (0.050, 0.16, 0.52)}
-    long, share, at = sizes[badge]
-    plate = box((long, share * width, 0.0018), (at * arm, 0.0, crown + 0.0002), bevel=0.0004).hinged(*hinge)
-    visual.append(part("badge", plate, dark if badge == "pad" else mixed(STEEL, shade, 0.10), specular=0.5))
-    top = max(float(p.vertices[:, 2].max()) for p in visual)
     arm_half = (0.5 * (arm + 0.010), 0.5 * grasped, 0.5 * (0.97 * t + 0.0075))
     return Draft(
         shape="irregular",
@@ -69,18 +56,5 @@ def stapler(rng: np.random.Generator, color: str) -> Draft:
         ),
         grasps=(grip("body", 0.032, grasped),),
         regions=(zone("base", half, side),),
-        parameters={"length_m": length, "width_m": width, "height_m": top, "style": style},
+        parameters={"length_m": length, "width_m": width, "height_m": height, "style": style},
     )
-
-
-def _cover(style: str, arm: float, t: float) -> tuple[Sequence[float], Sequence[float]]:
-    """Return x and z of the side view of the cover about its hinge, for an arm of a length and a thickness [m]."""
-    if style == "bar":
-        x = (-0.010, arm, arm + 0.002, arm - 0.001, 0.010, -0.006, -0.011)
-        return x, (0.003, 0.003, 0.003 + 0.5 * t, 0.003 + t, 0.003 + t, 0.003 + 0.8 * t, 0.012)
-    if style == "arch":
-        x = (-0.010, arm - 0.004, arm + 0.002, arm - 0.010, 0.72 * arm, 0.36 * arm, 0.010, -0.010)
-        share = (0.0, 0.0, 0.22, 0.62, 0.97, 1.0, 0.62, 0.35)
-        return x, [0.003 + s * t for s in share]
-    x = (-0.010, arm, arm + 0.001, arm - 0.008, arm - 0.030, 0.030, 0.002, -0.010)
-    return x, (0.003, 0.003, 0.003 + 0.35 * t, 0.003 + 0.88 * t, 0.0035 + t, 0.0025 + 0.92 * t, 0.003 + 0.62 * t, 0.012)
