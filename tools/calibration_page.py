@@ -55,6 +55,7 @@ everything new. The **shortcut ceiling** is the best success rate among the rule
 blind probes and the replays; the **margin** is a policy's success rate minus the ceiling.
 
 """
+NOT_MEASURED = "This version of the suite has not been measured yet.\n"
 
 
 def write(out: Path) -> None:
@@ -65,8 +66,6 @@ def write(out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_calibration_page(found, Path(folder))
         shutil.copy(Path(folder) / "confusion.png", out / "pictures" / "confusion.png")
-    text = HEAD + calibration_markdown(found)
     power = packaged_power_matrix()
-    if power is not None:
-        text += POWER + power_markdown(power)
+    text = HEAD + calibration_markdown(found) + POWER + (NOT_MEASURED if power is None else power_markdown(power))
     (out / "calibration.md").write_text(text, encoding="utf-8")

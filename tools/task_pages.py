@@ -9,7 +9,9 @@ from collections import Counter
 from collections.abc import Sequence
 
 from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.diagnosis.power_matrix import Key, packaged_power_matrix
 from betterbench.interventions import vary
+from betterbench.statistics import percent
 from betterbench.tasks import (
     TEMPLATES,
     Axis,
@@ -326,8 +328,20 @@ def _card(task: Task, variation: Variation) -> list[str]:
         *look,
         *broken,
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
+        f"- power: {_power((task.id, variation.name))}",
         "",
     ]
+
+
+def _power(key: Key) -> str:
+    """Return what the packaged power matrix says of a variation: who fails it, and how far pretenders get."""
+    matrix = packaged_power_matrix()
+    if matrix is None or key[0] in matrix.stale_tasks() or (ceiling := matrix.ceiling(key)) is None:
+        return "not measured for this version; `better calibrate --power` does"
+    failing = ", ".join(f"`{name}`" for name in matrix.failing(key)) or "no rule"
+    rate = f"{percent(ceiling.rate.k, ceiling.rate.n)} % ({ceiling.rate.k}/{ceiling.rate.n})"
+    control = "control cell; " if matrix.control(key) else ""
+    return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`"
 
 
 def _call(operation: Operation) -> str:

@@ -54,7 +54,7 @@ def test_options_that_the_matrix_fixes_are_refused(options):
 @pytest.mark.physics
 def test_a_small_matrix_is_measured_shared_and_resumed(tmp_path):
     r1, l1 = ("fast_food", "R1"), ("fast_food", "L1")
-    of = {name: {r1: 1, l1: 1} for name in (EXPERT, "zoo:lexical", "zoo:color", "probe:replay")}
+    of = {name: {r1: 1, l1: 1} for name in (EXPERT, "zoo:lexical", "zoo:phase", "probe:replay")}
     planned = PowerTrials(of, {r1: 0.25, l1: 0.25})
     steps = []
     found = measure_power(planned, tmp_path, on_progress=steps.append)
@@ -65,7 +65,7 @@ def test_a_small_matrix_is_measured_shared_and_resumed(tmp_path):
     assert found.cells["zoo:lexical"][l1].failed == {"lexical_kinematic_shortcut": 1}
     assert found.cells["probe:replay"][l1].k == 0
     assert (tmp_path / "zoo-lexical").exists()
-    assert not (tmp_path / "zoo-color").exists(), "it decides like the expert in both, and is not run"
+    assert not (tmp_path / "zoo-phase").exists(), "it decides like the expert in both, and is not run"
     assert steps[-1].done == steps[-1].planned == planned.total
     assert found.stale_tasks() == ()
     written = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.parquet")}

@@ -6,9 +6,11 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.diagnosis.small_matrix import matrix
 
+from betterbench.cli.output.comparison import print_comparison
 from betterbench.comparison import compare, match_sides, name_sides
-from betterbench.diagnosis import Label
+from betterbench.diagnosis import Label, standing
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics import PairedTable, Rate, boschloo_p, holm, mcnemar_p, smallest_paired_difference
 from betterbench.tasks import all_labels
@@ -249,3 +251,27 @@ def test_an_impossible_level_is_refused(two, alpha):
 def test_one_run_is_not_enough(two):
     with pytest.raises(InvalidInputError, match="at least two"):
         compare(two[:1])
+
+
+def test_each_policy_stands_among_the_pretenders_on_the_compared_trials(side, monkeypatch, capsys):
+    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    shortcut = side("shortcut", {("fast_food", "L1"): failing(SHORTCUT, *range(20))})
+    right = side("right", {})
+    found = compare([shortcut, right])
+    first, second = found.standings
+    assert first.nearest is not None
+    assert first.nearest.pretender == "zoo:lexical"
+    assert first.scores == {"overall": 0.5, "axis:spatial_layout_shift": 0.0, "axis:primitive_recomposition": 1.0}
+    assert second.expert is not None
+    assert second.expert.agreement == 1.0
+    assert found.to_json()["power"][0]["nearest_pretender"]["pretender"] == "zoo:lexical"
+    print_comparison(found)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "reference lines" in text
+    assert "shortcut: Nearest pretender: zoo:lexical" in text
+
+
+def test_without_a_matrix_a_comparison_says_so_and_goes_on(side, monkeypatch, capsys):
+    monkeypatch.setattr(standing, "packaged_power_matrix", lambda: None)
+    print_comparison(compare([side("one", {}), side("two", {})]))
+    assert " ".join(capsys.readouterr().out.split()).count("better calibrate --power") == 1

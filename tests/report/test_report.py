@@ -17,8 +17,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
+from tests.diagnosis.small_matrix import matrix
 
-from betterbench.diagnosis import Label
+from betterbench.diagnosis import Label, standing
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
 from betterbench.report.headline import headline_of
@@ -132,6 +133,19 @@ def test_no_name_of_a_stranger_becomes_markup(tmp_path, field):
     assert "<script>alert" not in page
     assert outward(page).scripts == outward(plain).scripts
     assert "7*7" in page
+
+
+def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
+    trials = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
+    trials += [trial(variation="R1", seed=i) for i in range(6)]
+    run = diagnosis(trials)
+    without = write_report([run], tmp_path / "without").read_text()
+    assert "better calibrate --power" in without
+    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    page = write_report([run], tmp_path / "with").read_text()
+    for text in ("Nearest pretender: zoo:lexical", "shortcut ceiling", "control cell", "50.0 % (3/6), zoo:shape"):
+        assert text in page, text
+    assert outward(page).found == []
 
 
 def test_formulas_do_not_run_in_a_spreadsheet(tmp_path):

@@ -6,8 +6,7 @@ NAPKIN, NAPKIN_2 = a.item("napkin", "crumpled napkin"), a.item("napkin_2", "crum
 CAN, FULL_CAN = a.item("crushed_can", color="red"), a.distractor("full_can", category="can", color="red")
 MOUSE, MUG = a.distractor("mouse", category="computer_mouse"), a.distractor("mug", color="white")
 KEYBOARD, STAPLER = a.distractor("keyboard"), a.distractor("stapler")
-TAPE = a.distractor("tape", "tape roll")
-BIN = a.container("bin", "waste bin")
+TAPE, BIN = a.distractor("tape", "tape roll"), a.container("bin", "waste bin")
 
 TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.62, -0.24)
 TRASH_3, TRASH_4 = a.Slot("trash_3", 0.48, -0.125), a.Slot("trash_4", 0.59, -0.13, yaw=1.5708)
