@@ -34,11 +34,20 @@ def test_the_register_knows_the_panda_and_suggests_it() -> None:
         build_robot_spec("ur5")
 
 
-def test_the_ready_pose_is_frankas(home: mujoco.MjData) -> None:
+def test_the_ready_pose_is_frankas(arm_model: mujoco.MjModel) -> None:
     # Franka's documentation: the flange at (0.3069, 0, 0.5903), pointing down.
-    assert home.body("hand").xpos == pytest.approx((0.3069, 0.0, 0.5903), abs=5e-5)
-    tcp = home.site("tcp")
+    ready = mujoco.MjData(arm_model)
+    ready.qpos[:7] = (0.0, -0.25 * math.pi, 0.0, -0.75 * math.pi, 0.0, 0.5 * math.pi, 0.25 * math.pi)
+    mujoco.mj_forward(arm_model, ready)
+    assert ready.body("hand").xpos == pytest.approx((0.3069, 0.0, 0.5903), abs=5e-5)
+    tcp = ready.site("tcp")
     assert tcp.xpos == pytest.approx((0.3069, 0.0, 0.5903 - 0.1034), abs=5e-5)
+    assert tcp.xmat.reshape(3, 3)[:, 2] == pytest.approx((0.0, 0.0, -1.0), abs=1e-9)
+
+
+def test_home_points_down_as_high_above_the_table_as_in_libero(home: mujoco.MjData) -> None:
+    tcp = home.site("tcp")
+    assert tcp.xpos == pytest.approx((0.36, 0.0, 0.28), abs=1e-3)
     assert tcp.xmat.reshape(3, 3)[:, 2] == pytest.approx((0.0, 0.0, -1.0), abs=1e-9)
 
 
