@@ -83,7 +83,7 @@ def bun_bottom(rng: np.random.Generator, _color: str) -> Draft:
     canvas.paint(r < 0.84, crumb)
     brown: Rgb = (0.78, 0.52, 0.22)
     if toast == "golden":
-        canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.38)
+        canvas.paint(np.clip((0.80 - r) / 0.12, 0.0, 1.0), brown, strength=0.15)
     elif toast == "rim":
         canvas.paint(np.clip((r - 0.50) / 0.34, 0.0, 1.0) * (r < 0.84), shaded(brown, 0.9), strength=0.60)
     # Fluffy crumb has soft clouds and no sharp holes, which would be those of a biscuit.
