@@ -157,7 +157,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
         radii += [radius, radius - cut, radius]
         heights += [level - 0.0016, level, level + 0.0016]
     radii, heights = [*radii, radius, radius - bevel, 0.0], [*heights, height - bevel, height, height]
-    solid = Turned(radii, heights, sides=24, crease_degrees=35.0)
+    solid = Turned(radii, heights, sides=22, crease_degrees=35.0)
     under, edge, top = solid.rows[1], solid.rows[-3], solid.rows[-2]
     canvas = solid.canvas(shade, (64, 256))
     # End grain: year rings on both flat faces, long fibers on the side.

@@ -101,7 +101,9 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         # A sheet of 0.8 mm, folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
-    points = [np.column_stack([r[:, 0], r[:, 1], np.clip(r[:, 2], -half[2], half[2] + 0.001)]) for r in rings]
+    # A corner reaches 2.5 mm beyond the box of the ball at most.
+    low, high = -np.array(half) - (0.0025, 0.0025, 0.0), np.array(half) + (0.0025, 0.0025, 0.001)
+    points = [np.clip(ring, low, high) for ring in rings]
     return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
 
 
