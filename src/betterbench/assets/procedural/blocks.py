@@ -93,8 +93,8 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a painted wooden block with the length, width and height of a stapler: solid, without a gap or metal.
 
     Its paint is worn off along the edges and at the ends, where bare wood shows. Beech of 700 kg/m^3 would weigh 0.15
-    to 0.19 kg at this size; the block has a stapler's 0.22 kg, as a denser wood has, so that it differs from a stapler
-    for the eye alone.
+    to 0.19 kg at this size; the block has a stapler's 0.2 to 0.25 kg, as a denser wood has, so that it differs from a
+    stapler for the eye alone.
     """
     length, width, height = stapler_size(rng)
     bevel, chamfer = rng.uniform(0.0022, 0.0036), float(rng.choice([0.0, 0.010, 0.018]))
@@ -127,7 +127,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A {color} wooden block with the size of a stapler, its paint worn off at the edges.",
         tags=("block", "wooden block", "toy"),
-        mass_kg=0.22,
+        mass_kg=round(945.0 * length * width * height / 0.98, 4),
         material="wood",
         parts=(
             part("block", body, canvas, specular=0.1),
@@ -148,12 +148,17 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
     Some have grooves around their side, some a lighter or darker side, as if stained. Beech of 700 kg/m^3 weighs 0.11
     to 0.15 kg at this size.
     """
-    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0470, 0.0550), rng.uniform(0.0015, 0.0050)
-    grooves, stain = int(rng.integers(0, 3)), (0.62, 1.0, 1.0, 1.25)[int(rng.integers(4))]
+    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0465, 0.0555), rng.uniform(0.0015, 0.0070)
+    grooves, stain = int(rng.integers(0, 4)), (0.62, 1.0, 1.0, 1.25)[int(rng.integers(4))]
     shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
-    radii = (0.0, radius - bevel, radius, radius, radius - bevel, 0.0)
-    solid = Turned(radii, (0.0, 0.0, bevel, height - bevel, height, height), sides=28, crease_degrees=35.0)
-    _, under, _, edge, top, _ = solid.rows
+    radii, heights = [0.0, radius - bevel, radius], [0.0, 0.0, bevel]
+    for k in range(grooves):
+        level, cut = height * (k + 1) / (grooves + 1), 0.0022
+        radii += [radius, radius - cut, radius]
+        heights += [level - 0.0016, level, level + 0.0016]
+    radii, heights = [*radii, radius, radius - bevel, 0.0], [*heights, height - bevel, height, height]
+    solid = Turned(radii, heights, sides=22, crease_degrees=35.0)
+    under, edge, top = solid.rows[1], solid.rows[-3], solid.rows[-2]
     canvas = solid.canvas(shade, (64, 256))
     # End grain: year rings on both flat faces, long fibers on the side.
     flat = (canvas.y > top) | (canvas.y < under)
@@ -164,8 +169,7 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
     canvas.shade(np.where(flat, 1.0 - 0.38 * rings, 1.0))
     canvas.grain(rng, cells=(26, 3), amount=0.06)
     for k in range(grooves):
-        level = under + (edge - under) * (k + 1) / (grooves + 1)
-        canvas.paint(np.abs(canvas.y - level) < 0.0013, shaded(shade, 0.35))
+        canvas.paint(np.abs(canvas.y - solid.rows[4 + 3 * k]) < 0.0022, shaded(shade, 0.35))
     canvas.paint(canvas.between(edge, top), mixed(shade, _BARE, 0.75))
     return Draft(
         shape="round",

@@ -23,7 +23,7 @@ def can(rng: np.random.Generator, color: str) -> Draft:
     cylinder around it.
     """
     size, radius, height = SIZES[int(rng.choice(4, p=(0.4, 0.2, 0.2, 0.2)))]
-    height, shoulder = height * rng.uniform(0.975, 1.025), rng.uniform(0.009, 0.014)
+    height, shoulder = height * rng.uniform(0.960, 1.045), rng.uniform(0.008, 0.019)
     design, shell = str(rng.choice(DESIGNS)), can_shell(radius, height, shoulder)
     shade = jittered(PALETTE[color], rng, amount=0.06)
     angle, top = np.arange(10) * (2.0 * math.pi / 10), shell.heights[-1]

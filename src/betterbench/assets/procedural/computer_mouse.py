@@ -21,7 +21,8 @@ def _size(rng: np.random.Generator) -> tuple[float, float, float]:
 def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     """Make a cordless computer mouse; its buttons and its wheel are at -x, away from the user at +x.
 
-    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery.
+    Cordless mice are 95 to 125 mm long, 57 to 68 mm wide and 33 to 42 mm high, and weigh 80 to 120 g with the battery:
+    430 kg/m^3 of their box.
     """
     length, width, height = _size(rng)
     # The back is highest behind the middle by the hump; the sides are drawn in by the waist.
@@ -41,7 +42,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} cordless computer mouse with two buttons and a scroll wheel.",
         tags=("mouse", "computer mouse", "cordless mouse", "desk"),
-        mass_kg=0.10,
+        mass_kg=round(430.0 * length * width * height, 4),
         material="plastic",
         parts=(
             part("shell", shell, picture, view=ABOVE, specular=0.35, shininess=0.45),
@@ -123,8 +124,8 @@ def _shell(
 def soap_bar(rng: np.random.Generator, color: str) -> Draft:
     """Make a bar of soap with the size and about the outline of a computer mouse, with some lather on one end.
 
-    A bar of this size fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given 0.11 kg, a
-    used bar, so that it is no heavier in the hand than the mouse it is taken for.
+    A bar fills 70 % of its box; at 1050 kg/m^3 it would weigh 0.15 kg when new. It is given three quarters of that, as
+    a used bar, so that it is hardly heavier in the hand than the mouse it is taken for.
     """
     length, width, height = _size(rng)
     length, width, height = 0.95 * length, 0.97 * width, 0.93 * height
@@ -149,7 +150,7 @@ def soap_bar(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A {color} bar of soap with a stamp on its top.",
         tags=("soap", "bar of soap", "soap bar", "bathroom"),
-        mass_kg=0.11,
+        mass_kg=round(560.0 * length * width * height, 4),
         material="soap",
         parts=(
             *seen,

@@ -16,8 +16,8 @@ _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0
 def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper napkin crumpled to a loose ball, from which corners of the paper stand out.
 
-    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g. It does not roll: what
-    touches are two crossed boxes.
+    A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g: crumpled, 77 kg/m^3
+    of its box. It does not roll: what touches are two crossed boxes.
     """
     wide, deep, high = uniforms(rng, (0.060, 0.068), (0.054, 0.064), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
@@ -38,7 +38,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A crumpled {color} paper napkin.",
         tags=("napkin", "paper", "crumpled paper", "paper ball", "trash"),
-        mass_kg=0.015,
+        mass_kg=round(77.0 * wide * deep * high, 4),
         material="paper",
         parts=(
             part("paper", ball, picture, specular=0.02, shininess=0.05),
@@ -101,7 +101,9 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         # A sheet of 0.8 mm, folded along its middle line.
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
-    points = [np.column_stack([r[:, 0], r[:, 1], np.clip(r[:, 2], -half[2], half[2] + 0.001)]) for r in rings]
+    # A corner reaches 2.5 mm beyond the box of the ball at most.
+    low, high = -np.array(half) - (0.0025, 0.0025, 0.0), np.array(half) + (0.0025, 0.0025, 0.001)
+    points = [np.clip(ring, low, high) for ring in rings]
     return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
 
 

@@ -41,7 +41,8 @@ class _Crush:
 def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     """Make an empty can that lies on its side, squeezed together in its middle and bent by a hand.
 
-    The empty can is 13 to 14 g of aluminum. It is given 20 g, for a rest of drink in it. A jaw takes it at its waist.
+    The empty can is 13 to 14 g of aluminum. It is given 18 to 22 g, for a rest of drink in it. A
+    jaw takes it at its waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.008, 0.008))
     bend, lift, heading = uniforms(rng, (0.16, 0.55), (0.0, 0.010), (0.75, 1.35))
@@ -61,7 +62,7 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
         shape="irregular",
         description=f"A crushed, empty {color} soda can.",
         tags=("crushed can", "can", "empty can", "metal", "trash"),
-        mass_kg=0.020,
+        mass_kg=round(0.22 * length, 4),
         material="aluminum",
         parts=(part("shell", mesh, canvas, specular=0.6, shininess=0.5), *_solids(crush, heading, (x, y))),
         grasps=(Grasp("body", grasp, 2.0 * waist, 0.012),),

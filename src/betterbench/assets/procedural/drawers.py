@@ -83,8 +83,9 @@ class _Style:
         pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80)
         fronts = (shade, pale if color != "white" else (0.93, 0.92, 0.90), deep)[tone]
         top = (shade, _OAK if color != "brown" else deep, _SLATE)[roof]
-        metals: tuple[Rgb, ...] = ((0.08, 0.08, 0.09), (0.36, 0.20, 0.09)) if color == "white" else ()
-        metals = metals or ((0.08, 0.08, 0.09), (0.90, 0.74, 0.36), (0.90, 0.91, 0.92))[1:]
+        # Dark handles on light fronts, bright ones on dark fronts.
+        light = sum(fronts) > 1.35
+        metals = ((0.08, 0.08, 0.09), (0.36, 0.20, 0.09)) if light else ((0.93, 0.78, 0.40), (0.92, 0.93, 0.94))
         seed, card = int(rng.integers(2**31)), rng.random() < 0.4
         corner = float(rng.choice([0.0, 0.006, 0.018]))
         return _Style(
@@ -210,7 +211,8 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
     """Make a drawer: a box with a front panel and a handle on stems, at +y for a ``side`` of +1 and at -y for -1.
 
     Its origin is the center of the bottom face of the bounding box without the handle, its front looks along +x, along
-    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle make 0.5 kg.
+    which it opens. Boards of 6 to 12 mm have a volume of 0.9 l; poplar plywood (450 kg/m^3) and the handle make 0.5 kg,
+    13 kg per m^2 of the floor.
 
     The joint that a scene adds is given in the parameters. Travel 0.15 m: a slide of three quarters' extension for a
     drawer 0.18 m long, 35 mm of which stay in the carcass. Friction loss 1.5 N: 0.5 kg x 9.81 m/s^2 x 0.3, waxed wood
@@ -234,7 +236,7 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
         shape="box",
         description=f"The {place} drawer of a {color} desk cabinet, open at the top, with a handle on its front.",
         tags=("drawer", f"{place} drawer", "desk drawer", "container"),
-        mass_kg=0.5,
+        mass_kg=round(12.8 * s.inside_x * 2.0 * panel_half_y, 3),
         material="wood",
         parts=(
             part("front", _panel_mapped(board), _front(s, 2.0 * panel_half_y, panel_height)),

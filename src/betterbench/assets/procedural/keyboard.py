@@ -28,7 +28,8 @@ _KEYS: dict[str, dict[str, Rgb]] = {
 def keyboard(rng: np.random.Generator, color: str) -> Draft:
     """Make a compact computer keyboard whose user sits at +x; it is a little higher at the far side.
 
-    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg.
+    Compact keyboards with six rows are 260 to 300 x 100 to 125 mm and weigh 0.35 to 0.6 kg:
+    16 kg/m^2.
     """
     width, depth, near, far = uniforms(rng, (0.262, 0.292), (0.102, 0.120), (0.0085, 0.0135), (0.0155, 0.0215))
     corner, key_height, bezel = uniforms(rng, (0.002, 0.016), (0.0026, 0.0042), (0.004, 0.010))
@@ -70,7 +71,7 @@ def keyboard(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A compact {color} computer keyboard with six rows of keys.",
         tags=("keyboard", "computer keyboard", "desk", "typing"),
-        mass_kg=0.50,
+        mass_kg=round(16.2 * width * depth, 3),
         material="rubber",  # of its feet
         parts=(
             *visual,

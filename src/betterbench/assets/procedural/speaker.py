@@ -14,7 +14,8 @@ _PROUD = 0.0036  # how far a driver stands out of the front
 def speaker(rng: np.random.Generator, color: str) -> Draft:
     """Make a small desktop loudspeaker; its round drivers look along +x.
 
-    Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.3 to 0.4 kg each.
+    Small powered USB loudspeakers are 60 to 75 mm wide and deep, 90 to 120 mm high, and weigh 0.25 to 0.45 kg each,
+    785 kg/m^3 of their box.
     """
     width, depth, height = uniforms(rng, (0.0590, 0.0690), (0.0600, 0.0690), (0.088, 0.112))
     corner, two_way = rng.uniform(0.003, 0.016), rng.random() < 0.6
@@ -58,7 +59,7 @@ def speaker(rng: np.random.Generator, color: str) -> Draft:
         shape="box",
         description=f"A small {color} desktop loudspeaker with {'two drivers' if two_way else 'one driver'}.",
         tags=("speaker", "loudspeaker", "desktop speaker", "audio"),
-        mass_kg=0.35,
+        mass_kg=round(785.0 * width * depth * height, 3),
         material="plastic",
         parts=(*visual, part("lamp", lamp, led, specular=0.6), solid_span((-half, half), 0.5 * width, (0.0, height))),
         grasps=(

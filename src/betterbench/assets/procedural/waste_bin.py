@@ -23,8 +23,8 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
 
     Most have a bag that is folded over the rim, and those of plastic the three arrows of recycling on their front.
     Table and desk bins of 3 to 5 l are 18 to 22 cm wide and 12 to 25 cm high and weigh 0.3 to 0.7 kg; this one is low,
-    so that what is let go above its rim falls 10 cm. Most of the 0.6 kg is given to the floor, as in bins that stand
-    firm.
+    so that what is let go above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is given to the floor, as in bins that
+    stand firm.
     """
     rim, foot, height = uniforms(rng, (0.0950, 0.1030), (0.0790, 0.0850), (0.118, 0.134))
     square, finish = rng.random() < 0.4, str(rng.choice(_FINISHES))
@@ -58,7 +58,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
         shape="box" if square else "cylinder",
         description=f"A {shape} open {color} waste bin{' with a bag' if bag else ''}.",
         tags=("bin", "waste bin", "trash can", "wastebasket", "container"),
-        mass_kg=0.60,
+        mass_kg=round(48.0 * rim * height, 3),
         densities=(3.0,) if square else (3.0, 3.0, *(0.25,) * 8),
         material="steel" if finish == "mesh" else "plastic",
         parts=(*seen, *(_square_walls if square else _round_walls)(foot, rim - 0.003, height)),
