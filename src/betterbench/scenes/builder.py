@@ -166,7 +166,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
     """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
 
-    In a container it is moved off the walls as far as it has to, which is nowhere if a demonstration shows these assets.
+    In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
 
     Raises InvalidInputError if no demonstration was measured, or none brings anything there.
     """
