@@ -36,7 +36,7 @@ from betterbench.tasks.demonstrated import (
     read_demonstrations,
 )
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
-from betterbench.tasks.relations import PlaceGoal
+from betterbench.tasks.relations import RELATIONS, PlaceGoal
 
 PREPLACED = [
     (t.id, c.name)
@@ -57,6 +57,7 @@ def a_put(**changes) -> DemonstratedPut:
         "kind": "burger",
         "asset": "burger-brown#0",
         "target_kind": "box",
+        "target_asset": "takeaway_box-brown#0",
         "pose": FlatPose(60.0, 0.5, 3.0),
     }
     return DemonstratedPut(**{**fields, **changes})
@@ -244,9 +245,11 @@ def test_what_is_preplaced_stands_as_a_demonstration_left_it_at_rest_with_every_
         known = demonstrated(scene.task, engine=engine_version())
         for thing, place in scene.condition.preplaced.items():
             info, target = state.info.object(thing), state.info.object(place.target)
-            relation = scene.task.template.relation
-            left = known.final_poses_at(target.kind, relation, place.region, kind=info.kind, asset=info.asset)
-            at = state.pose(place.target).inverse() @ state.pose(thing)
+            relation = RELATIONS[scene.task.template.relation]
+            assets = (info.asset, target.asset)
+            left = known.final_poses_at(target.kind, relation.name, place.region, kind=info.kind, assets=assets)
+            middle = state.pose(place.target) @ Pose(relation.middle(target, place.region))
+            at = middle.inverse() @ state.pose(thing)
             (x, y, _), yaw = at.position, math.degrees(yaw_of(at.quaternion))
             off = min(math.dist((1000.0 * x, 1000.0 * y, yaw), pose) for pose in left)
             assert off < 1.0, "0.3 mm or degrees of contact depth and of settling"
@@ -272,7 +275,9 @@ def test_a_demonstration_is_measured():
 def test_what_was_measured_so_far_decides_for_a_while():
     task = get_task("fast_food")
     before = demonstrated(task, engine=engine_version())
-    mine = Demonstrated("", "", 1, 0, (), (FinalPoses("a", "a#0", "b", "inside", "", (FlatPose(0.0, 0.0, 0.0),)),))
+    mine = Demonstrated(
+        "", "", 1, 0, (), (FinalPoses("a", "a#0", "b", "b#0", "inside", "", (FlatPose(0.0, 0.0, 0.0),)),)
+    )
     with measured_so_far(task.id, mine):
         assert demonstrated(task, engine="9.9.9") is mine
     assert demonstrated(task, engine=engine_version()) is before

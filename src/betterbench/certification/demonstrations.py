@@ -36,6 +36,7 @@ class DemonstratedPut:
     kind: str
     asset: str
     target_kind: str
+    target_asset: str
     pose: FlatPose
 
 
@@ -98,6 +99,7 @@ def _noted(put: Put) -> DemonstratedPut:
         kind=put.kind,
         asset=put.asset,
         target_kind=put.target_kind,
+        target_asset=put.target_asset,
         pose=FlatPose(
             round(1000.0 * at_rest.position[0], 1),
             round(1000.0 * at_rest.position[1], 1),
@@ -111,11 +113,12 @@ def summed_up(task: Task, demonstrations: Sequence[Demonstration]) -> Demonstrat
     solved = [d for d in demonstrations if not d.problem]
     puts = [put for d in solved for put in d.puts]
     places: dict[tuple[str, str, str, int], list[DemonstratedPut]] = {}
-    left: dict[tuple[str, str, str, str, str], list[FlatPose]] = {}
+    left: dict[tuple[str, str, str, str, str, str], list[FlatPose]] = {}
     for put in puts:
         places.setdefault((put.slot, put.relation, put.region, put.level), []).append(put)
         if RELATIONS[put.relation].surface is not None:  # something can be pre-placed there
-            left.setdefault((put.kind, put.asset, put.target_kind, put.relation, put.region), []).append(put.pose)
+            what = (put.kind, put.asset, put.target_kind, put.target_asset, put.relation, put.region)
+            left.setdefault(what, []).append(put.pose)
     return Demonstrated(
         SUITE_VERSION,
         engine_version(),

@@ -15,7 +15,7 @@ from betterbench.geometry import Pose, distance
 from betterbench.state import WorldState
 from betterbench.state.world import GRIPPER_BODIES
 from betterbench.tasks import Condition, Task
-from betterbench.tasks.relations import RELATIONS, at_rest
+from betterbench.tasks.relations import RELATIONS, Relation, at_rest
 from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
@@ -35,7 +35,10 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Where an object was let go: height of its foot above the table [m], and that foot in the frame of the target."""
+    """Where an object was let go: height of its foot above the table [m], and where the foot was at the target [m].
+
+    The latter is in the frame of the target, against the middle of the target region.
+    """
 
     height_m: float
     x: float
@@ -54,7 +57,8 @@ class Put:
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
         level: Number of things below, down to the slot; the mount of a drawer does not count.
         pose: Pose ``T_world_object`` at rest.
-        target_pose: Pose ``T_world_target`` at that time; ``pose`` where there is no target.
+        target_asset: Identity of the asset of the target.
+        target_pose: Pose of the middle of the target region at that time, ``T_world_middle``; ``pose`` without target.
         release: Where it was let go.
     """
 
@@ -63,6 +67,7 @@ class Put:
     asset: str
     relation: str | None
     target_kind: str
+    target_asset: str
     region: str
     slot: str | None
     level: int
@@ -75,12 +80,20 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Preplaced:
-    """An object that is at its target from the start, with its pose ``T_target_object``."""
+    """An object that is at its target from the start.
+
+    Attributes:
+        kind: Kind of the object.
+        asset: Identity of its asset.
+        target_asset: Identity of the asset of the target.
+        pose: Pose ``T_middle_object`` against the middle of the target region.
+    """
 
     object: str
     kind: str
     asset: str
     target_kind: str
+    target_asset: str
     region: str
     pose: Pose
 
@@ -118,7 +131,7 @@ class Handling:
         if self._last is None:
             for o in state.info.objects:
                 (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
-            self._found.extend(_preplaced(self._condition, state))
+            self._found.extend(_preplaced(self._condition, self._relations[0], state))
         self._last = state
         for name, start in self._shut_at.items():
             if name not in self._slid and distance(state.pose(name).position, start.position) > SLIDE_M:
@@ -179,31 +192,40 @@ class Handling:
         info, to = state.info.object(name), target or name
         slot, level, base = ground_of(self._condition, to, self._resting_on) if target else (None, 0, name)
         let_go = self._grasped or state
-        x, y, _ = let_go.pose(to).inverse().apply(foot(let_go, name))
+        x, y, _ = _middle_of(let_go, to, relation, region).inverse().apply(foot(let_go, name))
         return Put(
             object=name,
             kind=info.kind,
             asset=info.asset,
             relation=relation,
             target_kind=state.info.object(to).kind if target else "",
+            target_asset=state.info.object(to).asset if target else "",
             region=region,
             slot=slot,
             level=level,
             base_pose=state.pose(base),
             base_fixed=state.info.object(base).fixed,
             pose=state.pose(name),
-            target_pose=state.pose(to),
+            target_pose=_middle_of(state, to, relation, region),
             release=Release(foot(let_go, name)[2], x, y),
         )
 
 
-def _preplaced(condition: Condition, state: WorldState) -> list[Preplaced]:
+def _middle_of(state: WorldState, target: str, relation: str | None, region: str) -> Pose:
+    """Return the pose of the middle of a target region, ``T_world_middle``; that of the object without a relation."""
+    frame = state.pose(target)
+    if relation is None:
+        return frame
+    return frame @ Pose(RELATIONS[relation].middle(state.info.object(target), region))
+
+
+def _preplaced(condition: Condition, relation: Relation, state: WorldState) -> list[Preplaced]:
     """Return what rests at a target at the start, in an order that names do not influence."""
     found = []
     for name, place in condition.preplaced.items():
-        relative = state.pose(place.target).inverse() @ state.pose(name)
-        info, target_kind = state.info.object(name), state.info.object(place.target).kind
-        found.append(Preplaced(name, info.kind, info.asset, target_kind, place.region, relative))
+        pose = _middle_of(state, place.target, relation.name, place.region).inverse() @ state.pose(name)
+        info, target = state.info.object(name), state.info.object(place.target)
+        found.append(Preplaced(name, info.kind, info.asset, target.kind, target.asset, place.region, pose))
     return sorted(found, key=lambda p: (p.kind, p.target_kind, p.region))
 
 

@@ -160,7 +160,7 @@ class TrainedSupport:
         where = _place(there.target_kind, there.region)
         text = f"finds {there.object} {self.relation} {where}"
         poses = self.demonstrated.final_poses_at(
-            there.target_kind, self.relation, there.region, kind=there.kind, asset=there.asset
+            there.target_kind, self.relation, there.region, kind=there.kind, assets=(there.asset, there.target_asset)
         )
         if not poses:
             return Found(text, f"{text}, where no demonstration leaves anything", None)

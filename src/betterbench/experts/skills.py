@@ -184,7 +184,9 @@ class Skills:
         trained = self.trained(target.target, relation, target.region)
         if trained is None or not relation_named(relation).falls:
             return ordered
-        offset, to_target = foot_offset(state.info.object(name)), state.pose(target.target).inverse()
+        middle = relation_named(relation).middle(state.info.object(target.target), target.region)
+        to_target = (state.pose(target.target) @ Pose(middle)).inverse()
+        offset = foot_offset(state.info.object(name))
 
         def is_new(goal: PlaceGoal) -> bool:
             foot_at = goal.pose.apply(offset)

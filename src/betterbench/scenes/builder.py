@@ -7,6 +7,7 @@ import hashlib
 import math
 import threading
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -103,11 +104,12 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
             poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
     for name, place in condition.preplaced.items():
         below = _below(condition, place)
-        surface = poses[below].apply((0.0, 0.0, _surface_m(task, chosen[below], place.region)))[2]
-        flat = _drawn_pose(task, condition, seed, name, chosen[name])
-        x, y, _ = poses[place.target].apply((0.001 * flat.x_mm, 0.001 * flat.y_mm, 0.0))
+        on = poses[below].apply(_middle(task, chosen[below], place.region))
+        flat = _drawn_pose(task, condition, seed, name, chosen)
+        mx, my, _ = _middle(task, chosen[place.target], place.region)
+        x, y, _ = poses[place.target].apply((mx + 0.001 * flat.x_mm, my + 0.001 * flat.y_mm, 0.0))
         yaw = yaw_of(poses[place.target].quaternion) + math.radians(flat.yaw_deg)
-        poses[name] = Pose((x, y, surface), from_yaw(yaw)) @ rest_pose(chosen[name])
+        poses[name] = Pose((x, y, on[2]), from_yaw(yaw)) @ rest_pose(chosen[name])
     placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
 
     def order(p: Placement) -> tuple[str, ...]:
@@ -138,8 +140,8 @@ def _under(layer: str) -> str:
     return LAYERS[LAYERS.index(layer) - 1]
 
 
-def _surface_m(task: Task, target: Asset, region: str) -> float:
-    """Return the height at which things rest at a target [m], in its frame."""
+def _middle(task: Task, target: Asset, region: str) -> Vector:
+    """Return the middle of the surface on which things rest at a target, in its frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
@@ -147,19 +149,28 @@ def _surface_m(task: Task, target: Asset, region: str) -> float:
     return relation.surface({r.name: r for r in target.regions}, region)
 
 
-def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, asset: Asset) -> FlatPose:
+def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
     """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
+
+    In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
 
     Raises InvalidInputError if no demonstration was measured, or none brings anything there.
     """
     place, kind = condition.preplaced[name], condition.object(name).kind
-    target, relation = condition.object(place.target).kind, task.template.relation
+    asset, on = chosen[name], chosen[place.target]
+    target, relation = condition.object(place.target).kind, relation_named(task.template.relation)
     known = demonstrated(task, engine=engine_version())
-    poses = known.final_poses_at(target, relation, place.region, kind=kind, asset=asset.identity)
+    assets = (asset.identity, on.identity)
+    poses = known.final_poses_at(target, relation.name, place.region, kind=kind, assets=assets)
     if not poses:
-        problem = f"no demonstration puts anything {relation} {target}{'.' if place.region else ''}{place.region}"
+        problem = f"no demonstration puts anything {relation.name} {target}{'.' if place.region else ''}{place.region}"
         raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place things where training brings some")
-    return final_pose(task, seed, kind=kind, region=place.region, poses=poses)
+    flat = final_pose(task, seed, kind=kind, region=place.region, poses=poses)
+    if not relation.falls:
+        return flat
+    size_mm = 500.0 * max(asset.size_m[:2])
+    x_most, y_most = (max(0.0, 1000.0 * half - size_mm) for half in on.region("inside").half_size[:2])
+    return FlatPose(min(max(flat.x_mm, -x_most), x_most), min(max(flat.y_mm, -y_most), y_most), flat.yaw_deg)
 
 
 _CACHE: OrderedDict[str, CompiledScene] = OrderedDict()

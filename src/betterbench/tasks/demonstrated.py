@@ -35,7 +35,10 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """Where something stands in the frame of its target: position [mm] and heading [degrees]."""
+    """How something stands at its target: position against the middle of the target region [mm], heading [degrees].
+
+    Both are in the frame of the target.
+    """
 
     x_mm: float
     y_mm: float
@@ -53,7 +56,7 @@ class Releases:
         region: Region of the target, "" where it offers one alone.
         level: Number of things below, down to the slot.
         heights_mm: Heights of the foot of what was let go above the table [mm], sorted.
-        points_mm: Where that foot was in the frame of the target, x and y [mm].
+        points_mm: Where that foot was in the frame of the target, against the middle of the region, x and y [mm].
     """
 
     slot: str
@@ -73,7 +76,7 @@ class Releases:
         return min((height_mm - h for h in self.heights_mm), key=abs)
 
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
-        """Return how far a point of the target's frame is from the nearest trained one [mm]."""
+        """Return how far a point, given like ``points_mm``, is from the nearest trained one [mm]."""
         return min(math.dist((x_mm, y_mm), point) for point in self.points_mm)
 
 
@@ -86,14 +89,16 @@ class FinalPoses:
         kind: Kind of the object.
         asset: Identity of its asset: things of other shapes come to rest elsewhere.
         target_kind: Kind of the target.
+        target_asset: Identity of its asset.
         relation: Relation between the two.
         region: Region of the target, "" where it offers one alone.
-        poses: Poses of the object at rest in the frame of the target.
+        poses: Poses of the object at rest.
     """
 
     kind: str
     asset: str
     target_kind: str
+    target_asset: str
     relation: str
     region: str
     poses: tuple[FlatPose, ...]
@@ -123,19 +128,19 @@ class Demonstrated:
         return next((r for r in self.releases if r.place == place), None)
 
     def final_poses_at(
-        self, target_kind: str, relation: str, region: str, *, kind: str, asset: str
+        self, target_kind: str, relation: str, region: str, *, kind: str, assets: tuple[str, str]
     ) -> tuple[FlatPose, ...]:
         """Return the final poses at a target of what is most like an object.
 
-        These are the poses of the same asset, else of the same kind, else of whatever was brought there; none if
-        nothing was.
+        These are the poses of the same assets (of object and target), else of the same asset of the object, else of its
+        kind, else of whatever was brought there; none if nothing was.
         """
-        there = [
-            p for p in self.final_poses if (p.target_kind, p.relation, p.region) == (target_kind, relation, region)
-        ]
+        place = (target_kind, relation, region)
+        there = [p for p in self.final_poses if (p.target_kind, p.relation, p.region) == place]
         of_kind = [p for p in there if p.kind == kind]
-        same = [p for p in of_kind if p.asset == asset]
-        return tuple(pose for found in same or of_kind or there for pose in found.poses)
+        same = [p for p in of_kind if p.asset == assets[0]]
+        alike = [p for p in same if p.target_asset == assets[1]]
+        return tuple(pose for found in alike or same or of_kind or there for pose in found.poses)
 
 
 @strict_form

@@ -4,7 +4,7 @@ from betterbench.geometry import Pose, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import middle, nearest, reaches_into, rests_on
 from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, register
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, surface_of
 from betterbench.tasks.thresholds import threshold
 
 PREFIX = "hole_"
@@ -71,6 +71,6 @@ IN_HOLE = register(
         needs=("hole_1", "hole_2", "hole_3"),
         tolerances=("hole_depth", "hole_tilt"),
         goals=_goals,
-        surface=at_height_of(),
+        surface=surface_of(),
     )
 )

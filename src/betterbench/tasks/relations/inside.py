@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from betterbench.geometry import Pose, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
+from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
@@ -100,9 +100,9 @@ def _taken(state: WorldState, name: str, container: str) -> list[tuple[tuple[flo
     return found
 
 
-def _floor(regions: Mapping[str, Region], _region: str) -> float:
-    inside_of = regions["inside"]
-    return inside_of.position[2] - inside_of.half_size[2]
+def _floor(regions: Mapping[str, Region], _region: str) -> Vector:
+    x, y, z = regions["inside"].position
+    return (x, y, z - regions["inside"].half_size[2])
 
 
 INSIDE = register(

@@ -6,7 +6,7 @@ from betterbench.geometry import Vector, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, register
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, surface_of
 from betterbench.tasks.thresholds import threshold
 
 LAYERS = ("1", "2", "3", "4")
@@ -108,7 +108,7 @@ LAYER = register(
         needs=("top",),
         tolerances=("layer_offset", "layer_gap", "layer_tilt"),
         goals=_goals,
-        surface=at_height_of("floor", "top"),
+        surface=surface_of("floor", "top"),
         counted=True,
     )
 )

@@ -4,7 +4,7 @@ from betterbench.geometry import tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, standing_goals, turned_by
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, offers, register, single
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 OFFSET = threshold(
@@ -55,6 +55,6 @@ ON_PLATE = register(
         needs=("floor",),
         tolerances=("plate_offset", "plate_gap"),
         goals=_goals,
-        surface=at_height_of("floor"),
+        surface=surface_of("floor"),
     )
 )

@@ -4,7 +4,7 @@ from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, ya
 from betterbench.state import WorldState
 from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
-from betterbench.tasks.relations.relation import PlaceGoal, Relation, at_height_of, offers, register, single
+from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of
 from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
 
@@ -96,6 +96,6 @@ ON_RING = register(
         needs=("ring", "spout"),
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
-        surface=at_height_of("ring"),
+        surface=surface_of("ring"),
     )
 )

@@ -30,7 +30,7 @@ class PlaceGoal:
 Where = Callable[[WorldState, str, str], str | None]
 Regions = Callable[[ObjectInfo], tuple[str, ...]]
 Goals = Callable[[WorldState, str, str, str], tuple[PlaceGoal, ...]]
-Surface = Callable[[Mapping[str, Region], str], float]
+Surface = Callable[[Mapping[str, Region], str], Vector]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,8 +50,8 @@ class Relation:
         tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None where the object is not carried: it slides in its mount.
-        surface: ``surface(regions, region)`` returns the height at which things rest there [m], in the frame of what
-            has these regions by name; None where nothing is there from the start.
+        surface: ``surface(regions, region)`` returns the middle of the surface on which things rest there [m], in the
+            frame of what has these regions by name; None where nothing is there from the start.
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.
         falls: True if an object may be dropped into the target.
@@ -87,6 +87,12 @@ class Relation:
     def label(self, name: str, target: str, region: str = "") -> str:
         """Return the name of a predicate: "inside(burger_1, box)", "in_hole(salt, rack.hole_1)"."""
         return f"{self.name}({name}, {target}{'.' if region else ''}{region})"
+
+    def middle(self, target: ObjectInfo, region: str) -> Vector:
+        """Return where the middle of a target region is in the target's frame [m]; its origin if it has no surface."""
+        if self.surface is None:
+            return (0.0, 0.0, 0.0)
+        return self.surface({r.name: r for r in target.regions}, region)
 
     def place_goals(self, state: WorldState, name: str, target: str, region: str) -> tuple[PlaceGoal, ...]:
         """Return the poses at which an object satisfies the relation, the best first.
@@ -165,14 +171,13 @@ def offers_each(*names: str) -> Regions:
     return regions
 
 
-def at_height_of(*names: str) -> Surface:
-    """Return the ``surface`` of a relation whose things rest at the first of these asset regions that there is.
+def surface_of(*names: str) -> Surface:
+    """Return the ``surface`` of a relation whose things rest on the first of these asset regions that there is.
 
     Without names it is the target region itself.
     """
 
-    def surface(regions: Mapping[str, Region], region: str) -> float:
-        found = next((name for name in names if name in regions), region)
-        return regions[found].position[2]
+    def surface(regions: Mapping[str, Region], region: str) -> Vector:
+        return regions[next((name for name in names if name in regions), region)].position
 
     return surface
