@@ -17,6 +17,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.recording import RunFolder
+from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -107,7 +108,7 @@ def test_a_thousand_random_faults_lose_no_trial_and_double_none(tiny_plan, tmp_p
     assert set(done) == planned
     lines = (tmp_path / "run" / "journal.jsonl").read_text(encoding="utf-8").splitlines()
     assert sum('"done"' in line for line in lines) == TRIALS
-    records = {(r.metadata.task, r.metadata.condition, r.metadata.seed): r for r in run.records()}
+    records = {TrialId(r.metadata.task, r.metadata.condition, r.metadata.seed): r for r in run.records()}
     assert set(records) == planned
     ends = {r.outcome.termination for r in records.values()}
     assert ends == {"step_limit", "policy_error"}

@@ -266,9 +266,9 @@ def laughing():
 @pytest.mark.parametrize(
     ("data", "text"),
     [
-        (b"", "no archive"),
+        (b"", "not an archive"),
         (b"PK\x03\x04 nothing", "cannot be read"),
-        (b"\x80\x02}q\x00.", "no archive"),
+        (b"\x80\x02}q\x00.", "not an archive"),
         (saved(chunk())[:-100], "cannot be read"),
         (rezipped(saved(chunk()), compressed), "it is compressed"),
         (rezipped(saved(chunk()), hoarding), "it wants a bytearray"),
