@@ -12,7 +12,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -46,10 +46,10 @@ class CertificationProgress:
     last: TrialCertificate | None
 
 
-def versions_in_use(tasks: Sequence[str], *, looks: Looks = "seen") -> CertificateVersions:
-    """Return the versions that a certificate of some tasks depends on, and its looks."""
+def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
+    """Return the versions that a certificate of some tasks depends on."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers, looks)
+    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
 
 
 def certify(
@@ -78,7 +78,7 @@ def certify(
         raise InvalidInputError("--workers", f"{workers} is out of range", "Give a number from 1 to 256")
     for trial in trials:
         resolve_condition(trial.task, trial.condition)
-    versions = versions_in_use([t.task for t in trials], looks=looks)
+    versions = replace(versions_in_use([t.task for t in trials]), looks=looks)
     session, began = uuid.uuid4().hex, time.perf_counter()
     with CertificationJournal(out, versions) as journal:
         waiting = [t for t in dict.fromkeys(trials) if t not in journal.trials]
@@ -88,9 +88,8 @@ def certify(
         done = planned - len(waiting)
         if on_progress is not None:
             on_progress(CertificationProgress(done, planned, None))
-        for found in in_workers(
-            sorted(waiting, key=lambda t: (t.task, t.seed)), workers, partial(examine, looks=looks)
-        ):
+        examination = examine if looks == "seen" else partial(examine, looks=looks)
+        for found in in_workers(sorted(waiting, key=lambda t: (t.task, t.seed)), workers, examination):
             journal.append(found, session=session, elapsed_s=time.perf_counter() - began)
             done += 1
             if on_progress is not None:
