@@ -102,8 +102,8 @@ def _corner(rng: np.random.Generator, half: tuple[float, float, float], number: 
         outline = [middle - reach, middle - fold, middle + reach, middle - fold + 0.0008 * lift]
         rings.append(np.array(outline))
     # A corner reaches 2.5 mm beyond the box of the ball at most.
-    low, high = np.negative(half) - (0.0025, 0.0025, 0.0), np.add(half, (0.0025, 0.0025, 0.001))
-    points = [np.clip(ring, low, high) for ring in rings]
+    limit = np.array([half[0] + 0.0025, half[1] + 0.0025, half[2] + 0.001])
+    points = [np.clip(ring, np.array([-limit[0], -limit[1], -half[2]]), limit) for ring in rings]
     return creased(loft(points, v=(0.0, 0.5, 1.0), caps=(False, True)), 30.0)
 
 

@@ -44,8 +44,8 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     The empty can is 13 to 14 g of aluminum. It is given 18 to 22 g, for a rest of drink in it. A
     jaw takes it at its waist.
     """
-    length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.008, 0.008))
-    bend, lift, heading = uniforms(rng, (0.16, 0.55), (0.0, 0.010), (0.75, 1.35))
+    length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
+    bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (0.75, 1.35))
     bend, heading = bend * float(rng.choice([-1.0, 1.0])), heading * float(rng.choice([-1.0, 1.0]))
     if rng.random() < 0.5:
         heading += math.pi  # the other end in front
@@ -79,10 +79,13 @@ def _bent(crush: _Crush, along: float) -> tuple[float, float, float]:
 
 def _solids(crush: _Crush, heading: float, shift: tuple[float, float]) -> tuple[CollisionPart, ...]:
     """Return three boxes: the waist, and the two ends, which leave room for the pads between them."""
-    free, low, high = 0.019, -0.5 * crush.length - crush.at, 0.5 * crush.length - crush.at
-    boxes = [(0.0, (0.021, crush.waist, 0.42 * crush.height), 0.42 * crush.height + 0.001)]
+    turn, wide = 0.5 * abs(crush.bend), 0.86 * _RADIUS
+    # The inner corner of an end, turned toward the waist, stays clear of a finger 22 mm wide.
+    free = (0.0165 + wide * math.sin(turn)) / math.cos(turn)
+    low, high = -0.5 * crush.length - crush.at, 0.5 * crush.length - crush.at
+    boxes = [(0.0, (free + 0.003, crush.waist, 0.42 * crush.height), 0.42 * crush.height + 0.001)]
     for start, end in ((low, -free), (free, high)):
-        half = (0.5 * (end - start) - 0.001, 0.86 * _RADIUS, 0.46 * crush.height)
+        half = (0.5 * (end - start) - 0.001, wide, 0.46 * crush.height)
         boxes.append((0.5 * (start + end), half, half[2]))
     solids = []
     for along, half, z in boxes:
