@@ -72,7 +72,7 @@ def test_a_run_folder_and_its_records_give_the_same(run):
     [
         ({"engine": {"mujoco": "3.16.0"}}, ("3.17.0", "3.16.0")),
         ({"package_version": "9.9"}, ("0.1.0", "9.9")),
-        ({"suite_version": "2.0"}, ("1.0", "2.0")),
+        ({"suite_version": "9.0"}, ("1.0", "9.0")),
         ({"policy": "another"}, ("scripted", "another")),
         ({"render_quality": "high"}, ("None", "high")),
     ],

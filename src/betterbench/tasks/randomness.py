@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-SUITE_VERSION = "1.0"
+SUITE_VERSION = "2.0"
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
 """First seed of demonstrations; smaller ones belong to evaluation and certificates (law 8 of the suite)."""

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from betterbench.cli.console import OUT, print_table
 from betterbench.diagnosis.standing import Standing
-from betterbench.report.pretenders import scope_columns, scope_title, score_rows
+from betterbench.report.pretenders import scope_columns, score_rows
+from betterbench.tasks import Axis
 
 SHOWN_LINES = 8
 """Reference lines that the terminal lists; ``--json`` and the report have them all."""
@@ -28,7 +29,7 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
         alone = len(policies) == 1
         near = [row for row in lines if row.name in {s.nearest.pretender for s in standings if s.nearest is not None}]
         shown = [row for row in lines if row in lines[:SHOWN_LINES] or row in near]
-        head = ["policy or pretender", *(scope_title(c) for c in columns), *(["alike, %"] if alone else [])]
+        head = ["policy or pretender", *map(_short, columns), *(["alike"] if alone else [])]
         rows = [[row.name, *row.cells, *([row.likeness] if alone else [])] for row in (*mine, *shown)]
         print_table(head, rows, title="reference lines: success, %")
         if len(lines) > len(shown):
@@ -40,3 +41,8 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
                 OUT.print(f"• {prefix}{sentence}", markup=False)
     for notice in dict.fromkeys(s.notice for s in standings if s.notice):
         OUT.print(f"  {notice}", markup=False, style="dim")
+
+
+def _short(scope: str) -> str:
+    """Return the heading of a column: of an axis its letter, so that the table fits a terminal."""
+    return "overall" if scope == "overall" else Axis(scope.removeprefix("axis:")).letter

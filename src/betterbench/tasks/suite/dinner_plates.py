@@ -44,13 +44,13 @@ def dinner_plates() -> a.Task:
     """
     stacked = (a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE}) for layout in LAYOUTS)
     single = (a.conditions([layout], [RED_ON_WHITE, BLUE_ON_WHITE]) for layout in LAYOUTS)
-    exchanged = (a.move(RED, STAND_MIDDLE), a.move(WHITE, LEFT_BACK), a.instruct(BLUE_ON_RED))
+    around = (a.move(RED, STAND_MIDDLE), a.move(BLUE, LEFT_BACK), a.move(WHITE, LEFT_FRONT))
     look_alike = (a.remove(BLUE), a.move(RED, LEFT_FRONT), a.add(BOWL, LEFT_BACK))
     moved, on_red = "white plate at its other position", "blue on red, which stands where a white plate stood"
     whole = (a.chain(WHOLE_STACK),)
     finish = "whole stack asked for, red already on white"
     return a.Task(
-        version=1,
+        version=2,
         title="Stacking Dinner Plates",
         template=a.RECURSIVE_STACKING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, STAND_RIGHT, STAND_MIDDLE),
@@ -58,7 +58,7 @@ def dinner_plates() -> a.Task:
         variations=(
             a.Variation("L1", (a.swap(RED, BLUE),), "red and blue plate exchanged", BY_KIND),
             a.Variation("L2", (a.move(WHITE, STAND_MIDDLE),), moved, BY_TARGET, "train2"),
-            a.Variation("R1", exchanged, on_red, BY_COLOR, "train2"),
+            a.Variation("R1", (*around, a.instruct(BLUE_ON_RED)), on_red, BY_COLOR, "train2"),
             a.Variation("O1", look_alike, "red bowl where the red plate stood", LOOK_ALIKE),
             a.Variation("T1", whole, "stack of three from single plates", LONGER),
             a.Variation("T2", whole, finish, DONE, "train3", mid_task_look=True),
