@@ -352,7 +352,7 @@ def test_clearance_sees_what_is_in_the_way_and_what_is_ignored():
     clearance.load(in_hand)
     hits = clearance.touches(home, finger_width_m=0.08)
     assert hits
-    assert all(h.endswith("-red_mug") for h in hits)
+    assert all("red_mug" in h.split("-") for h in hits)
     assert clearance.touches(home, finger_width_m=0.08, ignore=frozenset({"red_mug"})) == ()
     clearance.load(state)
     assert clearance.touches(home, finger_width_m=0.08) == ()
