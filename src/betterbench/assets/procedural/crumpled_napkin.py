@@ -21,7 +21,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
 
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs about 15 g.
     """
-    across, high, printed = rng.uniform(0.0635, 0.0675), rng.uniform(0.050, 0.056), rng.random() < 0.45
+    across, high, printed = rng.uniform(0.0660, 0.0690), rng.uniform(0.050, 0.056), rng.random() < 0.45
     ink = ((0.30, 0.45, 0.72), (0.72, 0.28, 0.26), (0.36, 0.58, 0.38))[int(rng.integers(3))]
     roughness = rng.uniform(0.11, 0.16)
     paper = jittered((0.93, 0.93, 0.92) if color == "white" else (0.90, 0.83, 0.66), rng, amount=0.03)

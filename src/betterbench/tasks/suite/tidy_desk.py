@@ -11,8 +11,8 @@ BIN = a.container("bin", "waste bin")
 
 TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.62, -0.24)
 TRASH_3, TRASH_4 = a.Slot("trash_3", 0.48, -0.125), a.Slot("trash_4", 0.59, -0.13, yaw=1.5708)
-PLACE_1, PLACE_2 = a.Slot("place_1", 0.33, -0.02), a.Slot("place_2", 0.51, 0.0)
-PLACE_3 = a.Slot("place_3", 0.72, 0.03)
+PLACES = zip(("place_1", "place_2", "place_3"), (0.33, 0.51, 0.72), (-0.02, 0.0, 0.03), strict=True)
+PLACE_1, PLACE_2, PLACE_3 = (a.Slot(*place) for place in PLACES)
 FLOOR = a.Slot("floor", 0.52, 0.17, jitter_m=0.005, yaw_jitter=0.0)
 UNSEEN_1, UNSEEN_2 = a.Slot("unseen_1", 0.545, -0.225), a.Slot("unseen_2", 0.535, -0.115)
 VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
@@ -50,7 +50,7 @@ def tidy_desk() -> a.Task:
     mouse = (a.move(NAPKIN, TRASH_3), a.move(MOUSE, TRASH_1))
     mug = (a.move(NAPKIN, TRASH_3), a.move(MUG, TRASH_1), a.add(TAPE, PLACE_2), a.add(STAPLER, TRASH_4))
     unseen = (a.move(NAPKIN, UNSEEN_1), a.move(CAN, UNSEEN_2))
-    three = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE))
+    three, full = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE)), (a.add(FULL_CAN, TRASH_2),)
     novel = a.Support.NOVEL
     return a.Task(
         version=1,
@@ -62,9 +62,7 @@ def tidy_desk() -> a.Task:
             a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND),
             a.Variation("L2", unseen, "trash at places never seen", NEW_PLACE, support=novel),
             a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train4"),
-            a.Variation(
-                "O2", (a.add(FULL_CAN, TRASH_2),), "full can beside the crushed can", FULL_OR_CRUSHED, "train5"
-            ),
+            a.Variation("O2", full, "full can beside the crushed can", FULL_OR_CRUSHED, "train5"),
             a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train4"),
             a.Variation("T1", three, "three pieces of trash", LONGER),
         ),
