@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from betterbench.certification import packaged_coverage
+from betterbench.certification.certificate import CertificateVersions
+from betterbench.certification.coverage import Coverage, Seeds
+from betterbench.certification.refusal import require_coverage
 from betterbench.certification.runner import write_json
 from betterbench.cli import evaluate as verb
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import make_plan
+from betterbench.scenes import engine_version
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 
 FAR = 90_000
 """A seed that no certificate of ours covers."""
@@ -130,3 +137,14 @@ def test_the_packaged_certificate_lets_the_first_seed_of_everything_run():
     coverage = packaged_coverage()
     covered = {name for name, seeds in coverage.conditions.items() if seeds.certified}
     assert covered, "the packaged certificate vouches for nothing: run make certify"
+
+
+def test_a_certificate_covers_the_looks_it_was_made_with():
+    versions = CertificateVersions("0", SUITE_VERSION, engine_version(), {"fast_food": get_task("fast_food").version})
+    coverage = Coverage(versions, {"fast_food/L1": Seeds("0-3")})
+    trial = TrialId("fast_food", "L1", 2)
+    assert require_coverage(coverage, [trial], seed=0, trials_per_variation=1) == ""
+    with pytest.raises(InvalidInputError, match=r"covers the seen looks.*--looks unseen"):
+        require_coverage(coverage, [trial], seed=0, trials_per_variation=1, looks="unseen")
+    held_out = Coverage(dataclasses.replace(versions, looks="unseen"), coverage.conditions)
+    assert require_coverage(held_out, [trial], seed=0, trials_per_variation=1, looks="unseen") == ""

@@ -128,3 +128,11 @@ BAD = {
 def test_bad_arguments_are_named_before_anything_runs(arguments, error, text):
     with pytest.raises(error, match=text):
         make_plan("noop", **arguments)
+
+
+def test_looks_are_a_value_of_the_plan():
+    seen, unseen = (make_plan("expert", tasks=("fast_food",), trials=1, looks=name) for name in ("seen", "unseen"))
+    assert seen == make_plan("expert", tasks=("fast_food",), trials=1)
+    assert (seen.to_json()["looks"], unseen.to_json()["looks"]) == ("seen", "unseen")
+    with pytest.raises(UnknownNameError, match="unseen"):
+        make_plan("expert", tasks=("fast_food",), trials=1, looks="unsen")

@@ -1,6 +1,6 @@
 """What the front camera shows of a task: its gripper, the size and visibility of what is asked for, and margins.
 
-The limits that every task keeps, in the order of :class:`Framing`, are thresholds of this file.
+The limits that every task keeps are constants of this file, and no verdict depends on them.
 """
 
 from __future__ import annotations
@@ -24,14 +24,24 @@ from betterbench.scenes.rendering import NO_BODY, Renderer
 from betterbench.scenes.scene import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.state import CameraOffset, ViewJitter
-from betterbench.tasks import Condition, threshold
+from betterbench.tasks import Condition
 from betterbench.tasks.relations.closed import MOUNTS
 
-GRIPPER_PX = threshold("framing_gripper", 60.0, "px", "Fewest pixels of hand and fingers in an image of 256 x 256.")
-MARGIN_M = threshold("framing_margin", 0.008, "m", "Least distance of slots and target regions from the image's edge.")
-SIDE_PX = threshold("framing_side", 24.0, "px", "Least longer side of what an instruction names, at 256 pixels.")
-VISIBLE = threshold("framing_visible", 0.6, "1", "Least share of what an instruction names that nothing hides.")
-BACKGROUND = threshold("framing_background", 0.2, "1", "Largest share of the image without table, robot and object.")
+GRIPPER_PX = 60.0
+"""Fewest pixels of hand and fingers in an image of 256 x 256."""
+
+MARGIN_M = 0.008
+"""Least distance of slots and target regions from the image's edge [m]."""
+
+SIDE_PX = 24.0
+"""Least longer side of what an instruction names, at 256 pixels."""
+
+VISIBLE = 0.6
+"""Least share of what an instruction names that nothing hides."""
+
+BACKGROUND = 0.2
+"""Largest share of the image without table, robot and object."""
+
 
 SIZE_PX = 256
 HOVER_M = 0.12
