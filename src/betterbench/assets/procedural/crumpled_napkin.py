@@ -5,9 +5,10 @@ import math
 
 import numpy as np
 
-from betterbench.assets.authoring import Draft, centered, disc, generator, grip, merge, part, solid_box
+from betterbench.assets.authoring import Draft, centered, disc, generator, grip_across, merge, part, solid_box
 from betterbench.assets.authoring.mesh import Mesh, creased, loft
 from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, shaded, uniforms
+from betterbench.assets.authoring.solids import upright_cylinder
 
 _INKS: tuple[Rgb, ...] = ((0.16, 0.34, 0.72), (0.76, 0.16, 0.16), (0.16, 0.52, 0.26), (0.90, 0.52, 0.10))
 
@@ -17,7 +18,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     """Make a paper napkin crumpled to a loose ball, from which corners of the paper stand out.
 
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g: crumpled, 77 kg/m^3
-    of its box. It does not roll: what touches are two crossed boxes.
+    of its box. It does not roll: what touches has corners above and below.
     """
     wide, deep, high = uniforms(rng, (0.066, 0.070), (0.055, 0.065), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
@@ -28,7 +29,8 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     x, y, z = centered(ball)
     ball, flaps = ball.moved(x, y, z), [flap.moved(x, y, z) for flap in flaps]
     top = float(ball.vertices[:, 2].max())
-    a, b = 0.5 * wide - 0.0025, 0.5 * deep - 0.0025
+    radius = 0.25 * (wide + deep) - 0.0030
+    foot = 0.75 * radius  # its corners stand out of the round middle
     picture = _paper(rng, paper, ink=ink if printed else None)
     edge = Canvas(1.0, 1.0, (16, 32), paper)
     if printed:
@@ -43,13 +45,11 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
         parts=(
             part("paper", ball, picture, specular=0.02, shininess=0.05),
             part("corners", merge(flaps), edge, specular=0.02, shininess=0.05),
-            solid_box((-a, -0.66 * b, 0.0), (a, 0.66 * b, 0.80 * top)),
-            solid_box((-0.66 * a, -b, 0.08 * top), (0.66 * a, b, top - 0.004)),
+            solid_box((-foot, -foot, 0.0), (foot, foot, 0.34 * top)),
+            upright_cylinder(radius, 0.24 * top, 0.76 * top),
+            solid_box((-foot, -foot, 0.66 * top), (foot, foot, top - 0.004)),
         ),
-        grasps=(
-            grip("body", 0.026, 2.0 * b, clearance=0.006),
-            grip("long", 0.026, 2.0 * a, across="x", clearance=0.005, preference=1),
-        ),
+        grasps=(grip_across(0.026, radius, clearance=0.006),),
         regions=(disc("base", 0.5 * deep),),
         parameters={"wide_m": wide, "deep_m": deep, "height_m": top, "roughness": roughness},
     )

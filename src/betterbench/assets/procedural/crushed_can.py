@@ -45,7 +45,7 @@ def crushed_can(rng: np.random.Generator, color: str) -> Draft:
     jaw takes it at its waist.
     """
     length, height, waist, at = uniforms(rng, (0.082, 0.098), (0.044, 0.052), (0.0165, 0.0215), (-0.006, 0.006))
-    bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (0.75, 1.35))
+    bend, lift, heading = uniforms(rng, (0.14, 0.46), (0.0, 0.010), (1.15, 1.55))
     bend, heading = bend * float(rng.choice([-1.0, 1.0])), heading * float(rng.choice([-1.0, 1.0]))
     if rng.random() < 0.5:
         heading += math.pi  # the other end in front
