@@ -7,7 +7,7 @@ ORANGE, LEMON = a.item("orange"), a.item("lemon")
 LUNCHBOX = a.container("lunchbox")
 BLOCK = a.distractor("red_block", category="block", color="red")
 
-FIRST, SECOND, THIRD = a.Slot("first", 0.43, -0.235), a.Slot("second", 0.61, -0.21), a.Slot("third", 0.63, -0.09)
+FIRST, SECOND, THIRD = a.Slot("first", 0.43, -0.235), a.Slot("second", 0.62, -0.22), a.Slot("third", 0.66, -0.07)
 STAND = a.Slot("stand", 0.44, 0.11, yaw=-1.5708, jitter_m=0.005, yaw_jitter=0.03)
 LAYOUT = {APPLE: FIRST, ORANGE: SECOND, LEMON: THIRD, LUNCHBOX: STAND}
 
