@@ -41,6 +41,8 @@ SURE = 0.6
 """Share of the certificate's tolerances within which a goal counts as trained; the arm misses goals a little."""
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
+KNOB_RELEASE_M = 0.016
+"""How much wider than the knob of a drawer the gripper opens to let go of it [m]."""
 
 
 @dataclass
@@ -231,7 +233,7 @@ class Skills:
         state, holds = yield from self.grasp(state, name)
         if holds:
             state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=self.paced(RAILS), period_s=self.period_s)
-        state = yield from release_to(state, width_m=0.045)
+        state = yield from release_to(state, width_m=state.finger_width_m + KNOB_RELEASE_M)
         goal = state.commanded_pose.translated(z=0.12)
         state = yield from follow(
             state, (goal,), gripper=0.0, pace=self.paced(APPROACH), period_s=self.period_s, settle=2
