@@ -80,7 +80,7 @@ def test_a_rule_that_does_not_apply_leaves_the_expert(scene, policy):
     assert np.array_equal(record.qpos, expert.qpos)
 
 
-def test_a_tremor_shakes_and_does_not_fail(scene):
+def test_action_noise_shakes_and_does_not_fail(scene):
     calm, _ = run(scene, "expert", "morning_coffee", "train1")
     shaky, _ = run(scene, "expert?action_noise=0.002", "morning_coffee", "train1")
     assert shaky.outcome.success

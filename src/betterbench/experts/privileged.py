@@ -132,7 +132,7 @@ class PrivilegedAgent:
         self._name = name
         self._execution = noise or ExecutionNoise()
         self._loop = _DecisionLoop(scene, rule, self._execution)
-        self._noise = stream(scene.task.id, scene.seed, f"tremor:{scene.condition.name}")
+        self._noise = stream(scene.task.id, scene.seed, f"action noise:{scene.condition.name}")
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 
     @property

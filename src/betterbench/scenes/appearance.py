@@ -42,9 +42,6 @@ START_SHIFT_M = 0.02
 START_TURN_RAD = math.radians(5.0)
 """Half width of the jitter of the end effector's start about the axis of the tool [rad]."""
 
-_SPELLED_IN_LOOKS = {"gray": "grey"}
-"""Spelling of a color in the name of the stream that orders looks. It decides what a trial shows: it never changes."""
-
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
     """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene.
@@ -52,9 +49,8 @@ def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") ->
     Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
     the room. Categories of one family and color share their look, as a cabinet and its drawers do.
     """
-    color = _SPELLED_IN_LOOKS.get(spec.color or "", spec.color)
     numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
-    return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{color}", len(numbers), shown)]
+    return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
 
 
 def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:

@@ -56,7 +56,6 @@ class _LookAlike(BrokenRule):
 class Color(_LookAlike):
     """Any object of the right color will do."""
 
-    stream_name = "Colour"
     feature = "color"
 
 

@@ -55,12 +55,9 @@ class BrokenRule(ExpertRule):
         label: What it is called if the rule takes an object that another instruction, or another step, means.
         empty_label: What it is called if the rule grasps where nothing stands.
         place_label: What it is called if the rule brings the right object to another place.
-        stream_name: Name of its random stream where that is not the name of the class; published calibrations depend
-            on it.
         fault: The first wrong decision of the episode, or None so far.
     """
 
-    stream_name: ClassVar[str] = ""
     label: ClassVar[Label] = Label.WRONG_OBJECT
     empty_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
     place_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
@@ -97,7 +94,7 @@ class BrokenRule(ExpertRule):
 
     def draw(self, purpose: str) -> float:
         """Return a number in [0, 1) from the trial's own stream for a purpose."""
-        name = f"{self.stream_name or type(self).__name__}:{self.condition.name}:{purpose}"
+        name = f"{type(self).__name__}:{self.condition.name}:{purpose}"
         return float(stream(self.situation.task.id, self.situation.seed, name).random())
 
     def standing_in(self, state: WorldState, slot: str) -> str | None:
