@@ -90,4 +90,4 @@ def test_the_wrist_camera_sees_both_fingertips_and_the_table_under_them(task_id)
     pixels, _ = camera_matrices(s.model, s.data, "wrist").project(np.array([[x, y, 0.0]]))
     assert np.all((pixels > 20) & (pixels < 236)), "what lies under the fingers"
     arm = [b for b in range(s.model.nbody) if s.model.body(b).name.startswith("robot/") and b not in fingers]
-    assert np.isin(masks, arm).mean() < 0.1, "the robot itself fills little of the image"
+    assert np.isin(masks, arm).mean() < 0.15, "the robot itself fills little of the image"

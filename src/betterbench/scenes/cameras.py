@@ -13,7 +13,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import Pose, Quaternion, from_axis_angle, normalize
 from betterbench.scenes.stage import KEY_LIGHT
-from betterbench.state import ViewJitter
+from betterbench.state import CameraOffset, ViewJitter
 
 MAX_SIDE_PX = 4096
 """Largest side of an image [pixel]."""
@@ -73,14 +73,20 @@ class ViewPlacement:
     def __init__(self, model: mujoco.MjModel, jitter: ViewJitter) -> None:
         """Prepare; cameras that the model does not have are left out."""
         self._model = model
-        names = [model.camera(number).name for number in range(model.ncam)]
-        self._shifts = np.zeros((model.ncam, 3, 1))
-        self._turns = np.tile(np.eye(3), (model.ncam, 1, 1))
-        for number, offset in ((n, jitter.cameras[name]) for n, name in enumerate(names) if name in jitter.cameras):
-            self._shifts[number, :, 0] = offset.shift_m
-            self._turns[number] = _rotation_matrix(from_axis_angle(offset.turn_rad))
+        self._bodies = model.cam_bodyid
+        # Poses in the frames of the bodies. The engine does not place the cameras of bodies that never move anew at
+        # every step, so the jitter is never added to what the data hold.
+        self._positions = np.zeros((model.ncam, 3, 1))
+        self._axes = np.zeros((model.ncam, 3, 3))
+        for number in range(model.ncam):
+            axes = _rotation_matrix(model.cam_quat[number])
+            offset = jitter.cameras.get(model.camera(number).name, _STILL)
+            self._positions[number, :, 0] = model.cam_pos[number] + axes @ np.asarray(offset.shift_m)
+            self._axes[number] = axes @ _rotation_matrix(from_axis_angle(offset.turn_rad))
         self._key = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_LIGHT), KEY_LIGHT))
-        self._key_turn = _rotation_matrix(from_axis_angle(jitter.key_light_turn_rad))
+        if self._key >= 0:
+            turn = _rotation_matrix(from_axis_angle(jitter.key_light_turn_rad))
+            self._key_direction = turn @ model.light_dir[self._key]
 
     def apply(self, data: mujoco.MjData) -> None:
         """Place cameras and lights for the poses of the bodies, which have to be up to date.
@@ -88,11 +94,14 @@ class ViewPlacement:
         Live images and those of recorded states go through this one function, so that they agree bit for bit.
         """
         mujoco.mj_camlight(self._model, data)
-        axes = data.cam_xmat.reshape(-1, 3, 3)
-        data.cam_xpos += np.matmul(axes, self._shifts)[:, :, 0]
-        data.cam_xmat[:] = np.matmul(axes, self._turns).reshape(-1, 9)
+        frames = data.xmat.take(self._bodies, 0).reshape(-1, 3, 3)
+        data.cam_xpos[:] = data.xpos.take(self._bodies, 0) + np.matmul(frames, self._positions)[:, :, 0]
+        data.cam_xmat[:] = np.matmul(frames, self._axes).reshape(-1, 9)
         if self._key >= 0:
-            data.light_xdir[self._key] = self._key_turn @ data.light_xdir[self._key]
+            data.light_xdir[self._key] = self._key_direction
+
+
+_STILL = CameraOffset((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def camera_matrices(

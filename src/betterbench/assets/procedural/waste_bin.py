@@ -26,7 +26,7 @@ def waste_bin(rng: np.random.Generator, color: str) -> Draft:
     so that what is let go above its rim falls 10 cm. Most of the 0.55 to 0.65 kg is given to the floor, as in bins that
     stand firm.
     """
-    rim, foot, height = uniforms(rng, (0.0950, 0.1030), (0.0790, 0.0850), (0.118, 0.134))
+    rim, foot, height = uniforms(rng, (0.0990, 0.1050), (0.0890, 0.0940), (0.118, 0.134))
     square, finish = rng.random() < 0.4, str(rng.choice(_FINISHES))
     bag, metal_rim = rng.random() < 0.6, rng.random() < 0.5
     hem, folds = rng.uniform(0.022, 0.036), rng.uniform(-1.0, 1.0, (3, _SIDES))
