@@ -219,9 +219,9 @@ def test_two_generators_of_one_name_are_one_clear_error(tmp_path):
 
 def test_a_generator_needs_a_name_a_color_and_a_look():
     for wrong in ({"category": "", "colors": ("red",)}, {"category": "x", "colors": ()}):
-        with pytest.raises(InvalidInputError, match="a name, a color and a look"):
+        with pytest.raises(InvalidInputError, match="a name, a color, a look and a held-out look"):
             generator(**wrong)
-    with pytest.raises(InvalidInputError, match="a name, a color and a look"):
+    with pytest.raises(InvalidInputError, match="a name, a color, a look and a held-out look"):
         generator("x", colors=("red",), looks=0)
 
 

@@ -36,9 +36,18 @@ def pick(slot: Slot, kind="burger", *, dx=0.0, turn=0.0) -> Pick:
     return Pick("thing", kind, Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw + turn)))
 
 
+def trained_height_m(slot: str, relation: str, region: str, level: int) -> float:
+    """Returns a height at which demonstrations of any task let go of something there; 0 if none does [m]."""
+    for task in TASKS:
+        for found in demonstrated(task, engine=engine_version()).releases:
+            if found.place == (slot, relation, region, level):
+                return found.heights_mm[len(found.heights_mm) // 2] / 1000.0
+    return 0.0
+
+
 def put(slot: Slot, relation, kind, region="", *, level=1, dx=0.0, fixed=False, let_go=None) -> Put:
     base = Pose((slot.x + dx, slot.y, 0.0), from_yaw(slot.yaw))
-    release = let_go or Release({1: 0.0178, 2: 0.0339}.get(level, 0.0), 0.0, 0.0)
+    release = let_go or Release(trained_height_m(slot.name, relation, region, level), 0.0, 0.0)
     return Put(
         object="thing",
         kind="thing",

@@ -66,9 +66,9 @@ def test_idle_time_at_the_end_means_nothing(stage, act):
 
 
 def test_idle_time_after_the_limit_makes_no_halt_of_a_timeout(stage):
-    s = stage("fast_food", "train1").wander(27.5)
+    s = stage("fast_food", "train1").wander(51.0)
     first = diagnose_record(s.end())
-    s = stage("fast_food", "train1").wander(27.5)
+    s = stage("fast_food", "train1").wander(51.0)
     assert diagnose_record(s.wait(60).end()).label is first.label
 
 

@@ -55,7 +55,7 @@ def test_seeds_start_where_they_are_told_to():
 
 def test_selecting_one_variation_runs_its_base_and_no_other_training():
     plan = make_plan("noop", tasks=["morning_coffee"], variations=["L3"], trials=2)
-    assert {t.condition for t in plan.trials} == {"L3", "train3"}
+    assert {t.condition for t in plan.trials} == {"L3", "train4"}
     assert len(plan.trials) == 4
 
 

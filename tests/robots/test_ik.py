@@ -16,7 +16,7 @@ DOWN = (0.0, 1.0, 0.0, 0.0)
 
 def test_forward_kinematics_at_home(ik: ArmIK) -> None:
     pose = ik.forward(ik.home)
-    assert pose.position == pytest.approx((0.3069, 0.0, 0.4869), abs=5e-5)
+    assert pose.position == pytest.approx((0.3600, 0.0, 0.2800), abs=5e-5)
     assert angle_between(pose.quaternion, DOWN) == pytest.approx(0.0, abs=1e-6)
 
 

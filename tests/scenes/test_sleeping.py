@@ -103,7 +103,7 @@ def test_a_push_wakes_an_object_and_it_sleeps_again_when_it_has_come_to_rest():
     scene = build_scene("fruit_lunch", "L1")
     step(scene, 20)
     start = scene.state().pose("lemon").position
-    push(scene, "lemon", (0.0, 0.9, 0.0), steps=3)
+    push(scene, "lemon", (0.0, 0.6, 0.0), steps=3)
     assert "lemon" not in asleep(scene)
     assert "orange" in asleep(scene), "what is not touched sleeps on"
     assert not at_rest(scene.state(), "lemon")
@@ -128,7 +128,7 @@ def test_a_stack_wakes_as_a_whole_when_its_lowest_plate_moves():
     step(scene, 20)
     assert {"red_plate", "white_plate"} <= asleep(scene)
     red, white = (scene.state().pose(n).position for n in ("red_plate", "white_plate"))
-    push(scene, "white_plate", (0.0, -6.0, 0.0), steps=4)
+    push(scene, "white_plate", (0.0, -2.0, 0.0), steps=3)
     assert not {"red_plate", "white_plate"} & asleep(scene)
     step(scene, 40)
     after_red, after_white = (scene.state().pose(n).position for n in ("red_plate", "white_plate"))

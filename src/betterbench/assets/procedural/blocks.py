@@ -124,7 +124,7 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
     rings = Canvas(1.0, 1.0, (32, 32), shaded(_BARE, 0.92))
     rings.shade(0.86 + 0.14 * np.sin(2.0 * math.pi * 4.0 * np.hypot(rings.x - 0.3, rings.y + 0.2)))
     return Draft(
-        shape="box",
+        shape="irregular",
         description=f"A {color} wooden block with the size of a stapler, its paint worn off at the edges.",
         tags=("block", "wooden block", "toy"),
         mass_kg=round(945.0 * length * width * height / 0.98, 4),
