@@ -51,6 +51,7 @@ ACCEPTED: dict[str, str] = {
     "crumpled_napkin": "napkin|tissue|paper|crumpled",
     "crushed_can": "can|soda|tin|coke|cola",
     "cup": "cup|mug",
+    "dinner_plate": "plate|dish",
     "drawer_cabinet": "cabinet|drawer|drawers|chest|organizer",
     "drink_cup": "drink|soda|cup|beverage",
     "egg_cup": "egg",
@@ -69,9 +70,6 @@ ACCEPTED: dict[str, str] = {
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
     "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
-    "plate_large": "plate|dish",
-    "plate_medium": "plate|dish",
-    "plate_small": "plate|dish",
     "round_block": "block|cylinder|disc|disk|puck|wood|wooden|round",
     "salt_shaker": "salt|shaker|pepper",
     "shallow_bowl": "bowl",
@@ -94,9 +92,7 @@ ACCEPTED: dict[str, str] = {
 REFUSED: dict[str, str] = {
     "can": "crushed|crumpled|dented",
     "shallow_bowl": "plate",
-    "plate_large": "bowl",
-    "plate_medium": "bowl",
-    "plate_small": "bowl",
+    "dinner_plate": "bowl",
     "tumbler": "mug|teacup|coffee",
     "stapler_block": "stapler",
     "stapler": "block",
@@ -110,7 +106,7 @@ REQUIRED_TOO: dict[str, str] = {"crushed_can": "crushed|crumpled|dented|squashed
 """Further words of which an answer has to hold one, where the instruction depends on it."""
 
 COLORS = "red|blue|green|yellow|white|black|gray|grey|orange|brown|purple|pink"
-NAMED_BY_COLOR = ("mug", "plate_large", "plate_medium", "plate_small", "cup", "spice_jar", "plain_jar")
+NAMED_BY_COLOR = ("mug", "dinner_plate", "cup", "spice_jar", "plain_jar")
 """Categories whose objects are told apart by color: an answer that names a color has to name the right one."""
 
 
