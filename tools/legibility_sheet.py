@@ -39,7 +39,7 @@ REQUIRED = 0.95
 
 ACCEPTED: dict[str, str] = {
     "apple": "apple",
-    "block": "block|cube|brick|box",
+    "block": "block|cube|brick",
     "bun_bottom": "bun|bread|roll",
     "bun_top": "bun|bread|roll",
     "burger": "burger|hamburger|cheeseburger",
@@ -70,7 +70,7 @@ ACCEPTED: dict[str, str] = {
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
     "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
-    "round_block": "block|cylinder|disc|disk|puck|wood|wooden|round",
+    "round_block": "block|cylinder|disc|disk|puck|log",
     "salt_shaker": "salt|shaker|pepper",
     "shallow_bowl": "bowl",
     "soap_bar": "soap|bar",
@@ -80,7 +80,7 @@ ACCEPTED: dict[str, str] = {
     "sponge": "sponge",
     "spoon": "spoon",
     "stapler": "stapler",
-    "stapler_block": "block|brick|bar|wood|wooden|box",
+    "stapler_block": "block|brick|bar|plank",
     "takeaway_box": "box|takeaway|container|carton|tray",
     "tape_roll": "tape|roll",
     "tumbler": "tumbler|glass|cup",
