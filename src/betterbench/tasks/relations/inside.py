@@ -18,7 +18,7 @@ SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -
 """Where an object can go, as fractions of the distance that its center may have from the middle of the container."""
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
-DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.115)
+DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)
 """Heights above the floor of a container from which an object is let go [m], the lower the better."""
 
 
