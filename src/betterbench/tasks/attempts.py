@@ -92,7 +92,7 @@ def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
         i, end = touched
         slot = None
         if i in motion.items:  # a container beside a slot is not what stands in it
-            slot = motion.slot_near(motion.positions[before, i], THRESHOLDS.slot_reach)
+            slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
     if limit == motion.rows and (limit - start < motion.steps(THRESHOLDS.stop_time) or _still_closing(motion, limit)):
@@ -167,7 +167,7 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     aim = min(within)[1] if within else None
     slot = None
     if aim is not None:
-        slot = motion.slot_near(motion.positions[before, aim], THRESHOLDS.slot_reach)
+        slot = motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
     if tool[2] <= tallest + THRESHOLDS.slot_reach:  # closing higher up, on the way, would reach nothing that fits here
         slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)

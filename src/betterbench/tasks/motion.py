@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -84,6 +85,15 @@ class Motion:
         """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their middle."""
         boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
         return in_reach(boxes, centers)
+
+    def slot_of(self, row: int, i: int, reach: float) -> str | None:
+        """Return the slot in which an object stands, that of its start first: slots of two layouts may overlap."""
+        own = self.info.objects[i].slot
+        if own in self.pick_slots:
+            x, y, _ = self.info.slot(own).position
+            if math.dist(self.positions[row, i, :2], (x, y)) <= reach:
+                return own
+        return self.slot_near(self.positions[row, i], reach)
 
     def slot_near(self, point: Floats, reach: float) -> str | None:
         """Return the nearest pick slot within a horizontal distance of a point, or None."""
