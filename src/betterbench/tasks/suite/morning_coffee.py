@@ -7,7 +7,7 @@ RED_CAN = a.distractor("red_can", category="can", color="red")
 MACHINE = a.fixture("coffee_machine", fixed=True)
 
 NEAR, FAR = a.Slot("near", 0.60, -0.13, yaw=-1.5708), a.Slot("far", 0.42, -0.14, yaw=-1.5708)
-STAND = a.Slot("machine", 0.52, 0.21, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
+STAND = a.Slot("machine", 0.52, 0.19, yaw=-1.5708, jitter_m=0.0, yaw_jitter=0.0)
 LAYOUT_1 = {RED_MUG: NEAR, BLUE_MUG: FAR, MACHINE: STAND}
 LAYOUT_2 = {RED_MUG: FAR, BLUE_MUG: NEAR, MACHINE: STAND}
 
