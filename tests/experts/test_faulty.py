@@ -10,10 +10,11 @@ from betterbench.episodes import TrialContext, run_episode
 from betterbench.experts import EXPERTS, REPLAYS, expert_names, make_expert
 from betterbench.experts.decisions import Bring, GraspAt, Rest, Situation
 from betterbench.experts.faulty import BrokenRule, Lexical
-from betterbench.experts.probes import FIRST_DEMONSTRATION_SEED, demonstration_seed
+from betterbench.experts.probes import demonstration_seed
 from betterbench.interventions import vary
 from betterbench.recording import Record
 from betterbench.tasks import all_tasks, get_task
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 pytestmark = pytest.mark.physics
 

@@ -18,14 +18,13 @@ from betterbench.experts.motion import OPEN
 from betterbench.scenes import Scene
 from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import Condition, GoalTracker, stream
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 _KEPT = 256
 """Demonstrations that are kept: several variations of a task have the same twin."""
 
 _DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
 
-FIRST_DEMONSTRATION_SEED = 1_000_000
-"""Demonstrations draw from this seed upward, evaluation from 0 to 9,999 (suite, law 8)."""
 OTHER_DEMONSTRATIONS = 500_000
 """Added to a demonstration's seed for another demonstration of the same trial."""
 
