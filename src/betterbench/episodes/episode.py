@@ -185,13 +185,9 @@ def _append(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
-    data = scene.data
     builder.append(
         state,
-        qpos=data.qpos,
-        qvel=data.qvel,
-        ctrl=data.ctrl,
-        act=data.act,
+        **scene.simulator_state(),
         action=action,
         applied=applied,
         predicates=truth.relations,

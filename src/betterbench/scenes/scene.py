@@ -51,8 +51,9 @@ class Scene:
         self.view_jitter = view_jitter_of(task.id, seed)
         self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name, room=self.room)
         self.model = self.compiled.model
-        self.data = mujoco.MjData(self.model)
+        self._data = mujoco.MjData(self.model)
         self._views = ViewPlacement(self.model, self.view_jitter)
+        self._views_are_placed = False
         self.physics_steps = max(1, round(1.0 / (TIMESTEP_S * control_rate_hz)))
         self.control_rate_hz = 1.0 / (TIMESTEP_S * self.physics_steps)
         self.controller = ArmController(self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX)
@@ -104,10 +105,23 @@ class Scene:
             for s in self.task.slots
         )
         objects = tuple(_object_info(p, self.condition.layout.get(p.spec.name)) for p in self.placements)
-        self.data.qpos[:] = self._home_qpos
-        mujoco.mj_kinematics(self.model, self.data)
-        x, y, z = self.data.site_xpos[self._tcp].tolist()
+        self._data.qpos[:] = self._home_qpos
+        mujoco.mj_kinematics(self.model, self._data)
+        x, y, z = self._data.site_xpos[self._tcp].tolist()
         return SceneInfo(objects, slots, (x, y, z), self.compiled.robot.gripper_opening_m)
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
+        if not self._views_are_placed:  # a step without images does not pay for it
+            self._views.apply(self._data)
+            self._views_are_placed = True
+        return self._data
+
+    def simulator_state(self) -> dict[str, np.ndarray]:
+        """Return views of what the physics goes on from: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        data = self._data
+        return {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
 
     @property
     def arm_addresses(self) -> np.ndarray:
@@ -133,11 +147,11 @@ class Scene:
 
         With ``check_premise``, raises a PremiseError if the scene does not show what its instruction presupposes.
         """
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = self._home_qpos
-        self.controller.reset(self.data)
-        mujoco.mj_forward(self.model, self.data)
-        self._views.apply(self.data)
+        mujoco.mj_resetData(self.model, self._data)
+        self._data.qpos[:] = self._home_qpos
+        self.controller.reset(self._data)
+        mujoco.mj_forward(self.model, self._data)
+        self._views_are_placed = False
         self._step = 0
         self._gripper_command = -1.0
         state = self.state()
@@ -158,17 +172,17 @@ class Scene:
 
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
-        applied = self.controller.apply(self.data, action, measured=self._tool_pose())
-        mujoco.mj_step(self.model, self.data, nstep=self.physics_steps)
-        mujoco.mj_kinematics(self.model, self.data)
-        self._views.apply(self.data)
+        applied = self.controller.apply(self._data, action, measured=self._tool_pose())
+        mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
+        mujoco.mj_kinematics(self.model, self._data)
+        self._views_are_placed = False
         self._gripper_command = float(applied[-1])
         self._step += 1
         return applied
 
     def state(self) -> WorldState:
         """Return everything that is true now."""
-        data, c = self.data, self.compiled
+        data, c = self._data, self.compiled
         positions = tuple(map(tuple, data.xpos.take(c.bodies, 0).tolist()))
         quaternions = tuple(map(tuple, data.xquat.take(c.bodies, 0).tolist()))
         n = len(self._names)
@@ -199,8 +213,8 @@ class Scene:
 
     def _tool_pose(self) -> Pose:
         """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
-        mujoco.mju_mat2Quat(self._quaternion, self.data.site_xmat[self._tcp])
-        x, y, z = self.data.site_xpos[self._tcp].tolist()
+        mujoco.mju_mat2Quat(self._quaternion, self._data.site_xmat[self._tcp])
+        x, y, z = self._data.site_xpos[self._tcp].tolist()
         return Pose((x, y, z), normalize(self._quaternion.tolist()))
 
 
