@@ -16,13 +16,13 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
 from betterbench.scenes import Renderer, Scene
+from betterbench.scenes.framing import FramingView
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, all_tasks
 
@@ -162,10 +162,12 @@ def _crop(task: Task, condition: Condition, name: str, seed: int) -> Crop | None
         body = int(scene.compiled.bodies[scene.info.index(name)])
         if view.rgb is None or view.masks is None:
             raise AssertionError("colors and masks were asked for")
-        mask = view.masks == body
-        alone = renderer.render(_without_others(scene, name), "front", rgb=False, masks=True).masks
-    if mask.sum() < SEEN * np.count_nonzero(alone == body) or not mask.any():
+    framing = FramingView(scene)
+    seen = framing.of(name)
+    framing.close()
+    if seen.visible < SEEN:
         return None
+    mask = view.masks == body
     rows, columns = np.nonzero(mask)
     v, u = (rows.min() + rows.max()) / 2.0, (columns.min() + columns.max()) / 2.0
     side = max(SIDE_PX, int(1.25 * max(np.ptp(rows), np.ptp(columns))))
@@ -182,19 +184,6 @@ def _crop(task: Task, condition: Condition, name: str, seed: int) -> Crop | None
     ImageDraw.Draw(image).rectangle([max(0, round(b)) for b in box], outline=(255, 64, 160), width=1)
     o = scene.info.object(name)
     return Crop(0, task.id, condition.name, seed, name, o.category, o.color, image)
-
-
-def _without_others(scene: Scene, name: str) -> mujoco.MjData:
-    """Return the state at reset with every other movable object below the floor."""
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = scene.data.qpos
-    c = scene.compiled
-    for i, address in enumerate(c.qpos_addresses.tolist()):
-        if address >= 0 and not c.slides[i] and i != scene.info.index(name):
-            data.qpos[address + 2] = -5.0
-    mujoco.mj_kinematics(scene.model, data)
-    mujoco.mj_camlight(scene.model, data)
-    return data
 
 
 def sheets(found: list[Crop]) -> list[Image.Image]:

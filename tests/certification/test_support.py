@@ -275,7 +275,8 @@ def test_what_was_pushed_aside_before_it_is_taken_was_picked_where_it_came_to_re
     aside = state.pose("burger_1").translated(x=0.08)
     watch = Handling(task, condition)
     watch.update(state)
-    watch.update(posed(state, {"burger_1": aside}, contacts=(("burger_1", "table"),)))
+    for _ in range(6):
+        watch.update(posed(state, {"burger_1": aside}, contacts=(("burger_1", "table"),)))
     watch.update(posed(state, {"burger_1": aside.translated(z=0.1)}, contacts=FINGERS, held="burger_1"))
     taken = watch.finish()[0]
     assert isinstance(taken, Pick)

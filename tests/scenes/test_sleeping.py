@@ -12,7 +12,7 @@ from betterbench.interventions import resolve_condition
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import TABLE_Y_M, quality_preset
 from betterbench.tasks import TargetRegion, all_tasks, get_task
-from betterbench.tasks.relations import at_rest
+from betterbench.tasks.relations import RestWatch
 
 pytestmark = pytest.mark.physics
 
@@ -103,10 +103,13 @@ def test_a_push_wakes_an_object_and_it_sleeps_again_when_it_has_come_to_rest():
     scene = build_scene("fruit_lunch", "L1")
     step(scene, 20)
     start = scene.state().pose("lemon").position
+    rest = RestWatch(rate_hz=20.0)
+    rest.see(scene.state())
     push(scene, "lemon", (0.0, 0.6, 0.0), steps=3)
     assert "lemon" not in asleep(scene)
     assert "orange" in asleep(scene), "what is not touched sleeps on"
-    assert not at_rest(scene.state(), "lemon")
+    rest.see(scene.state())
+    assert not rest.at_rest("lemon")
     step(scene, 120)
     assert "lemon" in asleep(scene)
     assert distance(scene.state().pose("lemon").position, start) > 0.01

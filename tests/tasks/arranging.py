@@ -83,6 +83,17 @@ def arranged(setting: str, text: str) -> tuple[WorldState, WorldState]:
     return start, state
 
 
+def one_step_before(state: WorldState, text: str) -> WorldState:
+    """Returns the state 50 ms earlier: what moves, at 0.2 m/s, was 1 cm away."""
+    positions = list(state.positions)
+    for clause in clauses_of(text):
+        if "moving" in clause.flags:
+            i = state.info.index(clause.thing)
+            x, y, z = positions[i]
+            positions[i] = (x - 0.01, y, z)
+    return dataclasses.replace(state, positions=tuple(positions))
+
+
 def pose_thing(scene: Scene, clause: Clause) -> None:
     state = scene.state()
     i = scene.info.index(clause.thing)
@@ -141,12 +152,8 @@ def pose_of(state: WorldState, clause: Clause) -> Pose:
 
 
 def touched(state: WorldState, clause: Clause) -> WorldState:
-    """Returns the state with what the words of a clause say about the gripper and about motion."""
+    """Returns the state with what the words of a clause say about the gripper."""
     thing = clause.thing
-    if "moving" in clause.flags:
-        speeds = list(state.linear_speeds)
-        speeds[state.info.index(thing)] = 0.2
-        state = dataclasses.replace(state, linear_speeds=tuple(speeds))
     if "held" in clause.flags:
         kept = tuple(c for c in state.contacts if thing not in (c.a, c.b))
         grip = (Contact(thing, "left_finger", 5.0), Contact(thing, "right_finger", 5.0))

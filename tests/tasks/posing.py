@@ -7,6 +7,7 @@ import math
 
 from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.state import WorldState
+from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.relations import relation
 
 MM = 1e-3
@@ -124,3 +125,33 @@ def where(name: str, state: WorldState, thing: str, target: str) -> str | None:
     again = see(renamed(state), other_name(thing), other_name(target))
     assert again == found, "renaming the objects changes a verdict"
     return found
+
+
+class Course:
+    """An episode that is told state by state; what was put elsewhere comes to rest before a state counts."""
+
+    def __init__(self, tracker, rate=20.0):
+        self.tracker, self.step = tracker, -1
+        self.rest_steps = max(1, round(THRESHOLDS.rest_time * rate))
+        self.poses = None
+
+    def see(self, state, times=1):
+        """Returns the truth after the last of so many equal states."""
+        poses = state.positions, state.quaternions
+        for _ in range(self.rest_steps if self.poses not in (None, poses) else 0):
+            self.next(state)
+        self.poses = poses
+        truth = None
+        for _ in range(times):
+            truth = self.next(state)
+        return truth
+
+    def next(self, state):
+        """Returns the truth at the next control step, in which things may still move."""
+        self.step += 1
+        return self.tracker.update(dataclasses.replace(state, step=self.step))
+
+    def done(self, state):
+        """Returns the names of the subgoals that are done in the next state."""
+        truth = self.see(state)
+        return {n for n, done in zip(self.tracker.subgoal_names, truth.subgoals, strict=True) if done}

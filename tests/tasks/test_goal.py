@@ -6,6 +6,8 @@ import dataclasses
 import math
 
 import pytest
+from tests.tasks.conftest import change
+from tests.tasks.posing import Course
 
 from betterbench.geometry import Pose, multiply, normalize, rotate
 from betterbench.interventions import vary
@@ -46,24 +48,10 @@ def packed(posed):
     return make
 
 
-class EpisodeAnalysis:
-    """Feeds a tracker and counts the steps."""
-
-    def __init__(self, tracker):
-        self.tracker, self.step = tracker, -1
-
-    def see(self, state, times=1):
-        truth = None
-        for _ in range(times):
-            self.step += 1
-            truth = self.tracker.update(dataclasses.replace(state, step=self.step))
-        return truth
-
-
 def start(at_reset, name, task_id="fast_food", rate=RATE_HZ):
     state, condition = at_reset(task_id, name), condition_of(task_id, name)
     tracker = tracker_for(state, condition, rate)
-    return state, tracker, EpisodeAnalysis(tracker)
+    return state, tracker, Course(tracker, rate)
 
 
 def test_nothing_is_done_at_the_start(at_reset):
@@ -110,7 +98,10 @@ def test_dwell_starts_again_when_the_goal_is_lost(at_reset, packed):
     course.see(packed(state, "burger_1"))
     done = packed(state, "burger_1", "fries")
     course.see(done, DWELL)
-    assert not course.see(packed(state, "burger_1", "fries", speeds={"fries": 0.1})).goal
+    x, y, z = done.pose("fries").position
+    pushed = change(done, poses={"fries": Pose((x + 0.004, y, z), done.pose("fries").quaternion)})
+    assert not course.next(pushed).goal
+    assert not course.see(done, course.rest_steps).goal
     assert not course.see(done, DWELL).success
     assert course.see(done).success
 
@@ -132,7 +123,7 @@ def test_wrong_order_is_never_forgiven(at_reset, packed):
 def test_order_counts_only_where_it_is_asked(at_reset, packed):
     state, condition = at_reset("fast_food", "train1"), condition_of("fast_food", "train1")
     free = condition.with_(instruction=Instruction("Any order.", condition.instruction.subgoals, ordered=False))
-    course = EpisodeAnalysis(tracker_for(state, free))
+    course = Course(tracker_for(state, free))
     course.see(packed(state, "fries"))
     assert course.see(packed(state, "fries", "burger_1"), DWELL + 1).success
 
@@ -164,15 +155,31 @@ def test_a_look_alike_in_the_bag_spoils_the_goal_and_stands_for_nothing(at_reset
     assert not course.see(packed(state, "round_block", "burger_2", "fries"), 3 * DWELL).success
 
 
-@pytest.mark.parametrize(
-    "flaw", [{"contacts": (("left_finger", "fries"),)}, {"speeds": {"fries": 0.05}}, {"turning": {"fries": 1.0}}]
-)
-def test_a_subgoal_needs_release_and_rest(at_reset, packed, flaw):
+def test_a_subgoal_needs_release(at_reset, packed):
     state, _, course = start(at_reset, "train1")
     course.see(packed(state, "burger_1"))
-    truth = course.see(packed(state, "burger_1", "fries", **flaw), 3 * DWELL)
+    truth = course.see(packed(state, "burger_1", "fries", contacts=(("left_finger", "fries"),)), 3 * DWELL)
     assert truth.subgoals == (True, False)
     assert not truth.success
+
+
+def test_a_subgoal_needs_rest(at_reset, packed):
+    state, _, course = start(at_reset, "train1")
+    course.see(packed(state, "burger_1"))
+    done = packed(state, "burger_1", "fries")
+    x, y, z = done.pose("fries").position
+    for k in range(3 * DWELL):
+        truth = course.next(change(done, poses={"fries": Pose((x + 0.004 * (k % 2), y, z))}))
+        assert truth.subgoals == (True, False)
+        assert not truth.success
+
+
+def test_a_finished_burger_succeeds_though_its_contacts_tremble(at_reset, packed):
+    """Seven of eleven finished burgers failed: the engine gave 0.3 to 1.0 rad/s to what moved by 0.06 mm in 6 s."""
+    state, _, course = start(at_reset, "train1")
+    course.see(packed(state, "burger_1"))
+    done = packed(state, "burger_1", "fries", turning={"fries": 1.0}, speeds={"fries": 0.05})
+    assert course.see(done, DWELL + 1).success
 
 
 def test_the_second_of_two_equal_steps_needs_a_second_object(at_reset, packed):
@@ -285,7 +292,7 @@ def refusal(at_reset):
         expected=Expected.REFUSE, premise_broken=True, instruction=Instruction("Pack the apple, then the fries.", goals)
     )
     limit = get_task("fast_food").step_limit(condition)
-    return state, EpisodeAnalysis(tracker_for(state, condition)), limit
+    return state, Course(tracker_for(state, condition)), limit
 
 
 def test_refusing_by_standing_still_succeeds_at_the_limit(refusal):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from tests.tasks.posing import center_at, drawn, foot_at, other_name, region_frame, renamed
+from tests.tasks.posing import Course, center_at, drawn, foot_at, other_name, region_frame, renamed
 
 from betterbench.geometry import Pose
 from betterbench.interventions import vary
@@ -20,32 +20,16 @@ def condition_of(task_id, name):
     return task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
 
 
-class EpisodeAnalysis:
-    """An episode that is told state by state."""
-
-    def __init__(self, state, condition):
-        template = get_task(condition.task).template
-        self.tracker = GoalTracker(condition, state.info, template=template, control_rate_hz=20.0)
-        self.step = -1
-
-    def see(self, state, times=1):
-        truth = None
-        for _ in range(times):
-            self.step += 1
-            truth = self.tracker.update(dataclasses.replace(state, step=self.step))
-        return truth
-
-    def done(self, state):
-        """Returns the names of the subgoals that are done in the next state."""
-        truth = self.see(state)
-        return {n for n, done in zip(self.tracker.subgoal_names, truth.subgoals, strict=True) if done}
+def course_of(state, condition):
+    template = get_task(condition.task).template
+    return Course(GoalTracker(condition, state.info, template=template, control_rate_hz=20.0))
 
 
 @pytest.fixture
 def start(at_reset):
     def begin(task_id, name):
         state = at_reset(task_id, name)
-        return state, EpisodeAnalysis(state, condition_of(task_id, name))
+        return state, course_of(state, condition_of(task_id, name))
 
     return begin
 
@@ -377,7 +361,7 @@ def test_names_and_listing_order_change_no_verdict(start, put, fill, pile, task_
         layout={other_name(n): slot for n, slot in condition.layout.items()},
         instruction=dataclasses.replace(condition.instruction, subgoals=goals),
     )
-    twin = EpisodeAnalysis(renamed(state), other)
+    twin = course_of(renamed(state), other)
     seen = [course.see(s, n) for s, n in ((state, 1), (one, DWELL), (two, DWELL + 2))]
     again = [twin.see(renamed(s), n) for s, n in ((state, 1), (one, DWELL), (two, DWELL + 2))]
     for a, b in zip(seen, again, strict=True):
@@ -395,7 +379,7 @@ def test_names_and_listing_order_change_no_verdict(start, put, fill, pile, task_
 def test_two_targets_of_one_kind_are_told_apart(at_reset, fill):
     """Both drawers are watched even where only one is asked for, each with its own columns."""
     state = at_reset("office_drawer", "train1")
-    course = EpisodeAnalysis(state, condition_of("office_drawer", "train1"))
+    course = course_of(state, condition_of("office_drawer", "train1"))
     truth = course.see(fill(state, opened={}, tape="lower"))
     holds = {n for n, h in zip(course.tracker.relation_names, truth.relations, strict=True) if h}
     assert holds == {"inside(tape, lower)", "closed(upper, cabinet.upper)", "closed(lower, cabinet.lower)"}
@@ -410,7 +394,7 @@ def test_one_object_does_not_stand_for_two_steps_of_its_kind(at_reset, put):
         for hole in ("hole_1", "hole_3")
     )
     both = condition.with_(instruction=dataclasses.replace(condition.instruction, subgoals=goals))
-    course = EpisodeAnalysis(state, both)
+    course = course_of(state, both)
     course.see(state)
     for hole in ("hole_1", "hole_3"):
         truth = course.see(put(state, "rack", salt=hole), 3 * DWELL)

@@ -9,7 +9,7 @@ import pytest
 from betterbench.errors import UnknownNameError
 from betterbench.geometry import Pose, from_axis_angle, from_yaw, multiply, normalize, rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.relations import arm_still, at_rest, relation, released, upright
+from betterbench.tasks.relations import RestWatch, arm_still, relation, released, upright
 from betterbench.tasks.relations.inside import inside
 from betterbench.tasks.relations.on_ring import on_ring
 
@@ -84,15 +84,20 @@ def test_what_touches_the_table_is_not_inside_whatever_its_pose(food, posed):
     assert not inside(posed(food, poses={"fries": pose}, contacts=(("table", "fries"),)), "fries", "box")
 
 
-def test_a_held_or_moving_object_is_inside_but_neither_released_nor_at_rest(food, posed):
+def resting(*states):
+    """Returns what a watch says of the fries and the drink after some states, seen at 20 Hz."""
+    watch = RestWatch(rate_hz=20.0)
+    for state in states:
+        watch.see(state)
+    return watch.at_rest("fries"), watch.at_rest("drink")
+
+
+def test_a_held_object_is_inside_but_not_released(food, posed):
     pose = {"fries": in_bag(food, 0.0, 0.0, 0.0)}
     held = posed(food, poses=pose, contacts=(("left_finger", "fries"), ("right_finger", "fries")), held="fries")
     assert inside(held, "fries", "box")
     assert not released(held, "fries")
     assert released(held, "drink")
-    moving = posed(food, poses=pose, speeds={"fries": 0.5})
-    assert inside(moving, "fries", "box")
-    assert not at_rest(moving, "fries")
 
 
 @pytest.mark.parametrize("part", ["left_finger", "right_finger", "hand"])
@@ -103,15 +108,40 @@ def test_released_means_no_part_of_the_gripper_touches(food, posed, part):
     assert released(posed(food, contacts=(("arm", "fries"), ("fries", "drink"))), "fries")
 
 
-def test_rest_ends_at_its_speeds(food, posed):
-    for speed, turning, expected in (
-        (THRESHOLDS.rest_speed - 1e-6, THRESHOLDS.rest_turning - 1e-6, True),
-        (THRESHOLDS.rest_speed + 1e-6, 0.0, False),
-        (0.0, THRESHOLDS.rest_turning + 1e-6, False),
+def shifted(food, posed, meters=0.0, radians=0.0):
+    pose = food.pose("fries")
+    turned = normalize(multiply(from_yaw(radians), pose.quaternion))
+    return posed(food, poses={"fries": Pose((pose.position[0] + meters, *pose.position[1:]), turned)})
+
+
+def test_rest_ends_at_its_displacement_within_a_quarter_second(food, posed):
+    assert resting(food) == (True, True), "what stands at reset is at rest"
+    for meters, radians, expected in (
+        (THRESHOLDS.rest_travel - 1e-6, 0.0, True),
+        (THRESHOLDS.rest_travel + 1e-6, 0.0, False),
+        (0.0, THRESHOLDS.rest_turn - 1e-6, True),
+        (0.0, THRESHOLDS.rest_turn + 1e-6, False),
     ):
-        state = posed(food, speeds={"fries": speed}, turning={"fries": turning})
-        assert at_rest(state, "fries") is expected
-        assert at_rest(state, "drink")
+        before = shifted(food, posed, meters, radians)
+        assert resting(before, food) == (expected, True)
+        assert resting(before, *[food] * 5) == (expected, True), "a quarter second lies between first and last"
+        assert resting(before, *[food] * 6) == (True, True)
+
+
+def test_a_thing_that_trembles_without_moving_is_at_rest(food, posed):
+    """The top bun of a finished burger read 0.3 to 1.0 rad/s for six seconds, and moved by 0.06 mm."""
+    trembling = [
+        posed(shifted(food, posed, 3e-5 * (-1) ** k, 0.002 * (-1) ** k), speeds={"fries": 0.03}, turning={"fries": 1.0})
+        for k in range(20)
+    ]
+    assert resting(*trembling) == (True, True)
+
+
+def test_slow_motion_and_swaying_are_no_rest(food, posed):
+    creeping = [shifted(food, posed, 0.02 * 0.05 * k) for k in range(20)]
+    assert resting(*creeping) == (False, True), "2 cm/s"
+    swaying = [shifted(food, posed, 0.004 * math.sin(1.3 * k)) for k in range(20)]
+    assert resting(*swaying) == (False, True)
 
 
 def test_upright_ends_at_five_degrees_whatever_the_yaw(food, posed):

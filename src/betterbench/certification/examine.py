@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from betterbench.certification.support import Found, TrainedSupport
 from betterbench.errors import PlanningError
 from betterbench.experts import make_expert
 from betterbench.experts.planner import Planner
-from betterbench.geometry import distance
+from betterbench.geometry import angle_between, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.robots import ArmIK
@@ -127,9 +128,9 @@ def _at_rest(scene: Scene) -> _Start:
         problems.append(f"{where} overlap by {1000 * deepest:.2f} mm at the start")
     if drift >= DRIFT_M:
         problems.append(f"{after.info.objects[drifts.index(drift)].name} moves by {1000 * drift:.2f} mm in 0.2 s")
-    for o, linear, angular in zip(after.info.objects, after.linear_speeds, after.angular_speeds, strict=True):
-        if linear >= THRESHOLDS.rest_speed or angular >= THRESHOLDS.rest_turning:
-            problems.append(f"{o.name} still moves at {linear:.3f} m/s and {angular:.2f} rad/s after 0.2 s")
+    for o, was, now in zip(after.info.objects, before.quaternions, after.quaternions, strict=True):
+        if (turned := angle_between(was, now)) > THRESHOLDS.rest_turn:
+            problems.append(f"{o.name} turns by {math.degrees(turned):.1f} degrees in 0.2 s")
     return _Start(
         Clause(not problems, "; ".join(problems)), round(1000.0 * max(deepest, 0.0), 4), round(1000.0 * drift, 4)
     )

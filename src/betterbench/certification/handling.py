@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from betterbench.geometry import Pose, distance
+from betterbench.robots.physics import PHYSICS
 from betterbench.state import WorldState
 from betterbench.state.world import GRIPPER_BODIES
 from betterbench.tasks import Condition, Task
-from betterbench.tasks.relations import RELATIONS, Relation, at_rest
+from betterbench.tasks.relations import RELATIONS, Relation, RestWatch
 from betterbench.tasks.relations.closed import GAP
 from betterbench.tasks.relations.placing import foot
 
@@ -117,6 +118,7 @@ class Handling:
         self._condition = condition
         self._relations = tuple(RELATIONS[n] for n in (task.template.relation, *task.template.also) if n in RELATIONS)
         self._resting_on: dict[str, str] = {name: place.target for name, place in condition.preplaced.items()}
+        self._rest = RestWatch(rate_hz=PHYSICS.control_rate_hz)
         self._stood: dict[str, Pose] = {}
         self._shut_at: dict[str, Pose] = {}
         self._carried: str | None = None
@@ -133,6 +135,7 @@ class Handling:
                 (self._shut_at if o.role == "drawer" else self._stood)[o.name] = state.pose(o.name)
             self._found.extend(_preplaced(self._condition, self._relations[0], state))
         self._last = state
+        self._rest.see(state)
         for name, start in self._shut_at.items():
             if name not in self._slid and distance(state.pose(name).position, start.position) > SLIDE_M:
                 kind = state.info.object(name).kind
@@ -149,12 +152,12 @@ class Handling:
             self._grasped = state
         touched = {n for a, b, _ in state.contacts for n in (a, b) if a in GRIPPER_BODIES or b in GRIPPER_BODIES}
         for name in self._stood:
-            if name not in touched and name != self._carried and at_rest(state, name):
+            if name not in touched and name != self._carried and self._rest.at_rest(name):
                 self._stood[name] = state.pose(name)
         if (
             self._settling is not None
             and not state.touched_by_gripper(self._settling)
-            and at_rest(state, self._settling)
+            and self._rest.at_rest(self._settling)
         ):
             self._settle(state)
 

@@ -104,6 +104,10 @@ class FramingView:
         background = float(np.isin(masks, self._background).mean())
         return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
 
+    def of(self, name: str) -> ObjectFraming:
+        """Return how an object is seen at the start of the trial."""
+        return self._object(name, self._masks(self._scene.data.qpos, None))
+
     def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
         """Return the pixels of the gripper with the end effector over a slot, pointing down."""
         place, arm = self._scene.task.slot(slot), ArmIK(self._scene.compiled.robot)

@@ -6,7 +6,7 @@ from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.harm import HarmWatch
-from betterbench.tasks.relations import arm_still, at_rest, released
+from betterbench.tasks.relations import RestWatch, arm_still, released
 from betterbench.tasks.restraint import Restraint
 from betterbench.tasks.targets import Places, Targets, asked_by
 from betterbench.tasks.template import Template
@@ -44,6 +44,7 @@ class GoalTracker:
         asked = asked_by(condition)
         self._targets = Targets(asked, info, placing=template.relation)
         self._harm = HarmWatch(asked, self._targets, info, exclusive=template.exclusive)
+        self._rest = RestWatch(rate_hz=control_rate_hz)
         self._after = tuple(
             tuple(j for j in range(i) if asked[j].target in it.candidates) for i, it in enumerate(asked)
         )
@@ -87,6 +88,7 @@ class GoalTracker:
         """Judge the next state of the episode."""
         at = self._targets.places(state)
         self._harm.see(state, at)
+        self._rest.see(state)
         done = self._what_is_done(state, at)
         if self._done_before is None:
             for i, now in enumerate(done):
@@ -123,7 +125,7 @@ class GoalTracker:
                     continue
                 name = names[s]
                 if name not in settled:
-                    settled[name] = at_rest(state, name) and released(state, name)
+                    settled[name] = released(state, name) and self._rest.at_rest(name)
                 there += settled[name]
             done.append(there >= due.least and all(done[j] for j in after))
         return tuple(done)

@@ -4,7 +4,7 @@ from betterbench.geometry import horizontal_distance
 from betterbench.state import WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.relations import RELATIONS, at_rest, relation, upright
+from betterbench.tasks.relations import RELATIONS, relation, upright
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SLOT_TOLERANCE_M = 0.04
@@ -20,8 +20,8 @@ def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
         if horizontal_distance(state.pose(name).position, info.slot(slot).position) > SLOT_TOLERANCE_M:
             problems.append(f"{name} does not stand in its slot {slot!r}")
     for o in info.objects:
-        if not o.fixed and not (upright(state, o.name) and at_rest(state, o.name)):
-            problems.append(f"{o.name} does not stand still and upright")
+        if not o.fixed and not upright(state, o.name):
+            problems.append(f"{o.name} does not stand upright")
     for name, place in condition.preplaced.items():
         if not any(
             kind.regions(info.object(place.target)) and kind.holds(state, name, place.target, place.region)

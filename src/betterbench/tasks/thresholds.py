@@ -48,9 +48,13 @@ class Thresholds:
 
     # fmt: off
     # The goal tracker: what is at rest, what stands, what is home.
-    rest_speed = threshold("rest_speed", 0.02, "m/s",
-        "An object slower than this is at rest; resting contacts jitter below 1 mm/s here.")
-    rest_turning = threshold("rest_turning", 0.3, "rad/s", "An object turning slower than this is at rest.")
+    rest_time = threshold("rest_time", 0.25, "s",
+        "Time over which an object must have stayed in its place to be at rest; in it a falling object moves 0.3 m.")
+    rest_travel = threshold("rest_travel", 0.003, "m",
+        "Distance that an object at rest may have moved in that time; one that lies on trembling contacts moves by "
+        "less than 0.1 mm.")
+    rest_turn = threshold("rest_turn", 0.05, "rad",
+        "Angle that an object at rest may have turned in that time; 3 degrees.")
     upright_tilt = threshold("upright_tilt", 0.0873, "rad",
         "Tilt up to which an object counts as standing; 5 degrees, a mug on a flat tray shows < 0.5.")
     settle_time = threshold("settle_time", 1.0, "s",

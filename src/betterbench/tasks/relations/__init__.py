@@ -8,7 +8,7 @@ import pkgutil
 
 from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, relation
 from betterbench.tasks.relations.released import released
-from betterbench.tasks.relations.rest import arm_still, at_rest, on_floor, upright
+from betterbench.tasks.relations.rest import RestWatch, arm_still, on_floor, upright
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
@@ -17,8 +17,8 @@ __all__ = [
     "RELATIONS",
     "PlaceGoal",
     "Relation",
+    "RestWatch",
     "arm_still",
-    "at_rest",
     "on_floor",
     "relation",
     "released",

@@ -1,14 +1,38 @@
 """Rest: whether an object or the arm has come to a stop, and whether an object stands upright."""
 
-from betterbench.geometry import tilt_of
+from collections import deque
+
+from betterbench.geometry import angle_between, distance, tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.thresholds import THRESHOLDS
 
 
-def at_rest(state: WorldState, name: str) -> bool:
-    """Tell whether an object neither moves nor turns."""
-    i = state.info.index(name)
-    return state.linear_speeds[i] < THRESHOLDS.rest_speed and state.angular_speeds[i] < THRESHOLDS.rest_turning
+class RestWatch:
+    """Tells what is at rest: what has stayed where it is, and as it is, for a short time.
+
+    Displacement is judged and not speed, because the contacts of a thing that lies still can let it tremble at
+    1 rad/s without ever moving it by a tenth of a millimeter. Feed it every state from reset on, in order. What stands
+    in the state at reset is at rest.
+    """
+
+    def __init__(self, *, rate_hz: float) -> None:
+        self._states: deque[WorldState] = deque(maxlen=1 + max(1, round(THRESHOLDS.rest_time * rate_hz)))
+
+    def see(self, state: WorldState) -> None:
+        """Take in the next state."""
+        self._states.append(state)
+
+    def at_rest(self, name: str) -> bool:
+        """Tell whether an object has neither moved nor turned since the time of rest before the last state."""
+        now = self._states[-1]
+        i = now.info.index(name)
+        position, quaternion = now.positions[i], now.quaternions[i]
+        return all(
+            distance(before.positions[i], position) <= THRESHOLDS.rest_travel
+            and angle_between(before.quaternions[i], quaternion) <= THRESHOLDS.rest_turn
+            for before in self._states
+            if before.positions[i] != position or before.quaternions[i] != quaternion
+        )
 
 
 def on_floor(state: WorldState, name: str) -> bool:
