@@ -7,8 +7,8 @@ import dataclasses
 import pytest
 
 from betterbench.certification import summaries
-from betterbench.certification.examine import _premise, examine, examine_condition
-from betterbench.tasks import Slot, Support, TrialId, all_tasks, get_task
+from betterbench.certification.examine import _premise, _why_not, examine, examine_condition
+from betterbench.tasks import GoalTracker, Slot, Support, TrialId, all_tasks, get_task
 
 pytestmark = pytest.mark.physics
 
@@ -111,6 +111,17 @@ def test_an_object_out_of_reach_fails():
     assert {"a", "d"} <= set(failed(found))
     assert "red_mug: no free grasp of red_mug: out of reach" in found.clauses["d"].text
     assert "not solved after" in found.clauses["a"].text
+
+
+def test_what_was_missing_names_steps_and_harm(start, posed):
+    task, condition, state = start("morning_coffee")
+    tracker = GoalTracker(condition, state.info, template=task.template, control_rate_hz=20.0)
+    tracker.update(state)
+    pushed = posed(state, {"blue_mug": state.pose("blue_mug").translated(y=0.08)}, contacts=(("blue_mug", "table"),))
+    truth = tracker.update(pushed)
+    text = _why_not(condition, state.info, tracker, truth, 7)
+    assert text.startswith("not solved after 7 steps: ")
+    assert text.endswith("; the blue mug was moved out of its place by more than 5 cm")
 
 
 def test_an_object_out_of_its_slot_breaks_the_premise(start, posed):

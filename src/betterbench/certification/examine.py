@@ -20,7 +20,7 @@ from betterbench.interventions import resolve_condition
 from betterbench.robots import ArmIK
 from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.stage import QUALITIES
-from betterbench.state import WorldState
+from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks import (
     THRESHOLDS,
     Condition,
@@ -244,7 +244,7 @@ def watch_expert(scene: Scene) -> Watched:
             handling.update(state)
     except Exception as error:  # noqa: BLE001 - an expert that breaks down has not solved the trial; it is listed as such
         broke = f"{type(error).__name__}: {error}"
-    problem = "" if truth.success else broke or _why_not(condition, tracker, truth, state.step)
+    problem = "" if truth.success else broke or _why_not(condition, scene.info, tracker, truth, state.step)
     return Watched(problem, state.step, handling.finish())
 
 
@@ -261,13 +261,15 @@ def _expert(scene: Scene) -> _Episode:
     )
 
 
-def _why_not(condition: Condition, tracker: GoalTracker, truth: Truth, steps: int) -> str:
+def _why_not(condition: Condition, info: SceneInfo, tracker: GoalTracker, truth: Truth, steps: int) -> str:
     """Say what was missing when the expert's episode ended."""
     if condition.expected is not Expected.SUCCEED:
         return f"scored wrong after {steps} steps: {'a forbidden interaction' if truth.forbidden else 'not at rest'}"
     missing = [name for name, done in zip(tracker.subgoal_names, truth.subgoals, strict=True) if not done]
-    order = "" if truth.in_order or not condition.instruction.ordered else ", and the order was broken"
-    return f"not solved after {steps} steps: {', '.join(missing) or 'something else is at a target'}{order}"
+    if condition.instruction.ordered and not truth.in_order:
+        missing.append("the order was broken")
+    missing += [harm.words(info) for harm in tracker.harm]
+    return f"not solved after {steps} steps: {'; '.join(missing) or 'held too short'}"
 
 
 def _inside_support(episode: _Episode, support: Support) -> Clause:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.harm import HarmWatch
+from betterbench.tasks.harm import Harm, HarmWatch
 from betterbench.tasks.relations import RestWatch, arm_still, released
 from betterbench.tasks.restraint import Restraint
 from betterbench.tasks.targets import Places, Targets, asked_by
@@ -70,6 +70,7 @@ class GoalTracker:
         self._held_for = 0
         self._still_for = 0
         self._goal_broken = False
+        self._last: tuple[WorldState, Places] | None = None
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -84,9 +85,15 @@ class GoalTracker:
         """Names of the subgoals."""
         return tuple(g.name for g in self._goals)
 
+    @property
+    def harm(self) -> tuple[Harm, ...]:
+        """The harm that was done up to the last state, which keeps a goal from being reached."""
+        return () if self._last is None else self._harm.found(*self._last)
+
     def update(self, state: WorldState) -> Truth:
         """Judge the next state of the episode."""
         at = self._targets.places(state)
+        self._last = (state, at)
         self._harm.see(state, at)
         self._rest.see(state)
         done = self._what_is_done(state, at)
