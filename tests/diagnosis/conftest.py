@@ -330,6 +330,8 @@ class Stage:
         names = [o.name for o in self.info.objects]
         contacts = []
         for name in names:
+            if self.pushing == name:
+                contacts.append(Contact(name, "left_finger", 3.0))
             if self.grip == name:
                 contacts += [Contact(name, "left_finger", 10.0), Contact(name, "right_finger", 10.0)]
             if name in self.rails:
@@ -365,6 +367,21 @@ class Stage:
         self.succeeded, self.done = self.succeeded or truth.success, truth.subgoals
         self.previous = {n: p.copy() for n, p in self.positions.items()}
         self.last_tool = self.tool.copy()
+
+    pushing = ""
+
+    def push(self, name: str, x: float, y: float, speed: float = 0.15) -> Stage:
+        """Comes down beside an object with an open hand and pushes it by (x, y)."""
+        way = np.array([x, y])
+        start = self.positions[name][:2] - 0.06 * way / np.linalg.norm(way)
+        self.over(start).go(*start, 0.03)
+        self.pushing = name
+        for _ in range(steps := round(np.linalg.norm(way) * RATE / speed)):
+            self.tool = self.tool + np.array([x, y, 0.0]) / steps
+            self.positions[name] = self.positions[name] + np.array([x, y, 0.0]) / steps
+            self.tick()
+        self.pushing = ""
+        return self.lift()
 
     def lose(self) -> Stage:
         """Lets what is in the hand slip, although the hand stays closed."""

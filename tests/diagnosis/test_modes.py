@@ -179,8 +179,9 @@ def test_a_freeze_in_a_mid_task_scene_is_a_phase_conflict(stage):
     assert label_of(s.bring(s.at("first")).home().wait(5).end()) is Label.EARLY_HALT
 
 
-def test_wandering_in_a_usual_scene_is_a_timeout(stage):
-    assert label_of(stage("fast_food", "train1").wander(10).end()) is Label.TIMEOUT
+def test_going_to_and_fro_is_a_phase_conflict_in_usual_scenes_too(stage):
+    found = diagnose_record(stage("fast_food", "train1").wander(10).end())
+    assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
 
 
 def test_staying_still_is_right_where_nothing_is_to_do(stage):

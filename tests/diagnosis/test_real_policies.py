@@ -127,16 +127,17 @@ def test_a_gripper_that_closes_on_the_way_home_is_no_air_grasp(stage):
     x, y, _ = s.slot("front_1")
     s.over(s.slot("front_1")).go(x, y, 0.18).close().open()
     found = halted(s)
-    assert len(found.attempts) == 1
-    assert found.label is Label.EARLY_HALT
+    assert [a.result for a in found.attempts] == ["target", "null"]
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_by_far")
 
 
 def test_a_gripper_that_closes_high_above_a_wrong_thing_has_not_chosen_it(stage):
     s = stage("breakfast_table", "train1")
     x, y, _ = s.positions["egg"]
     found = halted(s.over(s.positions["egg"]).go(x, y, 0.17).close().open())
-    assert found.attempts == ()
-    assert found.label is Label.EARLY_HALT
+    assert [(a.result, a.object, a.slot) for a in found.attempts] == [("null", None, None)]
+    assert found.first_attempt is None
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_by_far")
 
 
 def test_a_gripper_that_closes_while_it_travels_past_has_not_chosen_what_is_there(stage):

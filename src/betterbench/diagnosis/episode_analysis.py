@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
+from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes
 from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
-from betterbench.tasks.attempts import GraspAttempt, find_grasps
+from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
@@ -34,9 +35,20 @@ class AttemptTarget(StrEnum):
     """There is no object: an air grasp at an empty slot."""
 
 
+class Means(StrEnum):
+    """How a policy shows what it goes for."""
+
+    GRASP = "grasp"
+    """The gripper closes."""
+    PUSH = "push"
+    """The empty gripper pushes it over a distance."""
+    STAY = "stay"
+    """The open gripper stays over it, and nothing is grasped afterward."""
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, seen against the instruction.
+    """One grasp attempt, or what stands for one, seen against the instruction.
 
     Attributes:
         attempt: The attempt as it is reported.
@@ -51,11 +63,12 @@ class Step:
     target: AttemptTarget
     goal: int | None
     asked_slots: tuple[str, ...]
+    means: Means = Means.GRASP
 
     @property
     def missed(self) -> bool:
         """Whether the gripper closed beside the object."""
-        return self.grasp.object is None and self.at is not None
+        return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +77,10 @@ class EpisodeAnalysis:
 
     Attributes:
         meant: Per subgoal the indices of the objects that it can mean.
+        steps: All grasp attempts, in time.
         harm: What was done to things that were not asked for, in time.
+        others: What was gone for without closing the gripper, in time.
+        on_nothing: Closings far from everything, in time.
     """
 
     trace: Trace
@@ -73,6 +89,21 @@ class EpisodeAnalysis:
     meant: tuple[tuple[int, ...], ...]
     steps: tuple[Step, ...]
     harm: tuple[DatedHarm, ...] = ()
+    others: tuple[Step, ...] = ()
+    on_nothing: tuple[GraspAttempt, ...] = ()
+
+    @property
+    def decisions(self) -> tuple[Step, ...]:
+        """Everything that shows what the policy goes for, in time: grasp attempts, pushes, and a stay at the end."""
+        return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
+
+    @property
+    def idle_from(self) -> int:
+        """The row after the last grasp attempt and what came of it; 0 if there is none."""
+        if not self.steps:
+            return 0
+        last = self.steps[-1].grasp
+        return min(self.trace.rows - 1, last.release if last.object is not None else last.end + 1)
 
     @property
     def instruction(self) -> Instruction:
@@ -91,8 +122,8 @@ class EpisodeAnalysis:
 
     @property
     def first_choice(self) -> Step | None:
-        """The first attempt that is not at a drawer: opening one is on the way, and chooses nothing yet."""
-        return next((step for step in self.steps if not self.trace.is_drawer(step.at)), None)
+        """The first decision that is not at a drawer: opening one is on the way, and chooses nothing yet."""
+        return next((step for step in self.decisions if not self.trace.is_drawer(step.at)), None)
 
     @property
     def first_attempt(self) -> Step | None:
@@ -223,7 +254,8 @@ class EpisodeAnalysis:
         slot = "" if step.grasp.slot is None else f" at slot {step.grasp.slot!r}"
         if step.at is None:
             return f"nothing (an air grasp{slot})"
-        return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else "")
+        how = {Means.PUSH: " (pushed)", Means.STAY: " (the open gripper stays over it)"}.get(step.means, "")
+        return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
 
     def asked_for(self, step: Step) -> str:
         """Return a phrase for what was asked for at an attempt."""
@@ -286,8 +318,31 @@ def analyze_episode(
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
-    steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in find_grasps(trace))
-    return EpisodeAnalysis(trace, condition, trained, trace.meant, steps, harm)
+    grasps = find_grasps(trace)
+    steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
+    episode = EpisodeAnalysis(
+        trace, condition, trained, trace.meant, steps, harm, on_nothing=find_closings_on_nothing(trace)
+    )
+    if trace.done.shape[1] and trace.done[-1].all():
+        return episode
+    without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
+    if condition.expected is Expected.SUCCEED:
+        stay = chosen_by_staying(trace, episode.idle_from)
+        without += [] if stay is None else [(Means.STAY, stay)]
+    others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
+    return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
+
+
+def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
+    """Return a push or a stay as a step."""
+    slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
+    grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
+    return replace(_step(trace, instruction, known, grasp), means=means)
+
+
+def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
+    """Tell whether a grasp attempt at something else follows a push: the thing was in the way."""
+    return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:

@@ -31,10 +31,11 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode ended at its step limit with a subgoal that was never done."""
+        """Whether the episode ended at its step limit with a subgoal that was never done, or a goal just reached."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
-        return self.record.outcome.termination == "step_limit" and not all_done_once
+        just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
+        return self.record.outcome.termination == "step_limit" and (just_reached or not all_done_once)
 
 
 Finder = Callable[[TrialView], Evidence | None]

@@ -1,4 +1,4 @@
-"""Halts: the arm stands still although something is left to do, and never grasps again."""
+"""Halts: the arm stands still although something is left to do, and does so to the end."""
 
 from __future__ import annotations
 
@@ -8,13 +8,20 @@ from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.motion import Bools
+from betterbench.tasks.thresholds import threshold
+
+HALT_RADIUS = threshold(
+    "halt_radius", 0.03, "m",
+    "Distance from where it stopped within which an arm that halts stays to the end; noise on the actions moves it by "
+    "less than 1 cm.",
+)  # fmt: skip
 
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the policy
-    grasps again is none.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the arm goes on is
+    none: a policy that pauses is slow.
     """
     trace = episode.trace
     still = _still(trace)
@@ -26,9 +33,14 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     needed = trace.steps(THRESHOLDS.halt_time)
     for start, stop in _runs(still):
         begin = max(start, last + 1)
-        if stop - begin >= needed and episode.open_goals(begin + needed - 1):
+        if stop - begin >= needed and episode.open_goals(begin + needed - 1) and _stays(trace, begin):
             return begin, stop - 1
     return None
+
+
+def _stays(trace: Trace, begin: int) -> bool:
+    """Tell whether the tool center point stays where it is at a row until the episode ends."""
+    return float(np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1).max()) <= HALT_RADIUS
 
 
 def _busy_until(trace: Trace, step: Step) -> int:

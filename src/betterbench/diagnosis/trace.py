@@ -38,6 +38,7 @@ class Trace(Motion):
 
     Attributes:
         time: (T,) time since reset [s].
+        touched: (T, n) whether a finger or the hand touches the object.
         whereabouts: Per object and place of a target when it was there; shut drawers are left out.
         serves: (T, g, n) whether the object is where the subgoal wants it.
         done: (T, g) whether the subgoal is done: related, released and at rest.
@@ -47,6 +48,7 @@ class Trace(Motion):
     """
 
     time: Floats
+    touched: Bools
     whereabouts: tuple[Whereabout, ...]
     serves: Bools
     done: Bools
@@ -107,9 +109,10 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         for i in meant[g]:
             label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
-    left, right = _touches(record, rows)
+    left, right, hand = (_touches(record, rows, part) for part in ("left_finger", "right_finger", "hand"))
     return Trace(
-        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows], tool=record.ee_position[:rows],
+        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
+        touched=left | right | hand, tool=record.ee_position[:rows],
         width=record.finger_width[:rows], closing=closing_of(record.gripper_command[:rows]),
         positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
         held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
@@ -160,21 +163,18 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     return tuple(found)
 
 
-def _touches(record: Record, rows: int) -> tuple[Bools, Bools]:
-    """Return which object the left and the right finger touch, each of shape (rows, n)."""
+def _touches(record: Record, rows: int, part: str) -> Bools:
+    """Return which object a part of the gripper touches, shape (rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
-    shape = (rows, len(names))
-    left, right = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
-    stop = int(contacts.offsets[rows])
+    touched = np.zeros((rows, len(names)), dtype=np.bool_)
+    if part not in record.bodies:
+        return touched
+    stop, number = int(contacts.offsets[rows]), record.bodies.index(part)
     row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
-    index = np.array([names.get(b, -1) for b in record.bodies] or [-1])
+    index = np.array([names.get(b, -1) for b in record.bodies])
     pairs = contacts.bodies[:stop]
-    for finger, touched in (("left_finger", left), ("right_finger", right)):
-        if finger not in record.bodies:
-            continue
-        number = record.bodies.index(finger)
-        for mine, other in ((0, 1), (1, 0)):
-            chosen = (pairs[:, mine] == number) & (index[pairs[:, other]] >= 0)
-            touched[row[chosen], index[pairs[chosen, other]]] = True
-    return left, right
+    for mine, other in ((0, 1), (1, 0)):
+        chosen = (pairs[:, mine] == number) & (index[pairs[:, other]] >= 0)
+        touched[row[chosen], index[pairs[chosen, other]]] = True
+    return touched

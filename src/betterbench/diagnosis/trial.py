@@ -13,7 +13,7 @@ from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
-from betterbench.diagnosis.verdict import TrialDiagnosis
+from betterbench.diagnosis.verdict import Attempt, TrialDiagnosis
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
 from betterbench.tasks import (
@@ -104,7 +104,7 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         intended=episode.name(intended[0]) if intended else None,
         intended_kind=episode.kind(intended[0]) if intended else None,
         intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
-        progress=episode.progress(), attempts=tuple(s.attempt for s in episode.steps), evidence=evidence,
+        progress=episode.progress(), attempts=_attempts(episode), evidence=evidence,
         harm=episode.harm_words(), needless=tuple(inertia_in(episode)) if record.outcome.success else (),
         collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
     )  # fmt: skip
@@ -127,6 +127,15 @@ def offline_truth(record: Record) -> list[Truth]:
 def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
     """Return the condition that a record was made under."""
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
+
+
+def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
+    """Return the grasp attempts of an episode and its closings far from everything, in time."""
+    time = episode.trace.time
+    far = (
+        Attempt(float(time[g.start]), float(time[g.end]), None, None, "null", secured=False) for g in episode.on_nothing
+    )
+    return tuple(sorted((*(s.attempt for s in episode.steps), *far), key=lambda a: a.start_s))
 
 
 def _choice(episode: EpisodeAnalysis) -> Choice | None:

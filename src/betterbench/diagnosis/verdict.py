@@ -31,7 +31,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """One grasp attempt.
+    """One grasp attempt, or a closing of the gripper far from everything, which has neither object nor slot.
 
     Attributes:
         object: Object that was grasped at, or None for an air grasp.

@@ -49,6 +49,26 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     return tuple(grasps)
 
 
+def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the times at which the gripper shut fully, low over the table, far from every object and slot.
+
+    They are no grasp attempts, because they tell nothing about what was meant: something was missed by far.
+    """
+    found = []
+    for start, stop in _closings(motion):
+        before, limit = start - 1, min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
+        widths = motion.width[before:limit]
+        if motion.held[before] >= 0 or float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
+            continue
+        settled = before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0])
+        touched = bool((motion.left | motion.right)[start:limit].any())
+        if touched or float(widths.min()) > THRESHOLDS.closed_width or not _low_and_away(motion, before, settled):
+            continue
+        if _resolve(motion, start, stop) is None:
+            found.append(GraspAttempt(before, settled, stop, None, None, None, secured=False))
+    return tuple(found)
+
+
 def _closings(motion: Motion) -> list[tuple[int, int]]:
     """Return the spans of rows in which the gripper is commanded to close, without chatter."""
     closing = motion.closing
@@ -151,12 +171,9 @@ def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
 
 def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
     """Return a null attempt, or None where nothing is within reach of the gripper."""
-    tool = motion.tool[settled]
-    home = np.array(motion.info.home_position)
-    if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
+    if not _low_and_away(motion, before, settled):
         return None
-    if float(np.linalg.norm((tool - motion.tool[before])[:2])) > THRESHOLDS.slot_reach:
-        return None  # a gripper that closes while it travels past aims at nothing
+    tool = motion.tool[settled]
     centers = motion.center_distances(before, tool)
     reach = in_reach(motion.box_distances(before, tool), centers)
     within = [
@@ -174,3 +191,11 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
     if aim is None and slot is None:
         return None
     return GraspAttempt(before, settled, stop, None, aim, slot, secured=False)
+
+
+def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
+    """Tell whether a gripper closes where things stand, away from home, and not while it travels past."""
+    tool, home = motion.tool[settled], np.array(motion.info.home_position)
+    if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
+        return False
+    return float(np.linalg.norm((tool - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

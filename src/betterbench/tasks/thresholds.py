@@ -97,14 +97,12 @@ class Thresholds:
     knocked_tilt = threshold("knocked_tilt", 0.785, "rad",
         "Tilt beyond which something that nobody held has been knocked over; 45 degrees.")
 
-    # Halts and wandering.
+    # Halts.
     halt_speed = threshold("halt_speed", 0.01, "m/s", "End-effector speed below which the arm stands still.")
     halt_time = threshold("halt_time", 3.0, "s", "Time of standing still that counts as a halt; suite, section 5.")
     stillness_window = threshold("stillness_window", 0.25, "s",
         "Time over which the speed of the arm is averaged; servo jitter averages out, the start of a motion does "
         "not.")
-    oscillation_travel = threshold("oscillation_travel", 1.0, "m",
-        "Path length without an attempt in an episode that counts as wandering.")
 
     # Collisions, and the rules of a policy.
     collision_force = threshold("collision_force", 3.0, "N",

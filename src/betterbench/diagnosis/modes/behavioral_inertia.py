@@ -60,7 +60,7 @@ def _find(trial: TrialView) -> Evidence | None:
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
     """Yield the evidence of inertia of every attempt that shows some, in time."""
     before: Step | None = None
-    for step in episode.steps:
+    for step in episode.decisions:
         evidence = (
             _unasked(episode, step, first=before is None)
             or _next_in_line(episode, before, step)

@@ -34,7 +34,7 @@ def _exposed(x: Exposure) -> bool:
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of causal confusion."""
     episode = trial.episode
-    for step in episode.steps:
+    for step in episode.decisions:
         if step.target is AttemptTarget.REPEATED:
             text = f"It goes for {episode.describe(step)}, although that step is done; {episode.asked_for(step)}."
             return episode.at_step("finished_step_repeated", text, step)

@@ -23,8 +23,7 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
-    definition="The arm stands still for 3 s while steps are open and no attempt is under way, and does not "
-    "grasp again.",
+    definition="The arm stands still for 3 s or more, to the end, while steps are open and no attempt is under way.",
     conclusion="It stops before the work is done.",
     finding="Stops for good with something left to do",
     exposed_by=_exposed,

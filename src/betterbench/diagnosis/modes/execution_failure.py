@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import tilt_of
@@ -28,9 +28,8 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    found += [
-        e for e in (_knocked(episode), _undone(episode), _forbidden_touch(episode), _harm(episode)) if e is not None
-    ]
+    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _far_off)
+    found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
 
@@ -50,6 +49,8 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     word = episode.goals[step.goal].word
     if episode.completed_after(step.goal, step.grasp.end) or _brought_later(episode, step):
         return None
+    if _held_later(episode, step):
+        return None
     i = step.grasp.object
     if i is None:
         return episode.at_step("missed_by_pose", f"The gripper closes beside {word!r}, the right target.", step)
@@ -62,6 +63,54 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         text = f"The gripper closes on {word!r}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i, word)
+
+
+def _held_later(episode: EpisodeAnalysis, step: Step) -> bool:
+    """Tell whether a later try for the same subgoal has the object in the gripper when the episode ends."""
+    trace = episode.trace
+    last = trace.held[-1]
+    return any(
+        later.grasp.start > step.grasp.start and later.grasp.object == last and last in episode.meant[step.goal or 0]
+        for later in episode.steps
+        if last >= 0
+    )
+
+
+def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the right target was pushed and never grasped."""
+    for step in episode.others:
+        if step.means is not Means.PUSH or step.target is not AttemptTarget.ASKED or step.at is None:
+            continue
+        if episode.completed_after(step.goal, step.grasp.end):
+            continue
+        start, end = step.grasp.start, step.grasp.end
+        way = episode.trace.positions[end, step.at] - episode.trace.positions[max(0, start - 1), step.at]
+        text = (
+            f"The gripper pushes the {episode.kind(step.at)}, the right target, over "
+            f"{100 * float(np.linalg.norm(way[:2])):.0f} cm and does not grasp it."
+        )
+        return episode.at_step("pushed", text, step)
+    return None
+
+
+def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the gripper shut far from everything and no later attempt tells what was meant.
+
+    Something was missed by far, and what it was cannot be known. It is no evidence of reasoning.
+    """
+    trace = episode.trace
+    for closing in episode.on_nothing:
+        due = episode.open_goals(closing.start)
+        if not due or any(s.grasp.start >= closing.start for s in episode.decisions):
+            continue
+        tool = trace.tool[closing.end]
+        gaps = {i: float(trace.box_distances(closing.end, tool)[i]) for i in trace.items}
+        near = min(gaps, key=lambda i: (gaps[i], i), default=None)
+        where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest thing"
+        word = episode.goals[due[0]].word
+        text = f"The gripper shuts on nothing{where}; {word!r} was asked for."
+        return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
+    return None
 
 
 def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
@@ -165,7 +214,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if something that was to be left alone was touched without an attempt at it."""
-    wrong = any(step.target is not AttemptTarget.ASKED for step in episode.steps)
+    wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = episode.trace

@@ -33,7 +33,7 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     if not episode.instruction.ordered:
         return None
-    for step in episode.steps:
+    for step in episode.decisions:
         if step.target is AttemptTarget.LATER and step.goal is not None:
             if not episode.attempted_after(step.goal, step.grasp.start):
                 continue

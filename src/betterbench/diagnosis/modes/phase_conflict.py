@@ -1,14 +1,16 @@
-"""Phase conflict: the initial state looks like the middle of a demonstration, and the policy freezes or wanders."""
+"""Phase conflict: the policy cannot tell which step is due, and freezes at the start or goes to and fro."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from betterbench.diagnosis.approaches import find_stays, to_and_fro
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import THRESHOLDS, Expected
+from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 
 
@@ -20,23 +22,33 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.PHASE_CONFLICT,
     short="phase",
-    definition="The start looks like the middle of a demonstration, and the arm freezes or wanders without an attempt.",
-    conclusion="It freezes or wanders when the scene looks half finished.",
-    finding="Freezes or wanders where the scene looks like the middle of a demonstration",
+    definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
+    "empty gripper goes to and fro until the end and settles on nothing.",
+    conclusion="It cannot tell which step is due: it freezes in half-finished scenes, or goes to and fro.",
+    finding="Freezes in a scene that looks half finished, or goes to and fro without an attempt",
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
-    """Return the evidence of a phase conflict. An episode with an attempt has none."""
+    """Return the evidence of a freeze before any attempt, or of going to and fro after the last."""
     episode = trial.episode
-    if not episode.condition.mid_task_look or episode.steps:
-        return None
     halt = find_halt(episode)
-    if halt is not None:
+    if episode.condition.mid_task_look and not episode.steps and halt is not None:
         text = "The scene looks like the middle of a demonstration, and the arm freezes without ever grasping."
         return episode.evidence("freeze_in_mid_task_scene", text, rows=halt)
-    path = travel(episode.trace)
-    if path[-1] <= THRESHOLDS.oscillation_travel:
+    if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
-    row = int(np.argmax(path > THRESHOLDS.oscillation_travel))
-    text = f"The scene looks like the middle of a demonstration, and the arm wanders {path[-1]:.1f} m without grasping."
-    return episode.evidence("wandering_in_mid_task_scene", text, rows=(row, episode.trace.rows - 1))
+    if any(step.means is Means.STAY for step in episode.others):
+        return None
+    rows = to_and_fro(episode.trace, episode.idle_from)
+    if rows is None or not episode.open_goals(rows[1]):
+        return None
+    way = float(np.ptp(travel(episode.trace)[[*rows]]))
+    where = "between " + " and ".join(names) if (names := _names(episode, rows)) else "over nothing in particular"
+    text = f"The empty gripper goes to and fro {where} until the end, {way:.1f} m in all, without grasping."
+    return episode.evidence("to_and_fro", text, rows=rows)
+
+
+def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:
+    """Return the kinds that the gripper is over on its way to and fro, if there are several."""
+    over = dict.fromkeys(episode.kind(stay.object) for stay in find_stays(episode.trace, rows[0]))
+    return [f"the {kind}" for kind in over] if len(over) > 1 else []

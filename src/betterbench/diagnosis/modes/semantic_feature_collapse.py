@@ -45,7 +45,7 @@ def _exposed(x: Exposure) -> bool:
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a collapse, with what the object shares with the target."""
     episode = trial.episode
-    for step in episode.steps:
+    for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
             shared = shares(episode, step)
             common = f"the target's {', '.join(shared)}" if shared else "nothing with the target"

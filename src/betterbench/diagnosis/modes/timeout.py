@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
@@ -10,7 +11,7 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.TIMEOUT,
     short="timeout",
-    definition="Every attempt was right, and the step limit was reached.",
+    definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
     finding="Does the right things until the step limit ends the trial",
 )
@@ -23,5 +24,16 @@ def _find(trial: TrialView) -> Evidence | None:
     words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(last))
     tail = f", with {words} still to do" if words else ""
     return episode.evidence(
-        "step_limit", f"The step limit is reached although every attempt was right{tail}.", rows=(last, last)
+        "step_limit", f"The step limit is reached {_course(episode, last)}{tail}.", rows=(last, last)
     )
+
+
+def _course(episode: EpisodeAnalysis, last: int) -> str:
+    """Return a clause that says on which course the policy was."""
+    held = int(episode.trace.held[last])
+    if held >= 0:
+        return f"with the {episode.kind(held)} in the gripper"
+    stay = next((s for s in episode.others if s.means is Means.STAY and s.at is not None), None)
+    if stay is not None and stay.at is not None:
+        return f"while the open gripper stays over the {episode.kind(stay.at)}, the right target"
+    return "although every attempt was right" if episode.steps else "on the way to a first attempt"

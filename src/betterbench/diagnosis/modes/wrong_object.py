@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Label
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of a wrong object or place."""
     episode = trial.episode
-    for step in episode.steps:
+    for step in episode.decisions:
         if step.target in (AttemptTarget.OTHER, AttemptTarget.EMPTY):
             text = f"It goes for {episode.describe(step)} although {episode.asked_for(step)}."
             return episode.at_step("object_of_another_instruction", text, step)

@@ -1,0 +1,191 @@
+"""What a policy went for without closing its gripper: objects that it stayed over, and objects that it pushed.
+
+A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the open gripper shows it:
+it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.diagnosis.trace import Trace
+from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.attempts import GraspAttempt
+from betterbench.tasks.motion import Bools, Floats
+from betterbench.tasks.thresholds import threshold
+
+OVER_HEIGHT = threshold(
+    "over_height", 0.12, "m",
+    "Height above the top of an object up to which an open gripper is over it; grasps from above begin there.",
+)  # fmt: skip
+STAY_TIME = threshold(
+    "stay_time", 2.0, "s",
+    "Time that an open gripper stays over something, in all, until it has chosen it; an honest policy that hesitates "
+    "before it grasps has grasped by then, and is judged by the grasp.",
+)  # fmt: skip
+STAY_SHARE = threshold(
+    "stay_share", 0.7, "1",
+    "Share of the time over things that is spent over one of them if that one is chosen; less is to and fro.",
+)  # fmt: skip
+PASSING = threshold(
+    "passing", 0.08, "m",
+    "Distance between the places where the gripper comes over something and leaves it again from which it only passes.",
+)  # fmt: skip
+PUSH_TRAVEL = threshold(
+    "push_travel", 0.08, "m",
+    "Distance over which an empty gripper moves something in front of it that is a push and no slip; an accident on "
+    "the way to something else moves things by less than 5 cm.",
+)  # fmt: skip
+PUSH_ALONG = threshold(
+    "push_along",
+    0.8,
+    "1",
+    "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
+)
+TO_AND_FRO = threshold(
+    "to_and_fro", 5.0, "1",
+    "Length of the way of an empty gripper, in diameters of the region it stays in, from which it goes to and fro; a "
+    "straight way has 1, and detours of honest policies stay below 3.",
+)  # fmt: skip
+TO_AND_FRO_TRAVEL = threshold(
+    "to_and_fro_travel", 0.4, "m", "Least length of a way to and fro; servo jitter adds up to less in a minute."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Stay:
+    """Rows from the first to the last of which an open gripper is over an object without passing it."""
+
+    start: int
+    end: int
+    object: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.end - self.start + 1
+
+
+def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
+    """Return the stays from a row on, in time; what is at a target or on the floor is stayed over by nobody."""
+    over = np.array([_over(trace, row) for row in range(first, trace.rows)], dtype=np.int64)
+    stays: list[Stay] = []
+    edges = np.flatnonzero(np.diff(over)) + 1
+    for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(over)], strict=True):
+        if start == stop or over[start] < 0:
+            continue
+        stay = Stay(first + start, first + stop - 1, int(over[start]))
+        last = stays[-1] if stays else None
+        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(_FLICKER_S):
+            stays[-1] = Stay(last.start, stay.end, stay.object)
+        else:
+            stays.append(stay)
+    return tuple(s for s in stays if not _passes(trace, s))
+
+
+_FLICKER_S = 0.25
+
+
+def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
+    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none."""
+    stays = find_stays(trace, first)
+    times = _times(stays)
+    if not times:
+        return None
+    chosen = max(times, key=lambda i: (times[i], -i))
+    if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * sum(times.values()):
+        return None
+    return next(s for s in stays if s.object == chosen)
+
+
+def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
+    """Return the rows in which an empty gripper goes to and fro, up to the end of the episode, or None.
+
+    The way that leads to where it begins is left out: it may be as long as it likes.
+    """
+    if (trace.held[first:] >= 0).any() or trace.rows - first < trace.steps(THRESHOLDS.halt_time):
+        return None
+    tool = trace.tool[first:]
+    steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
+    left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # way from each row to the end
+    for k in range(0, len(tool), trace.steps(0.5)):
+        diameter = float(np.linalg.norm(np.ptp(tool[k:], axis=0)))
+        if left[k] < TO_AND_FRO_TRAVEL:
+            return None
+        if left[k] >= TO_AND_FRO * max(diameter, 0.02):
+            return first + k, trace.rows - 1
+    return None
+
+
+def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
+    """Return the rows in which an empty gripper pushes an object, and the object, in time.
+
+    What moves while a gripper that has closed on it still touches it is carried or dragged, and not pushed.
+    """
+    pushes: list[Stay] = []
+    for i in trace.items:
+        if trace.is_drawer(i):
+            continue
+        touched = trace.touched[:, i] & (trace.held < 0)
+        for g in grasps:
+            if g.object == i:
+                touched[g.start : min(trace.rows, g.release + trace.steps(THRESHOLDS.stop_time))] = False
+        pushes += [Stay(a, b, i) for a, b in _spans(touched, trace.steps(_FLICKER_S)) if _pushed(trace, i, a, b)]
+    return tuple(sorted(pushes, key=lambda s: (s.start, s.object)))
+
+
+def _over(trace: Trace, row: int) -> int:
+    """Return the nearest object that an open, empty gripper is over, or -1."""
+    if trace.closing[row] or trace.held[row] >= 0:
+        return -1
+    tool = trace.tool[row]
+    distances = trace.center_distances(row, tool)
+    reach = trace.within_reach(row, tool)
+    best = -1
+    for i in trace.items:
+        if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i):
+            continue
+        top = trace.positions[row, i, 2] + trace.info.objects[i].size_m[2]
+        above = distances[i] <= THRESHOLDS.slot_reach and tool[2] <= top + OVER_HEIGHT
+        if (above or reach[i]) and (best < 0 or distances[i] < distances[best]):
+            best = i
+    return best
+
+
+def _passes(trace: Trace, stay: Stay) -> bool:
+    """Tell whether the gripper leaves on another side than it came from, or comes over the object for a moment only."""
+    if stay.end == trace.rows - 1:
+        return False
+    if stay.rows < trace.steps(THRESHOLDS.stop_time):
+        return True
+    return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
+
+
+def _times(stays: tuple[Stay, ...]) -> dict[int, int]:
+    times: dict[int, int] = {}
+    for stay in stays:
+        times[stay.object] = times.get(stay.object, 0) + stay.rows
+    return times
+
+
+def _spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
+    """Return first and last row of the spans of true flags; spans that a short gap separates are one."""
+    spans: list[tuple[int, int]] = []
+    for row in np.flatnonzero(flags).tolist():
+        if spans and row - spans[-1][1] <= gap:
+            spans[-1] = (spans[-1][0], row)
+        else:
+            spans.append((row, row))
+    return spans
+
+
+def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
+    before = max(0, start - 1)
+    way: Floats = (trace.positions[end, i] - trace.positions[before, i])[:2]
+    tool: Floats = (trace.tool[end] - trace.tool[before])[:2]
+    lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
+    if lengths[0] < PUSH_TRAVEL or min(lengths) == 0.0:
+        return False
+    return float(way @ tool) >= PUSH_ALONG * lengths[0] * lengths[1]

@@ -1,0 +1,230 @@
+"""What shows a choice, or none, where no grasp attempt does: stays, pushes, ways to and fro, pauses, far misses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from betterbench.diagnosis import Kind, Label, diagnose_record
+
+ABOVE = 0.05
+"""Height over the top of an object at which an open gripper hovers [m]."""
+
+
+def over(s, name, *, above=ABOVE):
+    """Moves the open gripper over an object."""
+    x, y, z = s.positions[name]
+    return s.over(s.positions[name]).go(x, y, z + s.size(name)[2] + above)
+
+
+def tremble(s, seconds, *, by=0.015):
+    """Stays about a place without ever standing still."""
+    x, y, z = s.tool
+    for k in range(round(seconds * 20)):
+        s.go(x + by * np.sin(0.9 * k), y + by * np.cos(0.9 * k), z)
+    return s
+
+
+def between(s, a, b, times, *, speed=0.5):
+    """Goes to and fro between two objects."""
+    for _ in range(times):
+        for name in (a, b):
+            x, y, z = s.positions[name]
+            s.go(x, y, z + s.size(name)[2] + ABOVE, speed=speed).wait(0.3)
+    return s
+
+
+# -- stays ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_hovering_over_a_look_alike_is_a_choice(stage, still):
+    s = stage("fast_food", "O1")
+    over(s, s.at("first"))
+    found = diagnose_record((s.wait(8) if still else tremble(s, 8)).end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+    assert found.evidence.objects == (s.at("first"),)
+    assert "stays over it" in found.evidence.text
+    assert found.attempts == ()
+    assert not found.intention_correct
+
+
+def test_hovering_over_what_another_instruction_means_is_a_wrong_object(stage):
+    s = stage("morning_coffee", "L3")
+    found = diagnose_record(tremble(over(s, s.of("blue mug")), 8).end())
+    assert found.label is Label.WRONG_OBJECT
+
+
+def test_hovering_over_the_right_thing_is_the_right_course(stage):
+    s = stage("morning_coffee", "L3")
+    found = diagnose_record(tremble(over(s, s.of("red mug")), 8).end())
+    assert found.label is Label.TIMEOUT
+    assert "stays over the red mug" in found.evidence.text
+
+
+def test_standing_still_over_the_right_thing_is_a_halt(stage):
+    s = stage("morning_coffee", "L3")
+    assert diagnose_record(over(s, s.of("red mug")).wait(8).end()).label is Label.EARLY_HALT
+
+
+def test_approaches_that_are_broken_off_again_and_again_are_a_choice(stage):
+    s = stage("fast_food", "O1")
+    for _ in range(5):
+        over(s, s.at("first"), above=0.02).wait(0.3).lift(0.3)
+    found = diagnose_record(s.end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+
+
+def test_a_stay_that_a_grasp_follows_decides_nothing(stage):
+    """A feint: it stays over one thing and takes another, and the grasp is what it chose."""
+    s = stage("fast_food", "O1")
+    over(s, s.at("first")).wait(2.5)
+    found = diagnose_record(s.bring(s.of("burger")).home().wait(4).end())
+    assert found.label is Label.EARLY_HALT
+    assert found.intention_correct
+
+
+def test_passing_slowly_over_other_things_is_no_choice(stage):
+    s = stage("fast_food", "train1")
+    x, y, z = s.positions[s.of("drink")]
+    s.over(np.array([x, y - 0.2, 0.0])).go(x, y - 0.2, z + 0.2).go(x, y + 0.2, z + 0.2, speed=0.03)
+    found = diagnose_record(s.end())
+    assert found.label is Label.TIMEOUT
+
+
+def test_what_was_put_at_its_target_is_stayed_over_by_nobody(stage):
+    s = stage("fast_food", "train1")
+    s.bring(s.at("first"))
+    found = diagnose_record(tremble(over(s, s.at("first")), 6, by=0.002).end())
+    assert found.label in (Label.EARLY_HALT, Label.TIMEOUT, Label.PHASE_CONFLICT)
+    assert "stays over" not in found.evidence.text
+
+
+# -- to and fro -----------------------------------------------------------------------------------------------------
+
+
+def test_swaying_between_two_things_is_a_phase_conflict(stage):
+    s = stage("fast_food", "train1")
+    over(s, s.at("first"))
+    found = diagnose_record(between(s, s.at("first"), s.of("fries"), 8).end())
+    assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
+    assert "between the" in found.evidence.text
+
+
+def test_fidgeting_after_the_first_step_is_a_phase_conflict(stage):
+    s = stage("fast_food", "train1")
+    s.bring(s.at("first")).home()
+    found = diagnose_record(tremble(s, 12, by=0.04).end())
+    assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
+    assert found.kind is Kind.REASONING
+
+
+def test_a_slow_straight_way_is_a_timeout(stage):
+    s = stage("fast_food", "train1")
+    x, y, z = s.positions[s.at("first")]
+    found = diagnose_record(s.go(x, y, z + 0.25, speed=0.02).end())
+    assert found.label is Label.TIMEOUT
+    assert "on the way" in found.evidence.text
+
+
+def test_detours_of_an_honest_policy_are_not_to_and_fro(stage):
+    s = stage("fast_food", "train1")
+    x, y, _ = s.positions[s.at("first")]
+    s.go(0.45, 0.25, 0.4, speed=0.1).go(0.55, -0.2, 0.35, speed=0.1).go(x, y, 0.3, speed=0.1)
+    assert diagnose_record(s.end()).label is Label.TIMEOUT
+
+
+# -- pauses ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_pause_after_which_the_arm_goes_on_is_no_halt(stage):
+    s = stage("fast_food", "train1")
+    x, y, _ = s.positions[s.at("first")]
+    s.go(x, y, 0.4).wait(5).go(x, y + 0.3, 0.4, speed=0.2).go(x, y, 0.35, speed=0.2)
+    found = diagnose_record(s.end())
+    assert found.label is Label.TIMEOUT
+
+
+def test_a_halt_lasts_to_the_end(stage):
+    s = stage("fast_food", "train1")
+    x, y, _ = s.positions[s.at("first")]
+    s.go(x, y, 0.4).wait(5).go(x, y + 0.3, 0.4).wait(5)
+    found = diagnose_record(s.end())
+    assert found.label is Label.EARLY_HALT
+    assert found.evidence.start_s > 5.0, "the pause before is none"
+
+
+# -- pushes ---------------------------------------------------------------------------------------------------------
+
+
+def test_pushing_a_look_alike_is_a_choice(stage):
+    s = stage("fast_food", "O1")
+    found = diagnose_record(s.push(s.at("first"), 0.0, -0.12).home().end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+    assert "(pushed)" in found.evidence.text
+
+
+def test_pushing_the_right_thing_is_a_failed_manipulation(stage):
+    s = stage("morning_coffee", "L3")
+    found = diagnose_record(s.push(s.of("red mug"), 0.0, 0.12).home().end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "pushed")
+    assert "12 cm" in found.evidence.text
+
+
+def test_what_is_pushed_out_of_the_way_is_an_accident(stage):
+    s = stage("fast_food", "O1")
+    s.push(s.at("first"), 0.0, -0.12)
+    found = diagnose_record(s.bring(s.of("burger")).home().wait(4).end())
+    assert found.label is Label.EXECUTION_FAILURE
+    assert found.intention_correct
+
+
+def test_a_short_push_is_none(stage):
+    s = stage("morning_coffee", "L3")
+    found = diagnose_record(s.push(s.of("blue mug"), 0.0, 0.04).home().wait(5).end())
+    assert found.label is Label.EARLY_HALT
+
+
+# -- misses ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("beside", "above"), [(0.09, 0.0), (0.11, 0.0), (0.0, 0.09)])
+def test_a_gripper_that_shuts_far_from_everything_missed_and_shows_no_reasoning(stage, beside, above):
+    s = stage("morning_coffee", "L3")
+    x, y, z = s.positions[s.of("red mug")]
+    height = z + (s.size(s.of("red mug"))[2] + above if above else 0.04)
+    x = x - 0.04 - beside if beside else x
+    s.over(np.array([x, y, 0.0])).go(x, y, height).close().open().home().wait(5)
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_by_far")
+    assert [(a.result, a.object) for a in found.attempts] == [("null", None)]
+    assert "cm from the" in found.evidence.text
+    assert "was asked for" in found.evidence.text
+
+
+def test_a_far_miss_that_a_wrong_grasp_follows_does_not_hide_it(stage):
+    s = stage("fast_food", "O1")
+    x, y, _ = s.positions[s.at("first")]
+    s.over(np.array([x - 0.13, y, 0.0])).go(x - 0.13, y, 0.03).close().open()
+    found = diagnose_record(s.bring(s.at("first")).wait(5).end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+
+
+def test_a_miss_that_was_made_good_does_not_decide(stage):
+    """The retry took the thing and holds it at the limit: there was no time left."""
+    s = stage("fast_food", "train1")
+    name = s.at("first")
+    s.grasp(name, beside=(0.052, 0.0)).lift().open()
+    found = diagnose_record(s.grasp(name).lift().wait(1).end())
+    assert found.label is Label.TIMEOUT
+    assert "in the gripper" in found.evidence.text
+
+
+def test_a_goal_that_is_met_right_before_the_limit_ran_out_of_time(stage):
+    s = stage("fast_food", "train1")
+    s.bring(s.at("first")).bring(s.of("fries"))
+    while not s.builder._truths[-1][2]:
+        s.tick()
+    found = diagnose_record(s.tick() or s.end(termination="step_limit"))
+    assert not found.success
+    assert found.label is Label.TIMEOUT
