@@ -13,8 +13,10 @@ def test_closing_at_home_is_no_attempt(stage):
     assert diagnose_record(stage("fast_food", "train1").close().open().wait(1).end()).attempts == ()
 
 
-def test_closing_far_from_everything_is_no_attempt(stage):
-    assert diagnose_record(stage("fast_food", "train1").go(0.5, 0.0, 0.15).close().open().end()).attempts == ()
+def test_closing_far_from_everything_is_shown_and_chooses_nothing(stage):
+    found = diagnose_record(stage("fast_food", "train1").go(0.5, 0.0, 0.15).close().open().end())
+    assert [(a.result, a.object, a.slot, a.secured) for a in found.attempts] == [("null", None, None, False)]
+    assert (found.first_attempt, found.first_slot) == (None, None)
     assert diagnose_record(stage("fast_food", "train1").go(0.42, -0.3, 0.3).close().open().end()).attempts == ()
 
 

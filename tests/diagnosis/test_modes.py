@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from betterbench.diagnosis import Kind, Label, diagnose_record
+from betterbench.diagnosis import Kind, Label, diagnose_record, diagnose_records
 from betterbench.recording import Record
 from betterbench.state import Contact
-from betterbench.tasks import Expected
+from betterbench.tasks import Expected, get_task
 from betterbench.tasks.operations import remove, swap
 
 
@@ -75,18 +75,31 @@ def test_a_miss_beside_a_wrong_object_is_reasoning(stage):
     assert not found.intention_correct
 
 
-def test_causal_confusion_is_a_skipped_step(stage):
+def in_a_run(record, policies):
+    """Returns the diagnosis of a record in a run whose other trials are right, which no favorite place explains."""
+    task, seed = get_task(record.metadata.task), record.metadata.seed + 1
+    names = [*(c.name for c in task.training), *(v.name for v in task.variations)]
+    return diagnose_records([record, *(policies["right"](task.id, name, seed) for name in names)]).trials[0]
+
+
+def test_causal_confusion_is_a_skipped_step(stage, policies):
     s = stage("fast_food", "T1")
-    found = diagnose_record(s.bring(s.of("fries")).home().wait(8).end())
+    record = s.bring(s.of("fries")).home().wait(8).end()
+    found = in_a_run(record, policies)
     assert found.label is Label.CAUSAL_CONFUSION
     assert found.evidence.rule == "required_step_skipped"
+    alone = diagnose_record(record)
+    assert alone.label is Label.WRONG_OBJECT, "one trial may as well show a favorite place"
+    assert Label.CAUSAL_CONFUSION.value in alone.evidence.candidates
 
 
-def test_order_violation_is_a_step_made_up_for_later(stage):
+def test_order_violation_is_a_step_made_up_for_later(stage, policies):
     s = stage("fast_food", "T1")
-    found = diagnose_record(s.bring(s.of("fries")).bring(s.at("first")).home().wait(1).end())
+    record = s.bring(s.of("fries")).bring(s.at("first")).home().wait(1).end()
+    found = in_a_run(record, policies)
     assert found.label is Label.ORDER_VIOLATION
     assert found.progress == 0.5
+    assert Label.ORDER_VIOLATION.value in diagnose_record(record).evidence.candidates
 
 
 def test_causal_confusion_is_a_finished_step_repeated(stage):

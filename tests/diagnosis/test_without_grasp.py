@@ -228,3 +228,46 @@ def test_a_goal_that_is_met_right_before_the_limit_ran_out_of_time(stage):
     found = diagnose_record(s.tick() or s.end(termination="step_limit"))
     assert not found.success
     assert found.label is Label.TIMEOUT
+
+
+# -- what an evidence says ------------------------------------------------------------------------------------------
+
+
+def miss(s):
+    return s.grasp(s.at("first"), beside=(0.052, 0.0)).lift().open().wait(5)
+
+
+def drop(s):
+    return s.grasp(s.at("first")).lift(0.3).open().home().wait(4)
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "act"),
+    [
+        ("fast_food", "train1", miss),
+        ("fast_food", "train1", drop),
+        ("fast_food", "train1", lambda s: s.go(0.5, 0.0, 0.15).close().open()),
+        ("fast_food", "train1", lambda s: s.wait(6)),
+        ("fast_food", "train1", lambda s: s.go(0.5, 0.0, 0.4, speed=0.05)),
+        ("fast_food", "train1", lambda s: s.wander(10)),
+        ("fast_food", "O1", lambda s: s.bring(s.at("first"))),
+        ("fast_food", "O1", lambda s: over(s, s.at("first")).wait(6)),
+        ("fast_food", "R1", lambda s: s.bring(s.at("first"))),
+        ("fast_food", "T1", lambda s: s.air_grasp("second").wait(4)),
+        ("morning_coffee", "L3", lambda s: s.bring(s.of("blue mug"))),
+        ("morning_coffee", "L3", lambda s: s.push(s.of("red mug"), 0.0, 0.12)),
+        ("morning_coffee", "T1", lambda s: s.grasp(s.of("red mug")).lift()),
+        ("cheeseburger", "train1", lambda s: s.bring(s.of("cheese"), s.goal(0))),
+    ],
+)
+def test_every_evidence_names_time_place_and_what_was_asked(stage, task, name, act):
+    s = stage(task, name)
+    found = diagnose_record(act(s).end())
+    text = found.evidence.text
+    assert not found.success
+    assert f"({found.evidence.start_s:.1f} s" in text, text
+    assert "asked for" in text, text
+    for thing in found.evidence.objects:
+        assert s.info.object(thing).kind in text, text
+    if found.evidence.objects:
+        assert "slot '" in text or " cm" in text or "at the " in text, text

@@ -228,3 +228,15 @@ def test_a_place_rule_that_takes_look_alikes_is_named_before_them():
         else:
             assert headline.failure.label is Label.SEMANTIC_FEATURE_COLLAPSE
             assert headline.failure.lead == "Most often"
+
+
+def test_a_headline_does_not_praise_variations_beside_a_training_that_fails():
+    """A run that solved all variations and 4 of 20 in training was told that it solves everything that was run."""
+    varied = [trial(seed=s) for s in range(20)]
+    trained = [replace(trial(seed=s, label=Label.TIMEOUT), variation=None, axis=None, success=False) for s in range(16)]
+    trained += [replace(trial(seed=s), variation=None, axis=None) for s in range(16, 20)]
+    text = headline_of(diagnosis([*varied, *trained])).conclusion
+    assert "4/20" in text or "4 of 20" in text
+    assert "training" in text
+    good = [replace(t, success=True, label=Label.SUCCESS) for t in trained]
+    assert "No failure found" in headline_of(diagnosis([*varied, *good])).conclusion

@@ -239,10 +239,43 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for a span of rows and object indices."""
+        """Return evidence for a span of rows and object indices; the text ends with time, place and what was asked."""
         time, last = self.trace.time, self.trace.rows - 1
-        start, end = (float(time[min(max(r, 0), last)]) for r in rows)
-        return Evidence(rule, text, start, end, tuple(self.name(i) for i in objects), shared, candidates)
+        first, end = (min(max(r, 0), last) for r in rows)
+        facts = [f"{float(time[first]):.1f} s"]
+        if objects:
+            facts.append(self._place(first, objects[0]))
+        if "asked for" not in text:
+            facts.append(f"asked for: {self.asked_at(first)}")
+        said = f"{text.removesuffix('.')} ({', '.join(facts)})."
+        return Evidence(
+            rule, said, float(time[first]), float(time[end]), tuple(self.name(i) for i in objects), shared, candidates
+        )
+
+    def asked_at(self, row: int) -> str:
+        """Return the words of the steps that are due at a row, with the things that they mean."""
+        due = self.open_goals(row)
+        due = due[:1] if self.instruction.ordered else due
+        return " and ".join(dict.fromkeys(map(self.asked_words, due))) or "nothing more"
+
+    def asked_words(self, goal: int) -> str:
+        """Return the word of a step with the kind of thing that it means, where that is another: "'red' (red mug)"."""
+        word = self.goals[goal].word
+        kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
+        named = " or ".join(kind for kind in kinds if kind != word)
+        return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
+
+    def _place(self, row: int, i: int) -> str:
+        """Return where an object is: at a place of a target, in a slot, or at coordinates."""
+        trace = self.trace
+        place = trace.placed(row, i)
+        if place is not None:
+            return f"at the {self.kind(place.target)}"
+        slot = trace.slot_of(row, i, THRESHOLDS.slot_reach)
+        if slot is not None:
+            return f"slot {slot!r}"
+        x, y, z = trace.positions[row, i].tolist()
+        return f"at x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
 
     def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
         """Return evidence for an attempt."""
@@ -261,7 +294,7 @@ class EpisodeAnalysis:
         """Return a phrase for what was asked for at an attempt."""
         if step.goal is None:
             return "nothing was left to do"
-        return f"{self.goals[step.goal].word!r} was asked for"
+        return f"{self.asked_words(step.goal)} was asked for"
 
     def intended(self) -> tuple[int, ...]:
         """Return the objects at which the first attempt would be right; if it was, the one that it was at comes first.

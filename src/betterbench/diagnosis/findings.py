@@ -58,9 +58,9 @@ def find_notes(
     for task, found in sorted(rules.items()):
         if found.undecided:
             notes.append(
-                f"{task}: in {found.undecided} trials the run lacks the pairs that tell 'the word leads there' from "
-                "'always the same place'; they keep the label wrong_object. Run the training conditions and all "
-                "variations of the task with the same seeds."
+                f"{task}: in {found.undecided} trials the run is too small to prove, or tell apart, 'the word leads "
+                "there' and 'always the same place'; they keep the label wrong_object. Run the training conditions "
+                "and all variations of the task with the same seeds."
             )
     lonely = sum(t.variation is not None for t in trials) - pairs
     if lonely and pending:

@@ -55,24 +55,31 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
     return tuple(LabelEvidence(label, evidence) for label, evidence in found if evidence is not None)
 
 
+_OF_ORDER = (Label.ORDER_VIOLATION, Label.CAUSAL_CONFUSION)
+
+
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
     """Return the piece of evidence that decides a trial.
 
     The first one in time decides; for the same attempt the order of the labels does. Where the second pass leaves open
-    which rule explains an attempt, the label is ``wrong_object`` with the labels that remain possible, unless something
-    else explains the same attempt.
+    which rule explains an attempt, the label is ``wrong_object`` with the labels that remain possible, unless a look or
+    a habit of training explains the same attempt. A wrong order does not: it would be taken for one in tasks with an
+    order, and a favorite place for a wrong object in all others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
     undecided = {f.evidence.start_s for f in findings if _status(f.label, ruling) == "open"}
+    known = {f.evidence.start_s for f in findings if f.label not in waiting}
     kept: list[tuple[float, int, LabelEvidence]] = []
     for finding in findings:
         (label, evidence), status = finding, _status(finding.label, ruling)
-        if status == "rejected":
-            continue
-        if status == "open":  # what is not proven gives way to whatever else is known of the same attempt
+        if status == "rejected" or (status == "open" and evidence.start_s in known):
+            continue  # what is not proven gives way to whatever else is known of the same attempt
+        if status == "open":
             label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(waiting))
-        elif evidence.start_s in undecided and label not in (*waiting, Label.WRONG_OBJECT):
-            evidence = replace(evidence, candidates=_values((*waiting, label)))
+        elif evidence.start_s in undecided and label not in waiting:
+            possible = waiting if label is Label.WRONG_OBJECT else (*waiting, label)
+            evidence = replace(evidence, candidates=_values(possible))
+            label = Label.WRONG_OBJECT if label in _OF_ORDER else label
         kept.append((evidence.start_s, order.index(label), LabelEvidence(label, evidence)))
     if not kept:  # only a rule that was rejected explained the trial
         return LabelEvidence(Label.WRONG_OBJECT, findings[0].evidence)

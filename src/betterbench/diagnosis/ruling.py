@@ -17,18 +17,19 @@ class Ruling:
     """What the second pass says about one trial.
 
     Attributes:
-        place: Whether "always the same place" is upheld and explains this trial.
+        shortcut: Whether "the word leads there" explains this trial.
+        place: Whether "always the same place" does; "open" where the run is too small to prove it of any policy.
     """
 
     shortcut: RuleStatus = "open"
-    place: bool = False
+    place: RuleStatus = "rejected"
 
     def status(self, rule: str) -> RuleStatus:
         """Return the status of a kind of rule; the habit needs no ruling, because one trial shows it."""
         if rule == WORD:
             return self.shortcut
-        return "rejected" if rule == PLACE and not self.place else "upheld"
+        return self.place if rule == PLACE else "upheld"
 
 
-ALONE = Ruling()
+ALONE = Ruling("open", "open")
 """The ruling on a trial that was not compared with others."""

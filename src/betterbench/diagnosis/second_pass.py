@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.ruling import ALONE, CONFUSION, HABIT, PLACE, WORD, Ruling
+from betterbench.diagnosis.ruling import CONFUSION, HABIT, PLACE, WORD, RuleStatus, Ruling
 from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
@@ -75,7 +75,7 @@ class TaskRules:
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and could be told apart.
         rulings: Per trial key, what holds for it.
-        undecided: Number of trials in which word and place cannot be told apart for lack of trials.
+        undecided: Number of wrong trials in which no rule can be told from another, or proven, for lack of trials.
     """
 
     rules: tuple[PolicyRule, ...]
@@ -148,9 +148,10 @@ def judge_rules(
         proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
     rulings: dict[str, Ruling] = {}
     undecided = 0
+    provable = {s for s in slots if places_known or _provable(s, all_choices, price + before[PLACE], before[CONFUSION])}
     for key, choice in items:
-        rulings[key] = _rule_on(choice, rules, proven, all_choices)
-        undecided += rulings[key] == ALONE and not choice.correct and _fits(WORD, choice)
+        rulings[key] = _rule_on(choice, rules, proven, all_choices, provable=choice.slot in provable)
+        undecided += not choice.correct and "open" in (rulings[key].shortcut, rulings[key].place)
     upheld = tuple(r.name for r in rules if r.name in proven)
     return TaskRules(tuple(rules), confusion, upheld, rulings, undecided)
 
@@ -170,8 +171,20 @@ def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     return False
 
 
-def _rule_on(choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choices: Sequence[Choice]) -> Ruling:
-    """Return the ruling on one trial: the cheapest proven rule that fits it."""
+def _provable(slot: str, choices: Sequence[Choice], price: float, confusion: float) -> bool:
+    """Tell whether trials like these would prove a policy that always goes to a slot."""
+    certain = [replace(c, slot=slot, correct=slot in c.right) for c in choices]
+    rule = _judge(f"{PLACE}:{slot}", certain, price)
+    return has_pair(certain, slot) and rule.cost < _confusion(certain) + confusion - 1e-9
+
+
+def _rule_on(
+    choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choices: Sequence[Choice], *, provable: bool
+) -> Ruling:
+    """Return the ruling on one trial: the cheapest proven rule that fits it.
+
+    ``provable`` tells whether the trials could prove of any policy that it always goes to the slot of this trial.
+    """
     if choice.correct or choice.slot is None:
         return Ruling("rejected")
     fits_word = _fits(WORD, choice)
@@ -183,9 +196,10 @@ def _rule_on(choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choi
         if rule.name == WORD:
             return Ruling("upheld" if told_apart else "open")
         if rule.name == place:
-            return Ruling("rejected", place=True)
+            return Ruling("rejected", place="upheld")
         return Ruling("rejected")
-    return Ruling("open") if fits_word and not told_apart else Ruling("rejected")
+    shortcut: RuleStatus = "open" if fits_word and not told_apart else "rejected"
+    return Ruling(shortcut, "rejected" if provable else "open")
 
 
 def _predicted(name: str, choice: Choice) -> frozenset[str]:

@@ -158,13 +158,18 @@ def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, st
         return "No variation was run, so nothing is known about its reasoning.", "system"
     failed = [trial for trial in varied if trial.kind is not Kind.NONE]
     main = main_failure(failed)
+    weak = training.value is not None and training.value < WEAK_SHARE
+    rare = len(failed) <= RARE_SHARE * len(varied)
+    if weak and rare:
+        solved = "all" if main is None else f"{len(varied) - len(failed)} of {len(varied)}"
+        text = f"It fails the training conditions ({training.count()} solved) and solves {solved} trials of variations"
+        return f"{text}: look at the films of training first.", "execution"
     if main is None:
         return "No failure found: it solves every variation that was run.", "right"
-    if len(failed) <= RARE_SHARE * len(varied):
+    if rare:
         return f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed.", "right"
     entry = LEGEND[main]
-    weak = training.value is not None and training.value < WEAK_SHARE and main.kind is not Kind.SYSTEM
-    if weak:
+    if weak and main.kind is not Kind.SYSTEM:
         return f"It has not learned the training conditions. {entry.conclusion}", entry.family
     return entry.conclusion, entry.family
 

@@ -42,7 +42,7 @@ def _find(trial: TrialView) -> Evidence | None:
             if episode.attempted_after(step.goal, step.grasp.start):
                 continue
             text = (
-                f"It goes for {episode.describe(step)} and never for {episode.goals[step.goal].word!r}, "
+                f"It goes for {episode.describe(step)} and never for {episode.asked_words(step.goal)}, "
                 "which comes first and is there."
             )
             return episode.at_step("required_step_skipped", text, step)

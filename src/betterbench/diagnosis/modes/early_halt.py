@@ -36,6 +36,6 @@ def _find(trial: TrialView) -> Evidence | None:
     halt = find_halt(episode)
     if halt is None:
         return None
-    words = ", ".join(repr(episode.goals[g].word) for g in episode.open_goals(halt[0]))
-    text = f"The arm stands still for good with {words} still to do."
+    words = ", ".join(dict.fromkeys(map(episode.asked_words, episode.open_goals(halt[0]))))
+    text = f"The arm stands still to the end with {words} still to do."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -36,33 +36,39 @@ def _find(trial: TrialView) -> Evidence | None:
 def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     """Return the evidence of an episode in which every step was right and the goal was missed all the same."""
     last = episode.trace.rows - 1
-    text = "Every attempt was right, and yet the goal does not hold at the end."
     if episode.condition.expected is not Expected.SUCCEED:
         text = "Nothing wrong was grasped, and yet the arm did not come to rest or did not leave things alone."
-    return episode.evidence("goal_not_held", text, rows=(last, last))
+        return episode.evidence("goal_not_held", text, rows=(last, last))
+    done = episode.trace.done
+    lost = [g for g in range(done.shape[1]) if not done[last, g]]
+    things = tuple(dict.fromkeys(i for g in lost for i in episode.meant[g]))
+    names = " and ".join(dict.fromkeys(episode.kind(i) for i in things))
+    which = f": the {names} is not where it has to be, at rest and let go" if names else " for long enough"
+    text = f"Every attempt was right, and yet the goal does not hold at the end{which}."
+    return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
 
 def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     """Return what went wrong after one right decision, or None."""
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
-    word = episode.goals[step.goal].word
     if episode.completed_after(step.goal, step.grasp.end) or _brought_later(episode, step):
         return None
     if _held_later(episode, step):
         return None
     i = step.grasp.object
     if i is None:
-        return episode.at_step("missed_by_pose", f"The gripper closes beside {word!r}, the right target.", step)
+        missed = "an empty slot" if step.at is None else f"the {episode.kind(step.at)}"
+        return episode.at_step("missed_by_pose", f"The gripper closes beside {missed}, the right target.", step)
     drawer = episode.trace.is_drawer(i)
     if drawer and _moved_later(episode, step, i):
         return None
     if not step.grasp.secured:
         if episode.trace.left[-1, i] and episode.trace.right[-1, i]:
             return None  # the episode ended with the object between the fingers: there was no time to lift it
-        text = f"The gripper closes on {word!r}, the right target, but does not lift it."
+        text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
-    return _halfway(episode, step, i) if drawer else _lost(episode, step, i, word)
+    return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step) -> bool:
@@ -107,8 +113,7 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         gaps = {i: float(trace.box_distances(closing.end, tool)[i]) for i in trace.items}
         near = min(gaps, key=lambda i: (gaps[i], i), default=None)
         where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest thing"
-        word = episode.goals[due[0]].word
-        text = f"The gripper shuts on nothing{where}; {word!r} was asked for."
+        text = f"The gripper shuts on nothing{where}; {episode.asked_words(due[0])} was asked for."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))
     return None
 
@@ -148,7 +153,7 @@ def _halfway(episode: EpisodeAnalysis, step: Step, drawer: int) -> Evidence | No
     return episode.at_step("drawer_left_halfway", text, step)
 
 
-def _lost(episode: EpisodeAnalysis, step: Step, i: int, word: str) -> Evidence | None:
+def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     """Return evidence if an object left the gripper and came to rest at no place where a policy could want it."""
     trace, rows = episode.trace, episode.let_go(step)
     if rows is None:
@@ -159,10 +164,10 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int, word: str) -> Evidence |
         return None
     fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:
-        how = "drops" if gone >= step.grasp.release else "loses"
-        text = f"The gripper {how} {word!r}, the right target, {100 * fall:.0f} cm above where it comes to rest."
+        how, height = "drops" if gone >= step.grasp.release else "loses", f"{100 * fall:.0f} cm"
+        text = f"The gripper {how} the {episode.kind(i)}, the right target, {height} above where it comes to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
-    text = f"{word!r}, the right target, is let go outside the goal."
+    text = f"The {episode.kind(i)}, the right target, is let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
 
 
@@ -208,7 +213,8 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
     if not found:
         return None
     row, g = min(found)
-    text = f"{episode.goals[g].word!r} was where it was asked for and is knocked away from there."
+    kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
+    text = f"The {kinds} was where it had to be and is knocked away from there."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 

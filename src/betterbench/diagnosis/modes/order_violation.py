@@ -38,7 +38,7 @@ def _find(trial: TrialView) -> Evidence | None:
             if not episode.attempted_after(step.goal, step.grasp.start):
                 continue
             text = (
-                f"It goes for {episode.describe(step)} before {episode.goals[step.goal].word!r}, "
+                f"It goes for {episode.describe(step)} before {episode.asked_words(step.goal)}, "
                 "which comes first and is attempted later."
             )
             return episode.at_step("attempted_in_wrong_order", text, step)
@@ -59,5 +59,5 @@ def _completed_in_wrong_order(episode: EpisodeAnalysis) -> Evidence | None:
     if not late:
         return None
     row, g = min(late)
-    text = f"{episode.goals[g].word!r} is done before what comes earlier in the instruction."
+    text = f"{episode.asked_words(g)} is done before what comes earlier in the instruction."
     return episode.evidence("completed_in_wrong_order", text, rows=(row, row), objects=episode.meant[g])

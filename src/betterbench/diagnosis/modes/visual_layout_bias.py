@@ -44,7 +44,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if step.target is AttemptTarget.ASKED and taken_for_another(episode, step) is None:
         return None
     text = (
-        f"The first attempt goes to slot {step.grasp.slot!r}, as it does whatever the instruction: it is at "
-        f"{episode.describe(step)} although {episode.asked_for(step)}."
+        f"The first attempt goes to slot {step.grasp.slot!r}: it is at {episode.describe(step)} although "
+        f"{episode.asked_for(step)}."
     )
     return episode.at_step("same_place_whatever_the_instruction", text, step)
