@@ -67,7 +67,10 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     order, and a favorite place for a wrong object in all others.
     """
     order, waiting = all_labels(), labels_of_second_pass()
-    undecided = {f.evidence.start_s for f in findings if _status(f.label, ruling) == "open"}
+    undecided: dict[float, tuple[Label, ...]] = {}
+    for f in findings:
+        if _status(f.label, ruling) == "open":
+            undecided[f.evidence.start_s] = (*undecided.get(f.evidence.start_s, ()), f.label)
     known = {f.evidence.start_s for f in findings if f.label not in waiting}
     kept: list[tuple[float, int, LabelEvidence]] = []
     for finding in findings:
@@ -75,9 +78,10 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
         if status == "rejected" or (status == "open" and evidence.start_s in known):
             continue  # what is not proven gives way to whatever else is known of the same attempt
         if status == "open":
-            label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(waiting))
+            possible = undecided[evidence.start_s]
+            label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(possible))
         elif evidence.start_s in undecided and label not in waiting:
-            possible = waiting if label is Label.WRONG_OBJECT else (*waiting, label)
+            possible = (*undecided[evidence.start_s], *([] if label is Label.WRONG_OBJECT else [label]))
             evidence = replace(evidence, candidates=_values(possible))
             label = Label.WRONG_OBJECT if label in _OF_ORDER else label
         kept.append((evidence.start_s, order.index(label), LabelEvidence(label, evidence)))

@@ -148,9 +148,12 @@ def judge_rules(
         proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
     rulings: dict[str, Ruling] = {}
     undecided = 0
-    provable = {s for s in slots if places_known or _provable(s, all_choices, price + before[PLACE], before[CONFUSION])}
+    paid = price + before[PLACE]
+    open_slots = {r.slot for r in rules if r.slot is not None and r.cost - paid < confusion}
+    if not places_known:
+        open_slots = {s for s in open_slots if not _provable(s, all_choices, paid, before[CONFUSION])}
     for key, choice in items:
-        rulings[key] = _rule_on(choice, rules, proven, all_choices, provable=choice.slot in provable)
+        rulings[key] = _rule_on(choice, rules, proven, all_choices, place_open=choice.slot in open_slots)
         undecided += not choice.correct and "open" in (rulings[key].shortcut, rulings[key].place)
     upheld = tuple(r.name for r in rules if r.name in proven)
     return TaskRules(tuple(rules), confusion, upheld, rulings, undecided)
@@ -179,11 +182,11 @@ def _provable(slot: str, choices: Sequence[Choice], price: float, confusion: flo
 
 
 def _rule_on(
-    choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choices: Sequence[Choice], *, provable: bool
+    choice: Choice, rules: Sequence[PolicyRule], proven: set[str], choices: Sequence[Choice], *, place_open: bool
 ) -> Ruling:
     """Return the ruling on one trial: the cheapest proven rule that fits it.
 
-    ``provable`` tells whether the trials could prove of any policy that it always goes to the slot of this trial.
+    ``place_open`` tells that "always the slot of this trial" fits the trials, which could prove it of no policy.
     """
     if choice.correct or choice.slot is None:
         return Ruling("rejected")
@@ -199,7 +202,7 @@ def _rule_on(
             return Ruling("rejected", place="upheld")
         return Ruling("rejected")
     shortcut: RuleStatus = "open" if fits_word and not told_apart else "rejected"
-    return Ruling(shortcut, "rejected" if provable else "open")
+    return Ruling(shortcut, "open" if place_open else "rejected")
 
 
 def _predicted(name: str, choice: Choice) -> frozenset[str]:
