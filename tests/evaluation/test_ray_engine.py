@@ -150,7 +150,7 @@ def play(tmp_path, monkeypatch):
         made.replica_gpus = lambda: 1.0
         folder = SimpleNamespace(path=tmp_path)
         try:
-            return list(ray_entries(made, folder, settings, TRIALS, served=bool(replicas)))
+            return list(ray_entries(made, folder, settings, [TRIALS], served=bool(replicas)))
         finally:
             assert not ray.alive, "every actor is ended"
 

@@ -37,6 +37,8 @@ class TrialOptions:
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
+        until_decided: Give a variation no more trials once it is shown that its success drops against training, or that
+            it does not drop by half; --trials is then the most that it gets.
     """
 
     suite: str = "better60"
@@ -48,6 +50,7 @@ class TrialOptions:
     observation: str = "default"
     quality: str = "standard"
     looks: str = "seen"
+    until_decided: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +123,8 @@ def evaluate_command(
     plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions)
     if not uncertified:
         require_certified(plan, certificate)
-    say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
+    most = "" if plan.until_decided is None else "At most "
+    say(f"{most}{len(plan.trials)} trials. {what_trials_show(plan)}")
     run = run_with_bar(
         plan,
         out or Path("runs") / default_folder(plan.policy),
