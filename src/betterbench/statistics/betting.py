@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -52,7 +52,11 @@ def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: 
         confidence: Two-sided confidence level.
     """
     check_fraction("confidence", confidence)
-    seen = list(values)
+    return _interval(tuple(sorted(values)), span, confidence)
+
+
+@lru_cache(maxsize=4096)
+def _interval(seen: tuple[float, ...], span: Span, confidence: float) -> Interval:
     if not seen:
         return Interval(*span)
     bound = 2.0 / (1.0 - confidence)

@@ -76,6 +76,20 @@ class Plan:
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse to run until decided without every pair: each variation and its twin with all seeds."""
+        if self.until_decided is None:
+            return
+        planned = {t.id for t in self.trials}
+        varied = [t for t in self.trials if t.variation is not None]
+        pairs = {(t.task, name) for t in varied for name in (t.condition, str(t.base_condition))}
+        wanted = {TrialId(task, name, t.seed) for task, name in pairs for t in varied}
+        if not varied or not wanted <= planned:
+            what = "a variation" if not varied else str(min(wanted - planned, key=str))
+            raise InvalidInputError(
+                "trials", f"{what} is missing, and a run until decided needs every pair", "Plan the run again"
+            )
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every version and convention that results depend on."""
         return {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.statistics import Decisions, Question, decide
 from betterbench.tasks import TrialId
@@ -17,18 +16,13 @@ class Schedule:
         plan: The plan.
     """
 
-    def __init__(
-        self, plan: Plan, *, is_done: Callable[[TrialId], bool], succeeded: Callable[[TrialId], bool]
-    ) -> None:
+    def __init__(self, plan: Plan, *, is_done: Callable[[TrialId], bool], succeeded: Callable[[TrialId], bool]) -> None:
         """Prepare.
 
         Args:
             plan: The plan.
             is_done: Tells whether a trial has ended; those that broke down have not.
             succeeded: Tells whether a trial that has ended succeeded; it is asked once for each.
-
-        Raises:
-            InvalidInputError: If the plan is to be run until it is decided, and lacks a twin.
         """
         self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
         self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}
@@ -55,36 +49,20 @@ class Schedule:
             yield [t for t in self.plan.trials if not self._is_done(t.id)]
             return
         given: set[TrialId] = set()
-        while self.decisions is not None and self.decisions.waiting:
-            waiting = [self._trials[key] for key in self.decisions.waiting]
+        while (decisions := self.decisions) is not None and decisions.waiting:
+            waiting = [self._trials[key] for key in decisions.waiting]
             if not given.isdisjoint(t.id for t in waiting):
                 return
             given.update(t.id for t in waiting)
             yield waiting
-    
-    @property
-    def decisions(self) -> Decisions | None:
-        """What is decided after the last complete round; None for a plan of which everything is run."""
-        if self.plan.until_decided is None:
-            return None
-        return decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
-
-    def _decide(self) -> Decisions | None:
-        rule = self.plan.until_decided
-        if rule is None:
-            return None
-        return decide(self._questions, self._seeds, self._outcome, rule=rule)
 
     def _outcome(self, condition: str, seed: int) -> bool | None:
-        trial = self._trials.get((condition, seed))
-        if trial is None:
-            problem = f"{condition} seed {seed} is not among them, and a run until decided needs every pair"
-            raise InvalidInputError("the trials of the plan", problem, "Restore run.json, or plan the run again")
-        if trial.id not in self._outcomes:
-            if not self._is_done(trial.id):
+        trial = self._trials[condition, seed].id
+        if trial not in self._outcomes:
+            if not self._is_done(trial):
                 return None
-            self._outcomes[trial.id] = self._succeeded(trial.id)
-        return self._outcomes[trial.id]
+            self._outcomes[trial] = self._succeeded(trial)
+        return self._outcomes[trial]
 
 
 def _name(task: str, condition: str) -> str:
