@@ -125,8 +125,8 @@ def _until_decided(side: Side) -> Iterator[str]:
         first = plural(len(decided.first_seeds), "seed")
         chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.even_trials), "trial")
         yield (
-            f"{side.name} went on until its variations were decided: its first {first} are compared, and {chosen} that "
-            "its outcomes chose are left out."
+            f"{side.name} went on until its variations were decided: the trials of its first {first} are compared, and "
+            f"{chosen} that its outcomes chose left out."
         )
 
 
