@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -142,7 +142,9 @@ def play(tmp_path, monkeypatch):
     (tmp_path / "run.json").write_text("{}", encoding="utf-8")
     settings = RunSettings(str(tmp_path), "mine", "ee_delta", "state_only", "fast", "panda", 1)
 
-    def run(ray: FakeRay, *, replicas: int = 0, workers: int = 1) -> list[JournalEntry]:
+    def run(
+        ray: FakeRay, *, replicas: int = 0, workers: int = 1, rounds: Iterable[Sequence[Trial]] = (TRIALS,)
+    ) -> list[JournalEntry]:
         monkeypatch.setattr(pool, "time", SimpleNamespace(monotonic=lambda: ray.now))
         cluster = Cluster(replicas=replicas or 1)
         made = RaySession.__new__(RaySession)
@@ -150,7 +152,7 @@ def play(tmp_path, monkeypatch):
         made.replica_gpus = lambda: 1.0
         folder = SimpleNamespace(path=tmp_path)
         try:
-            return list(ray_entries(made, folder, settings, TRIALS, served=bool(replicas)))
+            return list(ray_entries(made, folder, settings, rounds, served=bool(replicas)))
         finally:
             assert not ray.alive, "every actor is ended"
 
@@ -197,6 +199,13 @@ def test_a_place_that_is_not_found_again_is_named_too(play):
     with pytest.raises(InvalidInputError, match="no place for a worker"):
         play(ray)
     assert 3 * PLACING_S < ray.now - 1000.0 < 3 * PLACING_S + 10.0
+
+
+def test_the_workers_stay_for_the_next_round_and_one_that_died_is_replaced(play):
+    assert seeds(play(FakeRay(Actor()), rounds=[TRIALS[:1], TRIALS[1:]])) == [0, 1]
+    ray = FakeRay(Actor(fails=errors.ActorDiedError()), Actor())
+    assert seeds(play(ray, rounds=[TRIALS[:1], TRIALS[1:]])) == [0, 1]
+    assert seeds(play(FakeRay(Actor(), Actor()), workers=2, rounds=[TRIALS[:1], [], TRIALS[1:]])) == [0, 1]
 
 
 def test_a_worker_that_loads_for_long_has_its_place(play):

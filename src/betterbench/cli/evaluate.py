@@ -15,6 +15,7 @@ from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.diagnosis.until_decided import UntilDecided
     from betterbench.evaluation import Plan, Progress
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
@@ -37,6 +38,8 @@ class TrialOptions:
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
+        until_decided: Give a variation no more trials once it is shown that its success drops against training, or that
+            it does not drop by half; --trials is then the most that it gets.
     """
 
     suite: str = "better60"
@@ -48,6 +51,7 @@ class TrialOptions:
     observation: str = "default"
     quality: str = "standard"
     looks: str = "seen"
+    until_decided: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +124,8 @@ def evaluate_command(
     plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions)
     if not uncertified:
         require_certified(plan, certificate)
-    say(f"{len(plan.trials)} trials. {what_trials_show(plan)}")
+    most = "" if plan.until_decided is None else "At most "
+    say(f"{most}{len(plan.trials)} trials. {what_trials_show(plan)}")
     run = run_with_bar(
         plan,
         out or Path("runs") / default_folder(plan.policy),
@@ -132,7 +137,7 @@ def evaluate_command(
         allow_changed_policy=allow_changed_policy,
         repeats=from_run if policy is None else None,
     )
-    _print_counts(run, {t.task for t in plan.trials}, json=json)
+    _print_counts(run, plan, json=json)
 
 
 def _plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool) -> Plan:
@@ -244,16 +249,21 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
     return run
 
 
-def _print_counts(run: RunFolder, tasks: set[str], *, json: bool) -> None:
-    """Print how many trials succeeded and how many broke down."""
+def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
+    """Print how many trials succeeded and how many broke down, and the verdicts of a run until decided."""
     from betterbench.evaluation.running.summary import run_counts
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
 
-    counts = run_counts(run)
+    decided = _decided(run, plan)
+    counts = run_counts(run, seeds=None if decided is None else decided.first_seeds)
     if json:
-        print_json(counts)
+        print_json({**counts, **({} if decided is None else {"until_decided": decided.to_json()})})
         return
+    if decided is not None:
+        trials = sum(e.status == "done" for e in run.entries())
+        OUT.print(f"{decided.summary} It took {trials} trials.", markup=False)
+        OUT.print(f"Success with the first {len(decided.first_seeds)} seeds, which every variation got:", markup=False)
     for name in ("training", "variations"):
         k, n = counts[name]["k"], counts[name]["n"]
         rate = Rate(k, n)
@@ -263,4 +273,16 @@ def _print_counts(run: RunFolder, tasks: set[str], *, json: bool) -> None:
     broken = counts["errors"]["k"]
     if broken:
         OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
-    OUT.print(f"run         {run.path}\nnext        better report {run.path}{options_for(tasks)}", markup=False)
+    following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
+    OUT.print(f"run         {run.path}\nnext        {following}", markup=False)
+
+
+def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
+    """Return what a run until decided has decided, from its records; None for a run of all trials."""
+    from betterbench.diagnosis.until_decided import decided_of
+
+    if plan.until_decided is None:
+        return None
+    done = {e.key for e in run.entries() if e.status == "done"}
+    trials = [t.id for t in plan.trials]
+    return decided_of(plan.until_decided, trials, lambda trial: run.succeeded(trial) if trial in done else None)

@@ -42,8 +42,10 @@ class RunTally:
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress) -> str:
-        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials."""
+        """Return the text beside the bar: pace, time left, verdicts, successes, errors of the policy, broken trials."""
         parts = [pace(progress)] if pace(progress) else []
+        if progress.decisions is not None:
+            parts.append(f"{progress.decisions.decided}/{len(progress.decisions.answers)} variations decided")
         if self.judged:
             parts.append(f"{self.successes}/{self.judged} succeeded")
         if self.policy_errors:
@@ -54,14 +56,18 @@ class RunTally:
 
 
 def pace(progress: Progress) -> str:
-    """Return trials per minute of this session and the time left; empty before its first trial has ended."""
+    """Return trials per minute of this session and the time left; empty before its first trial has ended.
+
+    The time left of a run until decided is the most that it may take.
+    """
     ended = progress.done - progress.started_with
     if ended < 1 or progress.elapsed_s <= 0.0:
         return ""
     per_minute = 60.0 * ended / progress.elapsed_s
     left_s = (progress.planned - progress.done) * progress.elapsed_s / ended
     rate = f"{per_minute:.0f}" if per_minute >= 10 else f"{per_minute:.1f}"
-    return f"{rate}/min, {duration(left_s)} left"
+    most = "" if progress.decisions is None else "at most "
+    return f"{rate}/min, {most}{duration(left_s)} left"
 
 
 def duration(seconds: float) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from betterbench.comparison.side import Side
 from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.statistics.wording import plural
 
 _DECISIVE = ("suite_version", "schema_version", "task_version:", "engine:", "robot", "control_rate_hz", "looks")
 """Conventions under which the same trial is another one: numbers made under different ones are not comparable."""
@@ -35,11 +36,15 @@ class Matching:
 def match_sides(sides: Sequence[Side], *, allow_mixed: bool = False) -> Matching:
     """Return the trials that all sides share, by task, variation or condition, and seed.
 
+    Of a run until decided, only the trials of its first round count: its outcomes have chosen the others.
+
     Raises:
         RunConflictError: If versions, engines, robots or control rates differ and that is not allowed.
         InvalidInputError: If the runs share no condition.
     """
     notes = list(_clashes(sides, allow_mixed=allow_mixed))
+    notes += [note for side in sides for note in _until_decided(side)]
+    sides = [replace(side, diagnosis=side.diagnosis.even()) for side in sides]
     by_key = [{t.key: t for t in s.diagnosis.trials} for s in sides]
     common = [key for key in by_key[0] if all(key in known for known in by_key[1:])]
     if common:
@@ -111,6 +116,18 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
                 "or give --allow-mixed and read the numbers with care."
             )
         yield f"{name} differs: {listed}."
+
+
+def _until_decided(side: Side) -> Iterator[str]:
+    """Yield a note about what is left out of a run until decided."""
+    decided = side.diagnosis.until_decided
+    if decided is not None:
+        first = plural(len(decided.first_seeds), "seed")
+        chosen = plural(len(side.diagnosis.trials) - len(side.diagnosis.even_trials), "trial")
+        yield (
+            f"{side.name} went on until its variations were decided: the trials of its first {first} are compared, and "
+            f"{chosen} that its outcomes chose left out."
+        )
 
 
 def _broken(side: Side, trials: Sequence[TrialDiagnosis]) -> Iterator[str]:

@@ -44,8 +44,12 @@ def find_notes(
     pairs: int,
     *,
     pending: int = 0,
+    even_pairs: int | None = None,
 ) -> tuple[str, ...]:
-    """Return what the run cannot show, one sentence each."""
+    """Return what the run cannot show, one sentence each.
+
+    ``even_pairs`` are those that no outcome has chosen, where that is not all of them.
+    """
     notes = []
     if pending:
         notes.append(
@@ -71,6 +75,7 @@ def find_notes(
             f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; run their "
             "training conditions with the same seeds."
         )
+    pairs = pairs if even_pairs is None else even_pairs
     if pairs:
         smallest = smallest_paired_difference(pairs)
         if smallest.value is None:

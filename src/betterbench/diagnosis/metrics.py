@@ -5,21 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
 from betterbench.statistics import (
     Difference,
     PairedTable,
     Rate,
+    anytime_interval,
     delta_success_rate,
+    evidence_above,
     holm,
     mcnemar_p,
     paired_bootstrap,
     wider_paired_difference,
 )
+from betterbench.statistics.betting import SIGNED
 from betterbench.tasks import Axis, stream
 from betterbench.tasks.labels import Kind
 
 Trials = Sequence[TrialDiagnosis]
+
+ANYTIME = "anytime-valid"
+"""Method of an interval that holds whenever the trials stopped."""
 
 _RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
     ("success_rate", lambda t: t.success),
@@ -37,20 +44,45 @@ at an emptied slot; it counts as a success too. Collisions are those with fixtur
 """
 
 
-def compute_metrics(trials: Trials) -> tuple[Metric, ...]:
+def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tuple[Metric, ...]:
     """Return all metrics of a run.
+
+    Args:
+        trials: Its trials.
+        decided: What a run until decided has decided. Numbers of one condition then have intervals that hold whenever
+            its trials stopped, and numbers over several conditions are of the seeds of the first round alone.
 
     Returns:
         Rates, distractor grasp rate and progress over every scope, ΔSR of recompositions, and illusion gaps.
     """
+    even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     metrics: list[Metric] = []
     for scope, members in scopes(trials):
-        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, members)), len(members))) for n, f in _RATES]
-        metrics.append(_distractor_grasp_rate(scope, members))
-        metrics.append(_progress(scope, members))
-    metrics += _delta_success_rates(trials)
-    metrics += _illusion_gaps(trials)
+        one_condition = "/" in scope and not scope.endswith("/training")
+        if decided is not None and one_condition:
+            metrics += _anytime(scope, members)
+            continue
+        kept = members if decided is None else [t for t in members if t.seed in decided.first_seeds]
+        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, kept)), len(kept))) for n, f in _RATES]
+        metrics.append(_distractor_grasp_rate(scope, kept))
+        metrics.append(_progress(scope, kept))
+    metrics += _delta_success_rates(even)
+    metrics += _illusion_gaps(even, trials if decided is not None else None)
     return tuple(metrics)
+
+
+def _anytime(scope: str, trials: Trials) -> Iterator[Metric]:
+    """Yield rates, distractor grasp rate and progress of one condition, valid whenever its trials stopped."""
+    results = [a.result for t in trials for a in t.attempts if a.result != "null"]
+    counted = [(name, [shows(t) for t in trials]) for name, shows in _RATES]
+    counted.append(("distractor_grasp_rate", [result == "distractor" for result in results]))
+    for name, seen in counted:
+        ends = anytime_interval(map(float, seen))
+        value = sum(seen) / len(seen) if seen else None
+        yield Metric(name, scope, sum(seen), len(seen), value, *ends, method=ANYTIME)
+    progress = [t.progress for t in trials]
+    mean = sum(progress) / len(progress)
+    yield Metric("progress", scope, None, len(progress), mean, *anytime_interval(progress), method=ANYTIME)
 
 
 def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
@@ -112,24 +144,38 @@ def _success_rate(trials: Trials) -> Rate:
     return Rate(sum(t.success for t in trials), len(trials))
 
 
-def _illusion_gaps(trials: Trials) -> list[Metric]:
-    """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope."""
+def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
+    """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope.
+
+    ``stopped`` are all trials of a run until decided, for the gaps of single variations; None for another run.
+    """
     pairs = twins(trials)
     if not pairs:
         return []
     families: list[dict[str, list[tuple[TrialDiagnosis, TrialDiagnosis]]]] = [{"overall": pairs}, {}, {}, {}]
     for twin, trial in pairs:
-        keys = (f"axis:{trial.axis}", trial.task, f"{trial.task}/{trial.variation}")
-        for family, key in zip(families[1:], keys, strict=True):
+        keys = (f"axis:{trial.axis}", trial.task)
+        for family, key in zip(families[1:3], keys, strict=True):
             family.setdefault(key, []).append((twin, trial))
+    for twin, trial in pairs if stopped is None else twins(stopped):
+        families[3].setdefault(f"{trial.task}/{trial.variation}", []).append((twin, trial))
     metrics: list[Metric] = []
     for family in families:
-        found = [_gap(scope, members) for scope, members in sorted(family.items())]
+        anytime = stopped is not None and family is families[3]
+        gap = _anytime_gap if anytime else _gap
+        found = [gap(scope, members) for scope, members in sorted(family.items())]
         corrected = holm([m.p_value for m in found if m.p_value is not None])
         note = f", Holm over {len(found)}" if len(found) > 1 else ""
-        method = f"paired bootstrap or Newcombe, the wider; exact McNemar{note}"
-        metrics += [replace(m, p_value=p, method=method) for m, p in zip(found, corrected, strict=True)]
+        method = f"{ANYTIME}, one-sided bet" if anytime else "paired bootstrap or Newcombe, the wider; exact McNemar"
+        metrics += [replace(m, p_value=p, method=method + note) for m, p in zip(found, corrected, strict=True)]
     return metrics
+
+
+def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
+    values = [float(twin.success) - float(trial.success) for twin, trial in pairs]
+    p = min(1.0, 1.0 / evidence_above(values, 0.0, span=SIGNED))
+    ends = anytime_interval(values, span=SIGNED)
+    return Metric("illusion_gap", scope, None, len(pairs), sum(values) / len(values), *ends, p_value=p)
 
 
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:

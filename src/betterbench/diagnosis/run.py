@@ -15,12 +15,14 @@ from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
 from betterbench.diagnosis.trial import Choice, Reading, read_trial
+from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import RecordError
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
+from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
 
@@ -34,19 +36,26 @@ class _Trials:
         readings: What its record says, by trial.
         missing: Why a trial has no record, by trial, or None where that is not known.
         pending: Trials that a run in progress has not reached; they count nowhere.
+        until_decided: What is decided, or None for a run of which everything is run.
     """
 
     plan: list[TrialId] = field(default_factory=list)
     readings: dict[TrialId, Reading] = field(default_factory=dict)
     missing: dict[TrialId, str | None] = field(default_factory=dict)
     pending: list[TrialId] = field(default_factory=list)
+    until_decided: UntilDecided | None = None
+
+    def outcome(self, trial: TrialId) -> bool | None:
+        """Return whether a trial succeeded, or None if it has no record."""
+        return self.readings[trial].diagnosis.success if trial in self.readings else None
 
 
 def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: bool = False) -> RunDiagnosis:
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once no process writes any more, they are trials without a record.
+    nowhere. Once no process writes any more, they are trials without a record. Of a run until decided, this holds for
+    the round under way; the trials that its verdicts have spared are left out.
 
     Args:
         folder: The run, or its folder.
@@ -59,23 +68,31 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
-    policy, plan = read_plan(run)
+    policy, plan, rule = read_plan(run)
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for trial in plan:
         entry = entries.get(trial)
+        path = run.record_path(trial.task, trial.condition, trial.seed)
+        if entry is not None and entry.status == "done" and path.exists():
+            record = run.read_record(trial.task, trial.condition, trial.seed)
+            versions.add(record.metadata)
+            trials.readings[trial] = read_trial(record, path=path.relative_to(run.path).as_posix())
+    expected = frozenset(plan)
+    if rule is not None:
+        trials.until_decided = decided_of(rule, plan, trials.outcome)
+        expected = trials.until_decided.waiting
+    for trial in plan:
+        entry = entries.get(trial)
+        if entry is None and trial not in expected:
+            continue
         if entry is None and running:
             trials.pending.append(trial)
             continue
         trials.plan.append(trial)
-        path = run.record_path(trial.task, trial.condition, trial.seed)
-        if entry is None or entry.status != "done" or not path.exists():
+        if trial not in trials.readings:
             trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
-            continue
-        record = run.read_record(trial.task, trial.condition, trial.seed)
-        versions.add(record.metadata)
-        trials.readings[trial] = read_trial(record, path=path.relative_to(run.path).as_posix())
     found = _diagnose(policy, trials, versions.found)
     return replace(found, notes=(*_policy_notes(run.context), *found.notes))
 
@@ -127,13 +144,14 @@ class _PlanForm:
 
     policy: str
     trials: list[_PlannedForm]
+    until_decided: StoppingRule | None = None
 
 
 _PLAN = TypeAdapter(_PlanForm)
 
 
-def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
-    """Return the policy and the planned trials of a run.
+def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
+    """Return the policy and the planned trials of a run, and when it stops if it is run until decided.
 
     Raises:
         RecordError: If the plan lacks them or they are malformed.
@@ -144,7 +162,7 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...]]:
     if len(set(trials)) < len(trials):
         twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])
         raise RecordError(f"{where}: {twice} is planned twice. Remove one of the two.")
-    return plan.policy, trials
+    return plan.policy, trials, plan.until_decided
 
 
 def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiagnosis:
@@ -161,11 +179,13 @@ def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiag
         else _without_record(trial, policy, trials.missing.get(trial))
         for trial in trials.plan
     )
-    missing, pairs = sorted(map(str, trials.missing)), len(twins(found))
+    missing, decided = sorted(map(str, trials.missing)), trials.until_decided
+    even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
+    notes = find_notes(found, rules, missing, len(twins(found)), pending=len(trials.pending), even_pairs=even)
     return RunDiagnosis(
-        policy=policy, trials=found, metrics=compute_metrics(found), findings=find_findings(found, rules),
-        notes=find_notes(found, rules, missing, pairs, pending=len(trials.pending)), thresholds=THRESHOLDS.to_json(),
-        versions=versions, pending=tuple(map(str, trials.pending)),
+        policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
+        notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
+        versions=versions, pending=tuple(map(str, trials.pending)), until_decided=decided,
     )  # fmt: skip
 
 

@@ -124,6 +124,7 @@ class Standing:
 def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
     """Return where the policy of a run stands among the pretenders.
 
+    Of a run until decided, the trials of the first round count, which no outcome has chosen.
     Tasks that have changed since the matrix was measured are left out, and so is what the matrix never held; the notice
     says so. Nothing is raised: a report does without.
 
@@ -131,7 +132,7 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
         diagnosis: The run.
         matrix: The power matrix; the packaged one if not given.
     """
-    varied = [t for t in diagnosis.trials if t.variation is not None]
+    varied = [t for t in diagnosis.even_trials if t.variation is not None]
     if matrix is None:
         try:
             matrix = packaged_power_matrix()

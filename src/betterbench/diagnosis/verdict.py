@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
@@ -143,7 +144,7 @@ class Metric:
         n: Count of the denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.
         p_value: Of the paired test, where there is one.
-        method: How the interval was made ("wilson", "newcombe", "paired bootstrap").
+        method: How the interval was made ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
     """
 
     name: str
@@ -176,6 +177,7 @@ class RunDiagnosis:
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
         pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
             that no process writes to any more: what it has not finished is then among the trials, without a record.
+        until_decided: Verdict on each variation of a run until decided, or None. What such a run has spared is nowhere.
     """
 
     policy: str
@@ -186,6 +188,18 @@ class RunDiagnosis:
     thresholds: dict[str, float]
     versions: dict[str, str]
     pending: tuple[str, ...] = ()
+    until_decided: UntilDecided | None = None
+
+    @property
+    def even_trials(self) -> tuple[TrialDiagnosis, ...]:
+        """The trials that no outcome has chosen: all, or of a run until decided those of its first round."""
+        if self.until_decided is None:
+            return self.trials
+        return tuple(t for t in self.trials if t.seed in self.until_decided.first_seeds)
+
+    def even(self) -> RunDiagnosis:
+        """Return the diagnosis with its even trials alone, for numbers over several variations."""
+        return replace(self, trials=self.even_trials)
 
     @property
     def planned(self) -> int:
@@ -210,4 +224,5 @@ class RunDiagnosis:
             "thresholds": self.thresholds,
             "versions": self.versions,
             "pending": list(self.pending),
+            "until_decided": None if self.until_decided is None else self.until_decided.to_json(),
         }

@@ -18,9 +18,10 @@ from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import dump_json
-from betterbench.recording.parquet import read_record, write_record
+from betterbench.recording.parquet import read_outcome, read_record, write_record
 from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
+from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
 
 RUN_SCHEMA_VERSION = 1
@@ -175,6 +176,10 @@ class RunFolder:
                 "Put the right file back, or run the trial again."
             )
         return record
+
+    def succeeded(self, trial: TrialId) -> bool:
+        """Return whether a trial succeeded, from its record; raise RecordError if that is missing or unreadable."""
+        return read_outcome(self.record_path(trial.task, trial.condition, trial.seed)).success
 
     def records(self) -> Iterator[Record]:
         """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""

@@ -79,12 +79,13 @@ def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
                 (
                     diagnosis.policy, row.id, row.axis, row.title, trial.k, trial.n, trial.value, trial.low, trial.high,
                     twin.k, twin.n, twin.value, row.gap.value, row.gap.low, row.gap.high, row.gap.p_value,
-                    *families.values(),
+                    *families.values(), row.verdict,
                 )
             )  # fmt: skip
     columns = (
         "policy", "variation", "axis", "title", "k", "n", "success_rate", "low", "high", "twin_k", "twin_n",
         "twin_success_rate", "illusion_gap", "gap_low", "gap_high", "p_value", "reasoning", "execution", "system",
+        "verdict",
     )  # fmt: skip
     return Table("variations", "Success rates per variation with 95 % intervals.", columns, tuple(rows))
 

@@ -108,7 +108,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         Figure.of(diagnosis.metric("distractor_grasp_rate", "overall"), noun="grasps"),
         Figure.of(diagnosis.metric("success_with_a_needless_step", "overall")),
         leading_failure(varied),
-        segments_of(varied),
+        segments_of([trial for trial in diagnosis.even_trials if trial.variation is not None]),
     )
 
 

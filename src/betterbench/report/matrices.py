@@ -128,7 +128,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
-    for trial in diagnosis.trials:
+    for trial in diagnosis.even_trials:
         trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():

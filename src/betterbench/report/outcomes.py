@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
-from betterbench.statistics import Rate
+from betterbench.statistics import Rate, anytime_interval
 from betterbench.tasks import Task, Variation, get_task
 
 
@@ -36,6 +36,7 @@ class ConditionRow:
         support: Whether the poses lie inside the training distribution, or an empty string.
         twin: Success rate of the counterfactual twins of the pairs in the run.
         segments: Outcomes, in the order of stacking, none empty.
+        verdict: Of a run until decided, the verdict in words; else an empty string.
     """
 
     id: str
@@ -52,6 +53,7 @@ class ConditionRow:
     twin: Figure
     gap: Figure
     segments: tuple[Segment, ...]
+    verdict: str = ""
 
     def count_of(self, family: str) -> int:
         """Return how many trials ended in a color family."""
@@ -88,7 +90,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
 def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
     """Return one row per task with the outcomes of all its training conditions."""
     groups: dict[str, list[TrialDiagnosis]] = {}
-    for trial in diagnosis.trials:
+    for trial in diagnosis.even_trials:
         if trial.variation is None:
             groups.setdefault(trial.task, []).append(trial)
     return [
@@ -120,7 +122,8 @@ def _variation_row(
     """Return the row of one variation."""
     known = _variation(task, name)
     found = [twins[key] for t in trials if (key := t.twin_key) is not None and key in twins]
-    twin = Rate(sum(t.success for t in found), len(found))
+    decided = diagnosis.until_decided
+    answer = None if decided is None else decided.answer(f"{task}/{name}")
     return ConditionRow(
         f"{task}/{name}",
         task,
@@ -133,10 +136,20 @@ def _variation_row(
         tuple(str(operation) for operation in known.interventions) if known is not None else (),
         known.support.value if known is not None else "",
         _rate(diagnosis, f"{task}/{name}", trials),
-        Figure.of_rate(twin),
+        _rate_of_twins(found, stopped=decided is not None),
         Figure.of(diagnosis.metric("illusion_gap", f"{task}/{name}"), difference=True, noun="pairs"),
         segments_of(trials),
+        "" if answer is None else answer.verdict.words,
     )
+
+
+def _rate_of_twins(twins: list[TrialDiagnosis], *, stopped: bool) -> Figure:
+    """Return the success rate of twins; if a verdict stopped their trials, with an interval that holds all the same."""
+    figure = Figure.of_rate(Rate(sum(t.success for t in twins), len(twins)))
+    if not stopped or figure.missing:
+        return figure
+    ends = anytime_interval(float(t.success) for t in twins)
+    return replace(figure, low=ends.low, high=ends.high)
 
 
 def _variation(task: str, name: str) -> Variation | None:

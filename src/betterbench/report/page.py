@@ -109,7 +109,7 @@ def write_report(
     shown = _shown_films(diagnoses, films or {})
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
     exports = exports_of(diagnoses, tables)
-    charts = _shown_charts(charts_of(diagnoses))
+    charts = _shown_charts(charts_of([d.even() for d in diagnoses]))
     page = render_page(diagnoses, exports, charts, films=shown, latex=latex, machine=machine, trust=trust)
     folder, figures = out / "tables", out / "figures"
     for shown_chart in charts:
@@ -164,6 +164,7 @@ def render_page(
         thresholds=_settings([{k: f"{v:g}" for k, v in d.thresholds.items()} for d in diagnoses]),
         versions=_settings([d.versions for d in diagnoses]),
         warnings=_warnings(diagnoses),
+        decided=[(d.policy, note) for d in diagnoses if d.until_decided for note in d.until_decided.notes()],
         machine=dict(machine or {}),
         seeds=_seeds(trials),
         rare=round(100 * RARE_SHARE),
@@ -300,7 +301,7 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
                 f"The runs were made with different {what} ({listed(mixed[:6])}); differences between the policies "
                 "may come from there."
             )
-    plans = [{(t.task, t.variation or t.condition, t.seed) for t in d.trials} for d in diagnoses]
+    plans = [{(t.task, t.variation or t.condition, t.seed) for t in d.even_trials} for d in diagnoses]
     if any(plan != plans[0] for plan in plans):
         warnings.append("The policies did not run the same trials; compare them only where both have numbers.")
     return warnings

@@ -81,7 +81,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:
     lines = []
     for d in diagnoses:
-        mine = [t for t in d.trials if t.task == task]
+        mine = [t for t in d.even_trials if t.task == task]
         if mine:
             lines.append(_line(d, task, [t for t in mine if t.variation is not None]))
     return tuple(lines)
@@ -89,7 +89,7 @@ def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]
 
 def _line(d: RunDiagnosis, task: str, varied: list[TrialDiagnosis]) -> TaskLine:
     about = re.compile(rf" trials of {re.escape(task)} ")
-    training = twin_figure(d, lambda t: t.task == task)
+    training = twin_figure(d.even(), lambda t: t.task == task)
     return TaskLine(
         d.policy,
         Figure.of(d.metric("success_rate", f"{task}/training")) if training.missing else training,

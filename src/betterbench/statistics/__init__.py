@@ -4,6 +4,7 @@ Every function refuses counts that no experiment can have, and levels, shares an
 ``InvalidInputError`` that names the argument. Confidence levels and alpha are two-sided, strictly between 0 and 1.
 """
 
+from betterbench.statistics.betting import anytime_interval, evidence_above, evidence_below
 from betterbench.statistics.bootstrap import paired_bootstrap, wider_paired_difference
 from betterbench.statistics.chance import chance_p
 from betterbench.statistics.difference import (
@@ -14,7 +15,7 @@ from betterbench.statistics.difference import (
 )
 from betterbench.statistics.interval import Interval, IntervalMethod, clopper_pearson_interval, wilson_interval
 from betterbench.statistics.letters import compact_letters
-from betterbench.statistics.multiplicity import holm
+from betterbench.statistics.multiplicity import e_benjamini_hochberg, holm
 from betterbench.statistics.paired import PairedTable, mcnemar_p
 from betterbench.statistics.power import (
     DetectableDifference,
@@ -27,23 +28,43 @@ from betterbench.statistics.rate import Rate
 from betterbench.statistics.rounding import percent, round_half_up
 from betterbench.statistics.sequential import EProcess, discordant_e_process, two_rate_e_process
 from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
+from betterbench.statistics.until_decided import (
+    Answer,
+    Decisions,
+    Outcomes,
+    Question,
+    StoppingRule,
+    Verdict,
+    decide,
+)
 
 __all__ = [
+    "Answer",
+    "Decisions",
     "DetectableDifference",
     "Difference",
     "EProcess",
     "Interval",
     "IntervalMethod",
+    "Outcomes",
     "PairedTable",
+    "Question",
     "Rate",
+    "StoppingRule",
+    "Verdict",
+    "anytime_interval",
     "barnard_p",
     "barnard_p_values",
     "boschloo_p",
     "chance_p",
     "clopper_pearson_interval",
     "compact_letters",
+    "decide",
     "delta_success_rate",
     "discordant_e_process",
+    "e_benjamini_hochberg",
+    "evidence_above",
+    "evidence_below",
     "fisher_p",
     "holm",
     "mcnemar_p",

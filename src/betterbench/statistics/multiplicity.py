@@ -1,4 +1,4 @@
-"""Correction of p-values when many are shown together."""
+"""Correction of p-values, and of evidence, when many are shown together."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import check_fraction
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
@@ -24,3 +25,27 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
         running = max(running, min(1.0, (len(p_values) - rank) * p_values[i]))
         adjusted[i] = running
     return tuple(adjusted)
+
+
+def e_benjamini_hochberg(evidence: Sequence[float], *, level: float, hypotheses: int | None = None) -> frozenset[int]:
+    """Return the places of the null hypotheses that are rejected, given the evidence (e-value) against each.
+
+    The procedure of Wang and Ramdas (Journal of the Royal Statistical Society B 84, 2022, 822-852) rejects the ``k``
+    hypotheses with the most evidence, for the largest ``k`` at which each has at least ``m / (level k)``. Of what is
+    rejected, the expected share that is true is at most ``level``, whatever the dependence and whenever one stopped;
+    where all ``m`` are true, that is the probability of rejecting any.
+
+    Args:
+        evidence: One e-value per hypothesis that may be rejected.
+        level: The bound of that share.
+        hypotheses: Their number ``m``, with those that may no longer be rejected; as many as there is evidence for, if
+            not given.
+    """
+    check_fraction("level", level)
+    for i, value in enumerate(evidence):
+        if not value >= 0.0:
+            raise InvalidInputError(f"evidence[{i}]", f"{value!r} is no e-value", "Give values of at least 0")
+    m = len(evidence) if hypotheses is None else hypotheses
+    ranked = sorted(range(len(evidence)), key=lambda i: -evidence[i])
+    count = max((k for k, i in enumerate(ranked, 1) if evidence[i] >= m / (level * k)), default=0)
+    return frozenset(ranked[:count])

@@ -26,8 +26,9 @@ def print_diagnosis(result: RunDiagnosis) -> None:
         counts = Counter(labels).most_common()
         right = sum(n for label, n in counts if label.kind is Kind.NONE)
         rest = ", ".join(f"{label} {n}" for label, n in counts)
-        rows.append([name, f"{right}/{len(labels)}", f"{percent(right, len(labels))} %", rest])
-    print_table(["condition", "k/n", "success", "outcomes"], rows, title=result.policy)
+        rows.append([name, f"{right}/{len(labels)}", f"{percent(right, len(labels))} %", *_verdict(result, name), rest])
+    verdict = [] if result.until_decided is None else ["verdict"]
+    print_table(["condition", "k/n", "success", *verdict, "outcomes"], rows, title=result.policy)
     OUT.print()
     shown = [m for m in result.metrics if m.scope in ("overall", "training") or m.name in ("illusion_gap", "delta_sr")]
     shown = [m for m in shown if m.n and "/" not in m.scope]
@@ -36,6 +37,14 @@ def print_diagnosis(result: RunDiagnosis) -> None:
         OUT.print(f"• {finding}", markup=False)
     for note in result.notes:
         OUT.print(f"  {note}", markup=False, style="dim")
+
+
+def _verdict(result: RunDiagnosis, name: str) -> list[str]:
+    """Return the cell of the verdict, empty on a training condition; none for a run of which everything is run."""
+    if result.until_decided is None:
+        return []
+    answer = result.until_decided.answer(name)
+    return ["" if answer is None else answer.verdict.words]
 
 
 def print_changes(changes: DiagnosisChanges) -> None:

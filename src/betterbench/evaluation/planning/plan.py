@@ -18,6 +18,7 @@ from betterbench.interventions import ResolvedCondition, resolve_condition
 from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
 from betterbench.scenes.stage import quality_preset
+from betterbench.statistics import StoppingRule
 from betterbench.tasks import (
     SUITE_VERSION,
     Condition,
@@ -59,7 +60,12 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run evaluates, and how. The same plan resumes a run; another plan is refused."""
+    """What a run evaluates, and how. The same plan resumes a run; another plan is refused.
+
+    Attributes:
+        trials: What is run; with ``until_decided``, what may be run at most.
+        until_decided: When a variation gets no more trials, or None to run all.
+    """
 
     policy: str
     trials: tuple[Trial, ...]
@@ -68,6 +74,21 @@ class Plan:
     quality: str
     robot: str = "panda"
     looks: Looks = "seen"
+    until_decided: StoppingRule | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse to run until decided without every pair: each variation and its twin with all seeds."""
+        if self.until_decided is None:
+            return
+        planned = {t.id for t in self.trials}
+        varied = [t for t in self.trials if t.variation is not None]
+        pairs = {(t.task, name) for t in varied for name in (t.condition, str(t.base_condition))}
+        wanted = {TrialId(task, name, t.seed) for task, name in pairs for t in varied}
+        if not varied or not wanted <= planned:
+            what = "a variation" if not varied else str(min(wanted - planned, key=str))
+            raise InvalidInputError(
+                "trials", f"{what} is missing, and a run until decided needs every pair", "Plan the run again"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every version and convention that results depend on."""
@@ -85,6 +106,7 @@ class Plan:
             "looks": self.looks,
             "control_rate_hz": CONTROL_RATE_HZ,
             "trials": [asdict(t) for t in self.trials],
+            **({} if self.until_decided is None else {"until_decided": asdict(self.until_decided)}),
             **origins_of({t.task for t in self.trials}),
         }
 
@@ -100,6 +122,7 @@ def make_plan(
     observation: str = "default",
     quality: str = "standard",
     looks: str = "seen",
+    until_decided: bool = False,
 ) -> Plan:
     """Return the plan of a run of the named tasks, or of those of better60.
 
@@ -107,6 +130,9 @@ def make_plan(
     many trials in all as its variations, evenly shared. The first of them are the twins of the variations. Every trial
     of a plan of some variations ("L1", "fast_food/T1") is also in the plan of all variations, so one certificate covers
     both. With ``looks`` "unseen", objects and rooms have looks that no demonstration shows.
+
+    With ``until_decided``, ``trials`` is the most that a variation gets, and of the training conditions only the twins
+    are run.
 
     Raises:
         InvalidInputError: If a number is out of range or nothing is left to run.
@@ -116,6 +142,10 @@ def make_plan(
         raise InvalidInputError("--trials", f"{trials} is out of range", "It must be ≥ 1")
     if seed < 0:
         raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
+    rule = StoppingRule() if until_decided else None
+    if rule is not None and trials < rule.first:
+        problem = f"{trials} are too few for a verdict with --until-decided"
+        raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or leave out --until-decided")
     action_space_named(action_space)
     observation_spec(observation)
     quality_preset(quality)
@@ -128,14 +158,14 @@ def make_plan(
         if not kept:
             continue
         bases = {v.base for v in kept}
-        training = [c for c in task.training if not variations or c.name in bases]
+        training = [c for c in task.training if not (variations or until_decided) or c.name in bases]
         whole = math.ceil(len(task.variations) * trials / len(task.training))
-        share = min(math.ceil(len(kept) * trials / len(training)), max(whole, trials))
+        share = trials if until_decided else min(math.ceil(len(kept) * trials / len(training)), max(whole, trials))
         planned += [_trial(task, v, s) for v in kept for s in range(seed, seed + trials)]
         planned += [_trial(task, c, s) for c in training for s in range(seed, seed + max(share, trials))]
     if not planned:
         raise InvalidInputError("--variations", f"{', '.join(variations)} selects no trial", "Name other variations")
-    return Plan(policy, tuple(planned), action_space, observation, quality, looks=shown)
+    return Plan(policy, tuple(planned), action_space, observation, quality, looks=shown, until_decided=rule)
 
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:

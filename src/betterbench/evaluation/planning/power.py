@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from betterbench.evaluation.planning.plan import Plan
-from betterbench.statistics import smallest_paired_difference
+from betterbench.statistics import StoppingRule, smallest_paired_difference
 
 USUAL_OPPOSITE = 0.1
 """Share of pairs against the difference for the second figure of :func:`what_trials_show`: two policies usually fail on
@@ -16,6 +16,8 @@ different trials. The first figure holds when one of them fails on a subset of t
 def what_trials_show(plan: Plan) -> str:
     """Return which drops the trials of a plan can and cannot show, overall, within an axis and within a variation."""
     varied = [t for t in plan.trials if t.variation is not None]
+    if plan.until_decided is not None:
+        return _until_decided(plan.until_decided, [(t.task, t.variation) for t in varied])
     if not varied:
         return "No trial is of a variation: they only show how well the training conditions were learned."
     levels: tuple[tuple[str, Collection[int]], ...] = (
@@ -44,6 +46,15 @@ def what_trials_show(plan: Plan) -> str:
     if hidden:
         sentences.append(f"They are too few to show any drop {_listed(hidden)}; give more --trials.")
     return " ".join(sentences)
+
+
+def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
+    most = max(Counter(varied).values())
+    return (
+        f"Each of the {len(set(varied))} variations gets {rule.first} to {most}, with its twins, until it is shown "
+        f"that its success drops against them, or that it does not drop by {100 * rule.margin:.0f} points. Of the "
+        f"verdicts of either kind, at most {100 * rule.level:.0f} % are expected to be wrong."
+    )
 
 
 def _listed(parts: list[str]) -> str:

@@ -16,6 +16,7 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
+from betterbench.statistics import StoppingRule
 from betterbench.tasks import Looks, TrialId
 
 _NOT_COMPARED = ("policy", "trials", "package_version")
@@ -40,6 +41,7 @@ class _Plan:
     quality: _Preset
     robot: str
     looks: Looks = "seen"
+    until_decided: StoppingRule | None = None
 
     def __post_init__(self) -> None:
         seen: set[TrialId] = set()
@@ -75,6 +77,7 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
         stored.quality.name,
         stored.robot,
         stored.looks,
+        stored.until_decided,
     )
     for trial in {(t.task, t.condition): t for t in plan.trials}.values():
         trial.resolve()

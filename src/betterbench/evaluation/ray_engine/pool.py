@@ -10,7 +10,7 @@ import contextlib
 import logging
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -41,20 +41,29 @@ _CALLS = 2  # one under way and one behind it, so that a worker never waits for 
 
 
 def ray_entries(
-    session: RaySession, run: RunFolder, settings: RunSettings, trials: Sequence[Trial], *, served: bool = False
+    session: RaySession,
+    run: RunFolder,
+    settings: RunSettings,
+    rounds: Iterable[Sequence[Trial]],
+    *,
+    served: bool = False,
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
 
-    Only this process writes to the run. ``served`` means that replicas hold the policy, and the workers ask them.
+    Only this process writes to the run. A round is asked for when the one before has ended. ``served`` means that
+    replicas hold the policy, and the workers ask them.
 
     Raises:
         InvalidInputError: If the cluster has no place, or has other versions.
         WorkerError: If workers keep dying, cannot start, or the cluster itself is gone.
         BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
     """
-    pool = RayPool(session, run, settings, trials)
+    pool = RayPool(session, run, settings)
     try:
-        yield from pool.entries(served=served)
+        if served:
+            pool.start_replicas()
+        for trials in rounds:
+            yield from pool.entries(trials)
     except loss_errors(session.ray) as error:
         raise cluster_lost(error) from error
     finally:
@@ -78,20 +87,23 @@ class _WorkerActor:
 class RayPool:
     """The workers of a run on Ray."""
 
-    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, trials: Sequence[Trial]) -> None:
+    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings) -> None:
         """Prepare; see :func:`ray_entries`."""
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
-        self._ledger = RetryLedger(trials, workers="workers of the cluster", cure=TRY_AGAIN)
+        self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
         self._replicas = Replicas(session, settings)
         self._workers: list[_WorkerActor] = []
         self._made = 0
         self._asked_at = 0.0
 
-    def entries(self, *, served: bool) -> Iterator[JournalEntry]:
-        """Yield the journal entries of all trials as they end."""
-        if served:
-            self._replicas.start()
-        for _ in range(min(self._session.workers, self._ledger.left)):
+    def start_replicas(self) -> None:
+        """Start the replicas of the policy, which the workers then ask."""
+        self._replicas.start()
+
+    def entries(self, trials: Sequence[Trial]) -> Iterator[JournalEntry]:
+        """Yield the journal entries of some trials as they end; the workers stay for the next ones."""
+        self._ledger.put_back(trials)
+        for _ in range(min(self._session.workers, self._ledger.left) - len(self._workers)):
             self._add_worker()
         while self._left:
             for worker in self._workers:

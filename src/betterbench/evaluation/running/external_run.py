@@ -16,10 +16,12 @@ from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
 from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference, read_outcome
+from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0
 """Longest wait for another process that drives the same run [s]; each holds the lock while it writes one line."""
@@ -76,14 +78,21 @@ class ExternalRun:
         self._asked = 0.0
 
     def waiting(self) -> Iterator[Trial]:
-        """Yield the trials that are not done yet, in the order of the plan; other processes may do some meanwhile."""
-        for trial in self.plan.trials:
-            if not self.is_done(trial):
-                yield trial
+        """Yield the trials that are not done yet, in the order of the plan; other processes may do some meanwhile.
+
+        Of a plan until decided, those of a round follow when all of the round before have been played.
+        """
+        for trials in Schedule(self.plan, is_done=self._is_done, succeeded=self.folder.succeeded).rounds():
+            for trial in trials:
+                if not self.is_done(trial):
+                    yield trial
 
     def is_done(self, trial: Trial) -> bool:
         """Return whether the trial is done."""
-        return any(e.status == "done" and e.key == trial.id for e in self.folder.entries())
+        return self._is_done(trial.id)
+
+    def _is_done(self, trial: TrialId) -> bool:
+        return any(e.status == "done" and e.key == trial for e in self.folder.entries())
 
     def outcome(self, trial: Trial) -> Outcome:
         """Return the outcome of a trial that is done; RecordError if its record is missing or unreadable."""

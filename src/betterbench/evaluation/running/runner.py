@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
 import time
@@ -15,6 +16,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.repeat import require_same_policy
+from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
 from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.serving.host import Host
@@ -24,6 +26,7 @@ from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import Journal, JournalEntry, RunFolder
+from betterbench.statistics import Decisions
 
 if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.session import RaySession
@@ -40,13 +43,19 @@ _TURN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s]."""
+    """How far a run is; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s].
+
+    Attributes:
+        planned: Trials of the plan; of a run until decided, what may be run at most.
+        decisions: What is decided after the last round of a run until decided, or None.
+    """
 
     done: int
     planned: int
     elapsed_s: float
     started_with: int
     last: JournalEntry | None
+    decisions: Decisions | None = None
 
 
 def evaluate(
@@ -62,7 +71,7 @@ def evaluate(
     repeats: Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
 ) -> RunFolder:
-    """Run every trial of a plan that is not in the journal yet.
+    """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
 
     The policy is asked for its conventions before anything is written. Results do not depend on the number of workers
     and environments, nor on the engine.
@@ -116,14 +125,14 @@ def evaluate(
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
-        waiting = [t for t in plan.trials if not journal.is_done(t.id)]
-        entries = _entries(run, settings, _by_scene(waiting), count, asked=asked, session=session)
-        _record(plan, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
+        schedule = Schedule(plan, is_done=journal.is_done, succeeded=run.succeeded)
+        entries = _entries(run, settings, schedule, count, asked=asked, session=session)
+        _record(schedule, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
     return run
 
 
 def _record(
-    plan: Plan,
+    schedule: Schedule,
     journal: Journal,
     out: Path,
     entries: Iterable[JournalEntry],
@@ -132,10 +141,11 @@ def _record(
     on_progress: Callable[[Progress], None] | None,
 ) -> None:
     """Append entries to the journal as they come, and report each."""
+    plan = schedule.plan
     planned = len(plan.trials)
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
     if on_progress is not None:
-        on_progress(Progress(done, planned, 0.0, started_with, None))
+        on_progress(Progress(done, planned, 0.0, started_with, None, schedule.decisions))
     failing = None if needs_no_thread(plan.policy) or started_with else FailingStart(plan.policy)
     for entry in entries:
         with on_disk(out):
@@ -146,7 +156,8 @@ def _record(
         if entry.status == "error":
             logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
         if on_progress is not None:
-            on_progress(Progress(done, planned, time.perf_counter() - began, started_with, entry))
+            elapsed_s = time.perf_counter() - began
+            on_progress(Progress(done, planned, elapsed_s, started_with, entry, schedule.decisions))
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,28 +226,33 @@ def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
 def _entries(
     run: RunFolder,
     settings: RunSettings,
-    trials: list[Trial],
+    schedule: Schedule,
     workers: int,
     *,
     asked: _Asked,
     session: RaySession | None,
 ) -> Generator[JournalEntry, None, None]:
     """Yield the journal entry of every trial, as they end."""
-    if not trials:
+    later = (_by_scene(trials) for trials in schedule.rounds())
+    first = next(later, [])
+    if not first:
         return
-    if session is None and asked.policies is not None and (workers == 1 or len(trials) == 1):
+    rounds = itertools.chain([first], later)
+    alone = workers == 1 or (len(first) == 1 and schedule.decisions is None)
+    if session is None and asked.policies is not None and alone:
         with Worker(settings, policies=asked.policies) as worker:
-            yield from _in_this_process(worker, trials)
+            for trials in rounds:
+                yield from _in_this_process(worker, trials)
         return
     if asked.policies is not None:
         asked.policies.close()  # each worker makes one
     if session is not None:
         from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 
-        yield from ray_entries(session, run, settings, trials, served=asked.shared)
+        yield from ray_entries(session, run, settings, rounds, served=asked.shared)
         return
     with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None) as pool:
-        yield from pool.entries(trials)
+        yield from pool.entries(rounds)
 
 
 def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEntry]:

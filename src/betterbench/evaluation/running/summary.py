@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from betterbench.recording import JournalEntry, RunFolder
 
 
-def run_counts(run: RunFolder) -> dict[str, dict[str, int]]:
-    """Return of how many trials (n) how many (k) succeeded, on training conditions and on variations, or broke down."""
+def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:
+    """Return of how many trials (n) how many (k) succeeded, on training conditions and on variations, or broke down.
+
+    With ``seeds``, the successes are those of the trials with such a seed.
+    """
     counts = {"training": {"k": 0, "n": 0}, "variations": {"k": 0, "n": 0}, "errors": {"k": 0, "n": 0}}
     for entry in run.entries():
         counts["errors"]["n"] += 1
         counts["errors"]["k"] += entry.status == "error"
     for record in run.records():
+        if seeds is not None and record.metadata.seed not in seeds:
+            continue
         group = counts["training" if record.metadata.variation is None else "variations"]
         group["n"] += 1
         group["k"] += record.outcome.success

@@ -59,25 +59,26 @@ class WorkerPool:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def entries(self, trials: Iterable[Trial]) -> Iterator[JournalEntry]:
-        """Yield the journal entry of every trial, as they end.
+    def entries(self, rounds: Iterable[Iterable[Trial]]) -> Iterator[JournalEntry]:
+        """Yield the journal entry of every trial, as they end; a round is asked for when the one before has ended.
 
         Raises:
             WorkerError: If workers keep dying.
             BetterError: An error by which a worker stops the run.
         """
-        self._ledger.put_back(trials)
-        while self._ledger.left or any(worker.trials for worker in self._processes):
-            self._start_workers()
-            self._distribute()
-            if self._watch is not None:
-                self._watch()
-            for worker in self._wait():
-                ended = list(self._receive(worker))
-                self._distribute()  # before the journal waits for the disk
-                yield from ended
-                if worker.lost or not worker.process.is_alive():
-                    yield from self._handle_worker_exit(worker)
+        for trials in rounds:
+            self._ledger.put_back(trials)
+            while self._ledger.left or any(worker.trials for worker in self._processes):
+                self._start_workers()
+                self._distribute()
+                if self._watch is not None:
+                    self._watch()
+                for worker in self._wait():
+                    ended = list(self._receive(worker))
+                    self._distribute()  # before the journal waits for the disk
+                    yield from ended
+                    if worker.lost or not worker.process.is_alive():
+                        yield from self._handle_worker_exit(worker)
         for worker in self._processes:
             with contextlib.suppress(OSError):
                 worker.connection.send(None)

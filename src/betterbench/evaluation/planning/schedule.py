@@ -1,0 +1,69 @@
+"""The order in which a plan is run: all of its trials at once, or round by round until every variation is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.statistics import Decisions, Question, decide
+from betterbench.tasks import TrialId
+
+
+class Schedule:
+    """What of a plan is run next, as a function of the plan and of how its trials have ended, and of nothing else.
+
+    Attributes:
+        plan: The plan.
+    """
+
+    def __init__(self, plan: Plan, *, is_done: Callable[[TrialId], bool], succeeded: Callable[[TrialId], bool]) -> None:
+        """Prepare.
+
+        Args:
+            plan: The plan.
+            is_done: Tells whether a trial has ended; those that broke down have not.
+            succeeded: Tells whether a trial that has ended succeeded; it is asked once for each.
+        """
+        self.plan, self._is_done, self._succeeded = plan, is_done, succeeded
+        self._trials = {(_name(t.task, t.condition), t.seed): t for t in plan.trials}
+        self._outcomes: dict[TrialId, bool] = {}
+        varied = [t for t in plan.trials if t.variation is not None]
+        twins = {_name(t.task, t.condition): _name(t.task, str(t.base_condition)) for t in varied}
+        self._questions = [Question(condition, twin) for condition, twin in twins.items()]
+        self._seeds = sorted({t.seed for t in varied})
+
+    @property
+    def decisions(self) -> Decisions | None:
+        """What is decided after the last complete round; None for a plan of which everything is run."""
+        if self.plan.until_decided is None:
+            return None
+        return decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+
+    def rounds(self) -> Iterator[list[Trial]]:
+        """Yield the trials of one round after the other, those that are done left out.
+
+        The next round is worked out when it is asked for, so the trials of the one before have to have ended by then.
+        If one of them broke down there is no next round: the same command runs it again, and goes on.
+        """
+        if self.plan.until_decided is None:
+            yield [t for t in self.plan.trials if not self._is_done(t.id)]
+            return
+        given: set[TrialId] = set()
+        while (decisions := self.decisions) is not None and decisions.waiting:
+            waiting = [self._trials[key] for key in decisions.waiting]
+            if not given.isdisjoint(t.id for t in waiting):
+                return
+            given.update(t.id for t in waiting)
+            yield waiting
+
+    def _outcome(self, condition: str, seed: int) -> bool | None:
+        trial = self._trials[condition, seed].id
+        if trial not in self._outcomes:
+            if not self._is_done(trial):
+                return None
+            self._outcomes[trial] = self._succeeded(trial)
+        return self._outcomes[trial]
+
+
+def _name(task: str, condition: str) -> str:
+    return f"{task}/{condition}"

@@ -1,0 +1,193 @@
+"""Trials until a verdict: which of many variations drop against their twins, with as few trials as it takes.
+
+A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
+open questions get the same seeds, round by round; after every round those whose verdict stands get no more. What is run
+is a function of the outcomes alone, so whoever replays the rounds finds what has been run and what comes next.
+
+The drop of a question is the rate of the twin minus that of the condition. Two null hypotheses are tested on the pairs
+by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
+them is true. Each of the two families, over all questions, is corrected by
+:func:`~betterbench.statistics.multiplicity.e_benjamini_hochberg`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import lru_cache
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.betting import SIGNED, evidence_above, evidence_below
+from betterbench.statistics.interval import check_fraction
+from betterbench.statistics.multiplicity import e_benjamini_hochberg
+from betterbench.statistics.power import DEFAULT_ALPHA
+
+DROP_MARGIN = 0.5
+"""Drop that a verdict of "no drop" rules out. The power matrix, too, says that a policy fails a variation if it fails
+half of the trials. A smaller margin costs more: where no pair differs, 50 points take 5 pairs and 20 points 15."""
+
+FIRST_PAIRS = 5
+"""Pairs of the first round: the fewest after which pairs that all agree, or all differ, give a verdict."""
+
+TWIN_SHARE = 0.5
+"""Share of its pairs in which the twin has to succeed; below, a drop of the margin could hardly show."""
+
+
+class Verdict(StrEnum):
+    """What the pairs of a question show."""
+
+    DROP = "drop"
+    """The condition is solved less often than its twin."""
+    NO_DROP = "no_drop"
+    """It is not solved less often by the margin or more."""
+    NOT_LEARNED = "not_learned"
+    """Likewise, but its twin is failed in most pairs, so that there was little to lose."""
+    OPEN = "open"
+    """Neither is shown."""
+
+    @property
+    def words(self) -> str:
+        """The verdict in words."""
+        return self.value.replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class StoppingRule:
+    """When a question is decided.
+
+    Attributes:
+        level: Bound of the expected share of wrong verdicts among those of "drop", and among those of "no drop".
+        margin: Drop that a verdict of "no drop" rules out, a fraction.
+        first: Pairs of the first round; every further round adds one.
+    """
+
+    level: float = DEFAULT_ALPHA
+    margin: float = DROP_MARGIN
+    first: int = FIRST_PAIRS
+
+    def __post_init__(self) -> None:
+        """Refuse a level, a margin or a first round that decides nothing."""
+        check_fraction("level", self.level)
+        check_fraction("margin", self.margin)
+        if self.first < 1:
+            raise InvalidInputError("first", f"{self.first} is out of range", "It must be ≥ 1")
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Whether a condition is solved less often than its twin; both by their names."""
+
+    condition: str
+    twin: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What is known about a question.
+
+    Attributes:
+        pairs: Pairs in the complete rounds in which it was open.
+        solved: Pairs in which the condition was solved.
+        twin_solved: Pairs in which its twin was.
+        drop: Evidence against "the drop is at most 0" (e-value).
+        no_drop: Evidence against "the drop is at least the margin" (e-value).
+    """
+
+    question: Question
+    verdict: Verdict = Verdict.OPEN
+    pairs: int = 0
+    solved: int = 0
+    twin_solved: int = 0
+    drop: float = 1.0
+    no_drop: float = 1.0
+
+    @property
+    def decided(self) -> bool:
+        """Whether it gets no more trials."""
+        return self.verdict is not Verdict.OPEN
+
+
+@dataclass(frozen=True, slots=True)
+class Decisions:
+    """All questions after the last complete round.
+
+    Attributes:
+        answers: One per question, in their order.
+        waiting: (condition, seed) of the round under way that have no outcome yet, twins included; empty if nothing is
+            left to run.
+    """
+
+    answers: tuple[Answer, ...]
+    waiting: tuple[tuple[str, int], ...]
+
+    @property
+    def decided(self) -> int:
+        """Number of questions that are decided."""
+        return sum(a.decided for a in self.answers)
+
+    def count(self, verdict: Verdict) -> int:
+        """Return the number of questions with a verdict."""
+        return sum(a.verdict is verdict for a in self.answers)
+
+
+Outcomes = Callable[[str, int], bool | None]
+"""Whether a condition was solved with a seed, or None if that is not known."""
+
+
+def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcomes, *, rule: StoppingRule) -> Decisions:
+    """Replay the rounds of some questions as far as their outcomes are known.
+
+    Args:
+        questions: The questions, each about another condition. Several may share a twin, whose trials serve them all.
+        seeds: Seeds in the order in which they are run; a question gets at most so many pairs.
+        outcome: What is known of the trials.
+        rule: When a question is decided.
+    """
+    answers = [Answer(q) for q in questions]
+    done = 0
+    while done < len(seeds) and not all(a.decided for a in answers):
+        until = min(len(seeds), max(rule.first, done + 1))
+        asked = [a.question for a in answers if not a.decided]
+        names = dict.fromkeys(name for q in asked for name in (q.condition, q.twin))
+        waiting = tuple((n, s) for n in names for s in seeds[done:until] if outcome(n, s) is None)
+        if waiting:
+            return Decisions(tuple(answers), waiting)
+        done = until
+        answers = [a if a.decided else _answer(a.question, seeds[:done], outcome, rule) for a in answers]
+        answers = _judged(answers, rule)
+    return Decisions(tuple(answers), ())
+
+
+def _answer(question: Question, seeds: Sequence[int], outcome: Outcomes, rule: StoppingRule) -> Answer:
+    """Return a question with the evidence of its pairs, still open."""
+    pairs = [(bool(outcome(question.twin, s)), bool(outcome(question.condition, s))) for s in seeds]
+    lost, won = pairs.count((True, False)), pairs.count((False, True))
+    solved, twin_solved = (sum(side) for side in zip(*((condition, twin) for twin, condition in pairs), strict=True))
+    evidence = _evidence(lost, len(pairs) - lost - won, won, rule.margin)
+    return Answer(question, Verdict.OPEN, len(pairs), solved, twin_solved, *evidence)
+
+
+@lru_cache(maxsize=4096)
+def _evidence(lost: int, kept: int, won: int, margin: float) -> tuple[float, float]:
+    """Return the evidence of a drop and of none, from how many pairs lost, kept and won what the twin shows."""
+    values = [1.0] * lost + [0.0] * kept + [-1.0] * won
+    return evidence_above(values, 0.0, span=SIGNED), evidence_below(values, margin, span=SIGNED)
+
+
+def _judged(answers: Sequence[Answer], rule: StoppingRule) -> list[Answer]:
+    """Return the answers with the verdicts that stand now; those given before stay."""
+    judged = list(answers)
+    for family in ((Verdict.DROP,), (Verdict.NO_DROP, Verdict.NOT_LEARNED)):
+        eligible = [i for i, a in enumerate(judged) if not a.decided or a.verdict in family]
+        evidence = [judged[i].drop if Verdict.DROP in family else judged[i].no_drop for i in eligible]
+        for place in e_benjamini_hochberg(evidence, level=rule.level, hypotheses=len(answers)):
+            answer = judged[eligible[place]]
+            if not answer.decided:
+                judged[eligible[place]] = replace(answer, verdict=_named(answer, family))
+    return judged
+
+
+def _named(answer: Answer, family: tuple[Verdict, ...]) -> Verdict:
+    learned = answer.twin_solved >= TWIN_SHARE * answer.pairs
+    return family[0] if len(family) == 1 or learned else family[1]
