@@ -92,6 +92,15 @@ def test_passing_slowly_over_other_things_is_no_choice(stage):
     assert found.label is Label.TIMEOUT
 
 
+@pytest.mark.parametrize("speed", [0.015, 0.03, 0.1])
+def test_a_limit_that_comes_while_it_passes_over_a_look_alike_shows_no_choice(stage, speed):
+    s = stage("fast_food", "O1")
+    x, y, z = s.positions[s.at("first")]
+    z += s.size(s.at("first"))[2] + ABOVE
+    s.over(np.array([x, y - 0.2, 0.0])).go(x, y - 0.2, z).go(x, y + 0.02, z, speed=speed)
+    assert diagnose_record(s.end()).label is Label.TIMEOUT
+
+
 def test_what_was_put_at_its_target_is_stayed_over_by_nobody(stage):
     s = stage("fast_food", "train1")
     s.bring(s.at("first"))

@@ -155,9 +155,14 @@ def _over(trace: Trace, row: int) -> int:
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
-    """Tell whether the gripper leaves on another side than it came from, or comes over the object for a moment only."""
+    """Tell whether the gripper leaves on another side than it came from, or comes over the object for a moment only.
+
+    Where the episode ends meanwhile, it passes if it was still going straight on.
+    """
     if stay.end == trace.rows - 1:
-        return False
+        last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
+        way = float(np.linalg.norm(np.diff(last, axis=0), axis=1).sum())
+        return way >= 0.25 * PASSING and float(np.linalg.norm(last[-1] - last[0])) >= 0.8 * way
     if stay.rows < trace.steps(THRESHOLDS.stop_time):
         return True
     return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
