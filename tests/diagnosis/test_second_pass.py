@@ -205,3 +205,12 @@ def test_a_large_run_does_not_abstain_from_an_order():
     choices = coffee_run(lambda name: next(iter(coffee_choice(name, "near").right)), 1.0)
     found = judge_rules(choices)
     assert all(ruling.place != "open" for ruling in found.rulings.values())
+
+
+def test_slots_of_two_layouts_at_one_place_are_one_place_for_a_rule():
+    """The desk has two rows of slots 2.4 cm apart: a favorite place of one row is that of the other."""
+    desk = [go_to_the_favorite_place("desk_meeting", name) for name in ("train1", "train7")]
+    slots = {read_trial(record).diagnosis.first_slot for record in desk}
+    places = {read_trial(record).choice.slot for record in desk}
+    assert slots == {"front_1", "front_4"}
+    assert places == {"front_1"}

@@ -139,6 +139,7 @@ def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
     trials = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
     trials += [trial(variation="R1", seed=i) for i in range(6)]
     run = diagnosis(trials)
+    monkeypatch.setattr(standing, "packaged_power_matrix", lambda: None)
     without = write_report([run], tmp_path / "without").read_text()
     assert "better calibrate --power" in without
     monkeypatch.setattr(standing, "packaged_power_matrix", matrix)

@@ -93,7 +93,12 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
-    rule = _rule(found, f"{PLACE}:{slot}" if mode.rule == PLACE else mode.rule)
+    if mode.rule == PLACE:  # a slot may go by the name of another one at its place
+        rule = _rule(found, f"{PLACE}:{slot}") or next(
+            (r for r in found.rules if r.slot and r.name in found.upheld), None
+        )
+    else:
+        rule = _rule(found, mode.rule)
     if rule is None or rule.explained > rule.opportunities:
         return ""
     here, there = Rate(rule.explained, rule.opportunities), Rate(rule.errors_elsewhere, rule.elsewhere)

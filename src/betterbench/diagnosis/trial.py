@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from betterbench.diagnosis.harm import find_harm
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
-from betterbench.diagnosis.trace import trace_of
+from betterbench.diagnosis.trace import Trace, trace_of
 from betterbench.diagnosis.verdict import Attempt, TrialDiagnosis
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
@@ -25,11 +26,19 @@ from betterbench.tasks import (
     get_task,
     training_distribution_of,
 )
+from betterbench.tasks.thresholds import threshold
+
+SAME_PLACE = threshold(
+    "same_place", 0.03, "m",
+    "Distance of two slots up to which they are one place for a rule of motion: an attempt at one reaches the other.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
     """Where the first attempt of a trial went, and where each rule would have sent it.
+
+    Slots of two layouts that lie at the same place go by the name of the first one.
 
     Attributes:
         layout: What stood in which slot at the start, so that trials of one layout can be compared.
@@ -157,12 +166,21 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         goal = another if another is not None else first.goal or 0
     kind = trained.habit
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
+    place = _places(trace)
+    word_slots = trained.word_slots.get(goals[goal].word, ()) if goals else ()
+    habit_slots = () if kind is None else waiting or trained.kind_slots.get(kind, ())
     return Choice(
-        layout=frozenset((s, episode.kind(i)) for s, i in standing.items()), right=right, slot=slot, correct=correct,
-        word_slots=frozenset(trained.word_slots.get(goals[goal].word, ())) if goals else frozenset(),
-        habit_slots=frozenset() if kind is None else waiting or frozenset(trained.kind_slots.get(kind, ())),
-        places=max(2, len(standing), len(trace.pick_slots) if slot not in standing else 0),
+        layout=frozenset((s, episode.kind(i)) for s, i in standing.items()),
+        right=frozenset(place[s] for s in right), slot=None if slot is None else place[slot], correct=correct,
+        word_slots=frozenset(place[s] for s in word_slots), habit_slots=frozenset(place[s] for s in habit_slots),
+        places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
     )  # fmt: skip
+
+
+def _places(trace: Trace) -> dict[str, str]:
+    """Return the place of each slot: the first slot that is so near that a motion to one leads to the other."""
+    at = {s.name: s.position for s in trace.info.slots}
+    return {name: next(other for other in at if math.dist(at[other][:2], at[name][:2]) <= SAME_PLACE) for name in at}
 
 
 def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:
