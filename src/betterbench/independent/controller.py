@@ -164,7 +164,9 @@ class Arm:
             return
         self._grip = CLOSE
         hold = self.here
-        while self.state.finger_width_m > width_m + 0.004:
+        for _ in range(round(1.2 * RATE_HZ)):
+            if self.state.finger_width_m <= width_m + 0.004:
+                break
             yield from self.step(hold)
         self._grip = KEEP
 

@@ -17,10 +17,12 @@ class Habit(ABC):
     Attributes:
         name: Name in addresses ("word-place").
         label: The true label where the habit shows, :data:`~betterbench.independent.truth.HONEST` for none.
+        paired: Whether the label needs more than one trial, so that a calibration has to run whole tasks.
     """
 
     name: ClassVar[str]
     label: ClassVar[str]
+    paired: ClassVar[bool] = False
 
     @abstractmethod
     def truth(self, case: Situation) -> Truth | None:

@@ -35,6 +35,7 @@ class WordPlace(Habit):
 
     name = "word-place"
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
 
     def truth(self, case: Situation) -> Truth | None:
         return word_truth(case)
@@ -52,6 +53,7 @@ class FavoritePlace(Habit):
 
     name = "favorite-place"
     label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
 
     @staticmethod
     def slot(case: Situation) -> str:

@@ -31,6 +31,7 @@ class GlanceThenWordPlace(Habit):
 
     name = "glance-then-word-place"
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
 
     def truth(self, case: Situation) -> Truth | None:
         stated = word_truth(case) if case.plain else None
@@ -56,6 +57,7 @@ class NearestPlace(Habit):
 
     name = "nearest-place"
     label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
 
     @staticmethod
     def slot(case: Situation) -> str:
