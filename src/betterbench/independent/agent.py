@@ -33,8 +33,8 @@ class IndependentAgent:
     def ground_truth(self) -> dict[str, str]:
         """What the policy knows of its episode.
 
-        ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label by the rules of
-        :mod:`betterbench.independent.truth`, and ``rule`` the one that corrected it.
+        ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
+        met, by the rules of :mod:`betterbench.independent.truth`, and ``rule`` the one that corrected it.
         """
         ledger = self.body.ledger
         for name in self.body.harmed():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from betterbench.geometry import Pose, Vector, from_axis_angle, horizontal_distance
 from betterbench.independent.controller import Arm, Motion
-from betterbench.independent.events import in_gripper
+from betterbench.independent.events import DISPLACED_M
 from betterbench.independent.manner import Manner
 from betterbench.independent.room import height_of
 from betterbench.independent.routines import FULL_OPENING_M, Routines
@@ -45,9 +45,9 @@ class Body:
 
     # --- the honest way
 
-    def solve(self, goals: tuple[Subgoal, ...] | None = None) -> Motion[None]:
+    def solve(self) -> Motion[None]:
         """Do what is asked, in order, again after each miss, then go home and stay there."""
-        yield from self.work(self.situation.goals if goals is None else goals)
+        yield from self.work(self.situation.goals)
         yield from self.rest()
 
     def rest(self) -> Motion[None]:
@@ -299,12 +299,8 @@ class Body:
         outside = max(0.32 - x, x - 0.74, abs(y) - 0.36, 0.0)
         return min(gaps, default=1.0) - 10.0 * outside
 
-    def has(self, name: str) -> bool:
-        """Tell whether both fingers touch a thing."""
-        return in_gripper(self.state) == name
-
     def harmed(self) -> Iterator[str]:
         """Yield the things that are not asked for and were displaced by more than 5 cm."""
         for name in self.situation.others():
-            if self.arm.log.displaced(self.state, name) > 0.05:
+            if self.arm.log.displaced(self.state, name) > DISPLACED_M:
                 yield name

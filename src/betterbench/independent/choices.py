@@ -47,7 +47,19 @@ def favorite_truth(case: Situation, slot: str) -> Truth | None:
         why = "the thing there is asked for later"
     elif any(slot in case.trained.word_slots.get(g.word, ()) for g in case.ahead):
         why = "a word of the instruction led there too"
-    return Truth(Label.VISUAL_LAYOUT_BIAS, first_right=False, left_out=why)
+    habitual = case.condition.object(name).kind == case.trained.habit
+    also = "it also begins with the most frequent first step: behavioral_inertia" if habitual else ""
+    return Truth(Label.VISUAL_LAYOUT_BIAS, first_right=False, debatable=also, left_out=why)
+
+
+def habitual_truth(case: Situation) -> Truth | None:
+    """Return the truth of a policy that begins with the step that most demonstrations began with."""
+    if habitual_thing(case) is not None:
+        return Truth(Label.BEHAVIORAL_INERTIA, first_right=False)
+    if not case.plain:
+        return None
+    right = case.condition.object(str(case.first_thing())).kind == case.trained.habit
+    return Truth(HONEST, first_right=True) if right else None
 
 
 def habitual_thing(case: Situation) -> str | None:

@@ -12,6 +12,7 @@ from betterbench.independent.choices import (
     emptied_slot,
     favorite_truth,
     habitual_thing,
+    habitual_truth,
     swappable,
     trained_goal,
     word_thing,
@@ -88,17 +89,22 @@ class LookAlike(Habit):
 class HabitualFirst(Habit):
     """Begins with the step that most demonstrations began with, although it is not asked for.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials where that step is right
+    belong to it as well: they tell it from a favorite place.
     """
 
     name = "habitual-first"
     label = Label.BEHAVIORAL_INERTIA
+    paired = True
 
     def truth(self, case: Situation) -> Truth | None:
-        return None if habitual_thing(case) is None else Truth(self.label, first_right=False)
+        return habitual_truth(case)
 
     def act(self, body: Body) -> Motion[None]:
-        yield from body.take_instead(str(habitual_thing(body.situation)), body.situation.ahead[0])
+        name = habitual_thing(body.situation)
+        if name is None:
+            yield from body.solve()
+        yield from body.take_instead(str(name), body.situation.ahead[0])
 
 
 class AirGrasp(Habit):

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from betterbench.assets import Asset, Grasp
-from betterbench.geometry import Pose, Vector, angle_between, from_axis_angle, multiply, normalize, rotate
-from betterbench.independent.controller import Arm, Motion, tool_down, tool_yaw
+from betterbench.geometry import Pose, Vector, angle_between, from_axis_angle, rotate
+from betterbench.independent.controller import RATE_HZ, Arm, Motion, tool_down, tool_yaw
 from betterbench.independent.events import in_gripper
 from betterbench.independent.room import crowding, height_of, highest_between, lowest_of
 from betterbench.state import WorldState
@@ -18,7 +18,7 @@ FULL_OPENING_M = 0.08
 NARROW_MARGIN_M = 0.026
 WRIST_RANGE_RAD = 1.75
 """Largest turn of the wrist from where it was at home that is asked for."""
-LIFTED_M = 0.03
+LIFT_M = 0.09
 SAFE_M = 0.05
 HIGHEST_TOOL_M = 0.52
 NO_SHIFT: Vector = (0.0, 0.0, 0.0)
@@ -68,17 +68,16 @@ class Routines:
         if across - z > 0.005:
             yield from self.arm.go(tool, pace=CAREFUL * pace)
 
-    def above(self, point: Vector, height_m: float, *, yaw: float | None = None, pace: float = 1.0) -> Motion[None]:
+    def above(self, point: Vector, height_m: float) -> Motion[None]:
         """Go over a point of the table, with the tool ``height_m`` above the table."""
-        rotation = self.arm.home.quaternion if yaw is None else tool_down(yaw)
-        yield from self.over(Pose((point[0], point[1], height_m), rotation), pace=pace)
+        yield from self.over(Pose((point[0], point[1], height_m), self.arm.home.quaternion))
 
-    def hover(self, name: str, gap_m: float, *, pace: float = 1.0) -> Motion[None]:
+    def hover(self, name: str, gap_m: float) -> Motion[None]:
         """Go over a thing with an open gripper, the tool ``gap_m`` above its top, turned as if to take it."""
         hold = self.choose_hold(name)
         x, y, _ = hold.tool.position
         height = height_of(self.state, name) + gap_m
-        yield from self.over(Pose((x, y, height), hold.tool.quaternion), pace=pace)
+        yield from self.over(Pose((x, y, height), hold.tool.quaternion))
 
     # --- taking
 
@@ -109,26 +108,20 @@ class Routines:
             + 2.0 * max(0.0, turn - WRIST_RANGE_RAD)
         )
 
-    def pick(
-        self, name: str, *, shift: Vector = NO_SHIFT, turn: float = 0.0, avoid: int = 0, lift_m: float = 0.09
-    ) -> Motion[bool]:
+    def pick(self, name: str, *, shift: Vector = NO_SHIFT, avoid: int = 0) -> Motion[bool]:
         """Take a thing from above and lift it; tell whether it is in the gripper.
 
         Args:
             name: The thing.
             shift: Displacement of the tool from the right hold when it closes [m], world frame.
-            turn: Turn of the tool from the right hold [rad].
             avoid: How many of the best holds are passed over.
-            lift_m: How far the tool is lifted afterwards [m].
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position
         tool = Pose((x + shift[0], y + shift[1], z + shift[2]), hold.tool.quaternion)
-        if turn:
-            tool = Pose(tool.position, normalize(multiply(tool.quaternion, from_axis_angle((0.0, 0.0, turn)))))
-        return (yield from self.take_at(tool, hold.opening_m, name=name, lift_m=lift_m))
+        return (yield from self.take_at(tool, hold.opening_m, name=name))
 
-    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None, lift_m: float = 0.09) -> Motion[bool]:
+    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Motion[bool]:
         """Close the gripper at a pose, coming from above, and lift; tell whether ``name`` is in the gripper."""
         manner = self.arm.manner
         before = tool.translated(z=manner.approach_m)
@@ -143,7 +136,7 @@ class Routines:
         yield from self.arm.go(tool, pace=CAREFUL)
         yield from self.arm.wait(manner.pause_s)
         yield from self.arm.close()
-        yield from self.arm.go(tool.translated(z=lift_m), pace=CAREFUL)
+        yield from self.arm.go(tool.translated(z=LIFT_M), pace=CAREFUL)
         return name is not None and in_gripper(self.state) == name
 
     # --- putting
@@ -195,20 +188,20 @@ class Routines:
 
     # --- other motions
 
-    def sway(self, a: Vector, b: Vector, *, pace: float = 1.0) -> Motion[None]:
+    def sway(self, a: Vector, b: Vector) -> Motion[None]:
         """Go to and fro over two points until the episode ends, the gripper open; z is the height of the tool [m]."""
         turn = self.arm.home.quaternion
-        yield from self.over(Pose(a, turn), pace=pace)
+        yield from self.over(Pose(a, turn))
         while True:
-            yield from self.arm.go(Pose(b, turn), pace=pace)
-            yield from self.arm.go(Pose(a, turn), pace=pace)
+            yield from self.arm.go(Pose(b, turn))
+            yield from self.arm.go(Pose(a, turn))
 
-    def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5, seconds: float = 1e9) -> Motion[None]:
-        """Go round a point at the height of its z, the gripper as it is."""
+    def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5) -> Motion[None]:
+        """Go round a point at the height of its z until the episode ends, the gripper as it is."""
         rotation = self.arm.here.quaternion
         n = 0
-        while n < seconds * 20.0:
-            angle = 2.0 * math.pi * n / (20.0 * period_s)
+        while True:
+            angle = 2.0 * math.pi * n / (RATE_HZ * period_s)
             x, y, z = center
             at = (x + radius_m * math.cos(angle), y + radius_m * math.sin(angle), z)
             yield from self.arm.step(_limited(self.arm.here, Pose(at, rotation), 0.012))
