@@ -245,15 +245,17 @@ class Body:
         return min(others, key=lambda n: horizontal_distance(self.state.pose(n).position, at))
 
     def sweep_through(self, neighbor: str, name: str) -> Motion[None]:
-        """Go down behind a neighbor and low on the straight way through it toward a thing, then up."""
+        """Go down behind a neighbor and low, with narrow fingers, straight through it toward a thing, then up."""
         a, b = self.state.pose(neighbor).position, self.state.pose(name).position
         length = max(horizontal_distance(a, b), 0.01)
         ux, uy = (b[0] - a[0]) / length, (b[1] - a[1]) / length
         reach = 0.5 * max(self.state.info.object(neighbor).size_m[:2]) + 0.05
-        low = max(0.02, min(0.6 * self.height(neighbor), 0.06))
+        low = max(0.014, min(0.5 * self.height(neighbor), 0.05))
         begin = Pose((a[0] - reach * ux, a[1] - reach * uy, low), self.arm.home.quaternion)
-        yield from self.do.over(begin)
-        way = reach + min(0.10, 0.6 * length)
+        yield from self.do.over(begin.translated(z=0.08))
+        yield from self.arm.narrow(0.01)
+        yield from self.arm.go(begin)
+        way = reach + 0.10
         yield from self.arm.go(begin.translated(way * ux, way * uy), pace=0.8)
         yield from self.arm.go(self.arm.here.translated(z=0.15))
 
