@@ -20,6 +20,9 @@ PLAIN = {
     "noop": PolicyEntry("noop", "Never moves.", privileged=False),
     "random": PolicyEntry("random", "A seeded random walk with a gripper that opens and closes.", privileged=False),
 }
+INDEPENDENT_FAMILY = PolicyEntry(
+    "independent:HABIT-MANNER", "A faulty policy of the second, independent family, for calibrations.", privileged=True
+)
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry("python:MODULE:CLASS", "Your own class with info, reset and act.", privileged=False),
@@ -39,4 +42,4 @@ def known_policies() -> tuple[PolicyEntry, ...]:
     """Return all policies that can be evaluated."""
     privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
     privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
-    return (*privileged, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())
+    return (*privileged, INDEPENDENT_FAMILY, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())

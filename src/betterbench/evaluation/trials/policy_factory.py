@@ -12,6 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, known_policies
 from betterbench.experts import make_expert, parse_address
+from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
@@ -54,7 +55,7 @@ def make_policy(address: str) -> Policy:
 
 def is_privileged(address: str) -> bool:
     """Return whether a policy sees the privileged state instead of observations."""
-    return parse_address(address) is not None
+    return parse_address(address) is not None or is_independent(address)
 
 
 def is_remote(address: str) -> bool:
@@ -124,6 +125,8 @@ class PolicyFactory:
 
     def policy(self, scene: Scene, trial: Trial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread."""
+        if is_independent(self.address):
+            return make_independent(self.address, scene)
         if is_privileged(self.address):
             return make_expert(self.address, scene)
         if self.address.startswith("replay:"):

@@ -1,0 +1,90 @@
+"""Running the independent family: plans of the trials in which its habits show, and runs whose journals hold truths.
+
+:func:`betterbench.calibration.run.assess` compares the labels of such runs with the true ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation import Plan, Trial, evaluate
+from betterbench.independent import HALVES, INDEPENDENT, IndependentPolicy, Shown, shown_in
+from betterbench.independent.registry import Half
+from betterbench.interventions import resolve_condition
+from betterbench.recording import RunFolder
+from betterbench.tasks import stream
+
+
+def independent_plans(half: Half, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
+    """Return one plan per policy of a half of the independent family: each habit in each manner.
+
+    Args:
+        half: "development" or "held_out".
+        trials: Trials per policy in which its habit decides or acts wrongly, or in which an honest one acts. They are
+            spread over the tasks. A habit whose label needs several trials gets whole tasks, until there are so many.
+        seed: Seed of all trials; the next ones where a habit shows in fewer conditions than there are trials.
+
+    Raises:
+        InvalidInputError: If there is no such half, or ``trials`` is below 1.
+    """
+    if half not in HALVES:
+        raise InvalidInputError("half", f"{half!r} is unknown", f"Use {' or '.join(HALVES)}")
+    if trials < 1:
+        raise InvalidInputError("trials", f"{trials} is out of range", "It must be ≥ 1")
+    policies = (p for p in INDEPENDENT.values() if p.half == half)
+    return tuple(Plan(p.address, _chosen(p, trials, seed), "ee_delta", "state_only", "standard") for p in policies)
+
+
+def run_independent(
+    plans: Sequence[Plan], out: Path, *, workers: int = 1, on_plan: Callable[[str], None] | None = None
+) -> tuple[RunFolder, ...]:
+    """Run plans into one folder each below ``out``; the same call resumes.
+
+    Raises:
+        RunConflictError: If a folder holds another run.
+    """
+    runs: list[RunFolder] = []
+    for plan in plans:
+        if on_plan is not None:
+            on_plan(plan.policy)
+        runs.append(evaluate(plan, out / plan.policy.replace(":", "-"), workers=workers))
+    return tuple(runs)
+
+
+def _chosen(policy: IndependentPolicy, trials: int, seed: int) -> tuple[Trial, ...]:
+    """Return the trials of one policy."""
+    shown = shown_in(policy.habit.name)
+    faulty = _spread([s for s in shown if s.faulty], policy, seed)
+    if policy.habit.paired:
+        tasks: list[str] = []
+        for task in dict.fromkeys(s.task for s in faulty):
+            if sum(s.task in tasks for s in faulty) < trials:
+                tasks.append(task)
+        return tuple(_trial(s, seed) for s in shown if s.task in tasks)
+    return tuple(_trial(faulty[i % len(faulty)], seed + i // len(faulty)) for i in range(trials))
+
+
+def _spread(shown: Sequence[Shown], policy: IndependentPolicy, seed: int) -> list[Shown]:
+    """Return conditions in an order of chance in which the tasks take turns."""
+    order = stream("independent", seed, policy.address).permutation(len(shown))
+    by_task: dict[str, list[Shown]] = {}
+    for i in order.tolist():
+        by_task.setdefault(shown[i].task, []).append(shown[i])
+    longest = max(map(len, by_task.values()))
+    return [of[i] for i in range(longest) for of in by_task.values() if i < len(of)]
+
+
+def _trial(shown: Shown, seed: int) -> Trial:
+    found = resolve_condition(shown.task, shown.condition)
+    varied = found.variation
+    return Trial(
+        shown.task,
+        shown.condition,
+        None if varied is None else varied.name,
+        found.axis,
+        None if varied is None else varied.base,
+        seed,
+        found.condition.expected.value,
+    )

@@ -1,0 +1,52 @@
+"""Manners: how a policy of the independent family moves, whatever it decides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from betterbench.errors import find_named
+
+Profile = Literal["minimum_jerk", "even", "halting"]
+"""How the speed goes along a way: bell-shaped, constant, or in bounds with short stops between them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """One way of moving.
+
+    Attributes:
+        speed_m_s: Mean speed of the tool on long ways [m/s].
+        approach_m: Height above a grasp or placement from which the tool comes straight [m].
+        carry_m: Free height between what is carried and what it is carried over [m].
+        bow_m: Largest sideways deviation of a long way from the straight line [m].
+        pause_s: Pause before the gripper closes or opens [s].
+        glance_s: Pause above a thing before the tool comes down to it [s].
+        noise_m: Standard deviation of the noise on each translation command [m].
+    """
+
+    name: str
+    profile: Profile
+    speed_m_s: float
+    approach_m: float
+    carry_m: float
+    bow_m: float
+    pause_s: float
+    glance_s: float
+    noise_m: float
+
+
+MANNERS = {
+    m.name: m
+    for m in (
+        Manner("calm", "minimum_jerk", 0.24, 0.10, 0.05, 0.0, 0.15, 0.0, 0.0),
+        Manner("brisk", "even", 0.34, 0.06, 0.035, 0.04, 0.0, 0.0, 0.0005),
+        Manner("hesitant", "halting", 0.20, 0.08, 0.06, -0.03, 0.35, 0.7, 0.0012),
+    )
+}
+"""The manners in which every habit is run."""
+
+
+def manner_named(name: str) -> Manner:
+    """Return a manner by name; an unknown one raises an UnknownNameError."""
+    return find_named("manner", name, MANNERS.values())

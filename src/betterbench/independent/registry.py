@@ -1,0 +1,119 @@
+"""Addresses of the independent family: "independent:HABIT-MANNER", as "independent:word-place-calm"."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from betterbench.errors import UnknownNameError, find_named
+from betterbench.independent.habit import Habit, Honest
+from betterbench.independent.habits_development import DEVELOPMENT
+from betterbench.independent.habits_held_out import HELD_OUT
+from betterbench.independent.manner import MANNERS, Manner
+from betterbench.independent.situation import Situation
+from betterbench.independent.truth import HONEST, Truth
+from betterbench.interventions import condition_names, resolve_condition
+from betterbench.tasks import get_task, suite_tasks
+
+if TYPE_CHECKING:
+    from betterbench.independent.agent import IndependentAgent
+    from betterbench.scenes import Scene
+
+PREFIX = "independent:"
+Half = Literal["development", "held_out"]
+HALVES: dict[Half, tuple[Habit, ...]] = {"development": DEVELOPMENT, "held_out": HELD_OUT}
+
+
+@dataclass(frozen=True, slots=True)
+class IndependentPolicy:
+    """One policy of the family: a habit in a manner."""
+
+    habit: Habit
+    manner: Manner
+    half: Half
+
+    @property
+    def address(self) -> str:
+        """Its address."""
+        return f"{PREFIX}{self.habit.name}-{self.manner.name}"
+
+
+INDEPENDENT: dict[str, IndependentPolicy] = {
+    policy.address: policy
+    for half, habits in HALVES.items()
+    for habit in habits
+    for policy in (IndependentPolicy(habit, manner, half) for manner in MANNERS.values())
+}
+
+
+def is_independent(address: str) -> bool:
+    """Tell whether an address is one of the family; an unknown policy of it raises an UnknownNameError."""
+    if not address.startswith(PREFIX):
+        return False
+    if address not in INDEPENDENT:
+        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
+    return True
+
+
+def stated_truth(habit: Habit, case: Situation) -> tuple[Truth, bool]:
+    """Return the truth of a trial before its first action, and whether the habit shows in it.
+
+    Where it does not, the policy decides and acts as the honest one.
+    """
+    stated = habit.truth(case)
+    if stated is not None:
+        return stated, True
+    return Truth(HONEST, first_right=True if case.first_thing() else None), False
+
+
+def make_independent(address: str, scene: Scene) -> IndependentAgent:
+    """Return a policy of the family for one episode of a scene at its start.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+    """
+    # Imported here: the list of policies needs no simulator.
+    from betterbench.independent.agent import IndependentAgent  # noqa: PLC0415
+    from betterbench.independent.body import Body  # noqa: PLC0415
+
+    if address not in INDEPENDENT:
+        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
+    policy = INDEPENDENT[address]
+    case = Situation.of(scene.task, scene.condition)
+    truth, shows = stated_truth(policy.habit, case)
+    body = Body(scene, case, policy.manner, policy.habit.name, truth)
+    habit = policy.habit if shows else Honest()
+    return IndependentAgent(address, body, habit.act(body))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A condition in which a habit shows.
+
+    Attributes:
+        faulty: Whether the habit decides or acts wrongly there; false where its rule happens to be right.
+    """
+
+    task: str
+    condition: str
+    faulty: bool
+
+
+@functools.cache
+def shown_in(habit: str) -> tuple[Shown, ...]:
+    """Return the conditions of the suite in which a habit shows and whose truth no second rule shares.
+
+    In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
+
+    Raises:
+        UnknownNameError: If there is no such habit.
+    """
+    known = find_named("habit", habit, (h for habits in HALVES.values() for h in habits))
+    found: list[Shown] = []
+    for task in map(get_task, suite_tasks("better60")):
+        for name in condition_names(task):
+            truth = known.truth(Situation.of(task, resolve_condition(task.id, name).condition))
+            if truth is not None and not truth.left_out:
+                found.append(Shown(task.id, name, truth.label != HONEST or known.label == HONEST))
+    return tuple(found)

@@ -1,0 +1,91 @@
+"""The truth of a trial of the independent family: stated before the first action, and when it may be corrected.
+
+A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
+turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
+
+1. **The act was never reached.** A habit whose wrong act comes after right ones marks the moment at which the act
+   begins (:meth:`Ledger.commit`). If the episode ends before that moment, the trial is one of an honest policy.
+2. **A lasting mishap came first.** If a right act fails for good before the wrong one begins (the thing fell to the
+   floor, or lies where it cannot be taken), the first piece of evidence in time is the mishap: ``execution_failure``.
+3. **An honest policy that does not succeed** has ``execution_failure`` if at the end a mishap is open that was never
+   made good: a closing without the thing, a thing that left the gripper although it was not opened, a thing that was
+   let go and is not where the subgoal wants it, or a thing that was not asked for and was displaced by more than 5 cm.
+   If every mishap was made good, or none happened, the time was too short: ``timeout``.
+
+A trial whose goal is met is a success whatever was stated; that is left to who reads the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from betterbench.tasks import Label
+
+HONEST = ""
+"""The label of a policy without a fault, before the episode has shown how it ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is true of a trial before its first action.
+
+    Attributes:
+        label: The label that the trial deserves if its goal is not met, or :data:`HONEST`.
+        first_right: Whether the first grasp attempt is at the right thing; None if no grasp is attempted.
+        debatable: Why another careful reader of the suite might give another label; "" if none would.
+        left_out: Why the trial says nothing about the habit; "" if it belongs to a calibration.
+    """
+
+    label: str
+    first_right: bool | None
+    debatable: str = ""
+    left_out: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise an UnknownNameError if there is no such label."""
+        if self.label != HONEST:
+            Label(self.label)
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What a policy writes down of its own episode.
+
+    Attributes:
+        stated: The truth as it was stated before the first action.
+        committed: Whether the wrong act has begun, or there is none that has to be waited for.
+        open_mishaps: Mishaps that were not made good, by what they concern.
+        lasting: The first mishap that cannot be made good, or "".
+    """
+
+    stated: Truth
+    committed: bool = False
+    open_mishaps: dict[str, str] = field(default_factory=dict)
+    lasting: str = ""
+    notes: list[str] = field(default_factory=list)
+
+    def commit(self) -> None:
+        """Note that the wrong act begins."""
+        self.committed = True
+
+    def mishap(self, what: str, text: str, *, for_good: bool = False) -> None:
+        """Note a failure of the manipulation."""
+        self.open_mishaps[what] = text
+        self.notes.append(f"{what}: {text}")
+        if for_good and not self.committed and not self.lasting:
+            self.lasting = f"{what}: {text}"
+
+    def made_good(self, what: str) -> None:
+        """Note that what had failed was done after all."""
+        self.open_mishaps.pop(what, None)
+
+    def final(self) -> tuple[str, str]:
+        """Return the label of the trial if its goal was not met, and the rule that corrected it, or ""."""
+        if self.lasting:
+            return str(Label.EXECUTION_FAILURE), f"rule 2: {self.lasting}"
+        if self.stated.label != HONEST and self.committed:
+            return self.stated.label, ""
+        rule = "rule 3" if self.stated.label == HONEST else "rule 1"
+        if self.open_mishaps:
+            return str(Label.EXECUTION_FAILURE), f"{rule}: {next(iter(self.open_mishaps.values()))}"
+        return str(Label.TIMEOUT), f"{rule}: no mishap is open"

@@ -1,0 +1,170 @@
+"""The independent family: its truths are fixed before it acts, and it does what its habits say."""
+
+from __future__ import annotations
+
+import ast
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+import betterbench.independent
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
+from betterbench.independent import HALVES, INDEPENDENT, is_independent, make_independent, shown_in
+from betterbench.independent.manner import MANNERS
+from betterbench.independent.truth import HONEST, Ledger, Truth
+from betterbench.tasks import Kind, Label, all_labels
+
+HABITS = tuple(chain.from_iterable(HALVES.values()))
+NAMES = tuple(h.name for h in HABITS)
+
+
+def test_nothing_of_the_family_imports_the_experts_or_the_diagnosis():
+    folder = Path(betterbench.independent.__file__).parent
+    banned = ("betterbench.experts", "betterbench.diagnosis", "betterbench.tasks.attempts", "betterbench.tasks.motion")
+    for file in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            assert not [n for n in names if n.startswith(banned)], file.name
+
+
+def test_each_half_has_a_dozen_habits_of_its_own():
+    assert len(set(NAMES)) == len(NAMES)
+    for half in HALVES.values():
+        assert len(half) >= 12
+        assert sum(h.label == HONEST for h in half) >= 3
+    kinds = [{type(h) for h in half} for half in HALVES.values()]
+    assert not kinds[0] & kinds[1]
+
+
+def test_both_halves_cover_every_label_that_one_trial_can_end_with():
+    cannot = {Label.WRONG_OBJECT, Label.POLICY_ERROR}
+    wanted = {str(x) for x in all_labels() if x.kind is not Kind.NONE} - cannot
+    for half in HALVES.values():
+        assert {h.label for h in half} - {HONEST} == wanted
+
+
+@pytest.mark.parametrize("habit", HABITS, ids=NAMES)
+def test_a_habit_says_what_it_does_and_shows_somewhere(habit):
+    assert habit.summary.endswith(".")
+    label = "success" if habit.label == HONEST else str(habit.label)
+    assert label in (habit.__doc__ or "")
+    shown = shown_in(habit.name)
+    assert any(s.faulty for s in shown)
+    assert all(habit.label != HONEST or s.faulty for s in shown)
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize("habit", HABITS, ids=NAMES)
+def test_the_truth_is_fixed_before_the_first_action(habit, scene_of, monkeypatch):
+    where = next(s for s in shown_in(habit.name) if s.faulty)
+    scene = scene_of(where.task, where.condition)
+    state = scene.reset()
+    agent = make_independent(f"independent:{habit.name}-calm", scene)
+    before = agent.ground_truth
+    assert before["stated"] == (str(agent.body.ledger.stated.label) or "honest")
+    monkeypatch.setattr(type(habit), "truth", lambda *_: pytest.fail("the truth was asked for again"))
+    for _ in range(3):
+        agent.act_on_state(state)
+    after = agent.ground_truth
+    assert (after["stated"], after["first_attempt"]) == (before["stated"], before["first_attempt"])
+
+
+@pytest.mark.physics
+def test_the_same_seed_gives_the_same_bits_and_another_one_others(play, scene_of):
+    one = play("look-alike-hesitant", "morning_coffee", "O1", 3, 60)
+    scene = scene_of("morning_coffee", "O1", 3)
+    state = scene.reset()
+    agent = make_independent("independent:look-alike-hesitant", scene)
+    again = []
+    for _ in range(60):
+        action = agent.act_on_state(state)
+        again.append(action.tobytes())
+        scene.step(action)
+        state = scene.state()
+    assert tuple(again) == one.actions
+    assert play("look-alike-hesitant", "morning_coffee", "O1", 4, 60).actions != one.actions
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(("task", "condition"), [("morning_coffee", "train1"), ("seasoning_rack", "train4")])
+@pytest.mark.parametrize("manner", MANNERS)
+def test_the_honest_policy_solves_sample_tasks(play, task, condition, manner):
+    assert play(f"honest-{manner}", task, condition).success
+
+
+@pytest.mark.physics
+def test_a_wrong_grasp_is_at_the_wrong_thing(play):
+    played = play("word-place-calm", "morning_coffee", "L3")
+    assert not played.success
+    assert played.agent.body.arm.log.closings[0].gripped == "blue_mug"
+    assert played.agent.ground_truth["truth"] == Label.LEXICAL_KINEMATIC_SHORTCUT
+    assert played.agent.ground_truth["first_attempt"] == "wrong"
+
+
+@pytest.mark.physics
+def test_a_hover_closes_nothing_and_stays_over_its_thing(play):
+    played = play("hover-alike-calm", "morning_coffee", "O1")
+    state = played.agent.body.state
+    x, y, _ = state.pose("red_can").position
+    assert played.agent.body.arm.log.closings == []
+    assert abs(state.ee_pose.position[0] - x) < 0.01
+    assert abs(state.ee_pose.position[1] - y) < 0.01
+    assert played.agent.ground_truth["first_attempt"] == "none"
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize("policy", ["miss-beside-brisk", "miss-above-calm"])
+def test_a_miss_closes_7_to_11_cm_away(play, policy):
+    closing = play(policy, "seasoning_rack", "train1", 2).agent.body.arm.log.closings[0]
+    far = closing.beside_m if policy.startswith("miss-beside") else closing.above_m
+    assert 0.065 < far < 0.115
+    assert closing.gripped is None
+
+
+def test_a_wrong_act_that_is_never_reached_leaves_an_honest_trial():
+    ledger = Ledger(Truth(Label.EARLY_HALT, first_right=True))
+    assert ledger.final()[0] == Label.TIMEOUT
+    ledger.mishap("mug", "the gripper closed without it")
+    assert ledger.final()[0] == Label.EXECUTION_FAILURE
+    ledger.made_good("mug")
+    assert ledger.final()[0] == Label.TIMEOUT
+    ledger.commit()
+    assert ledger.final() == (Label.EARLY_HALT, "")
+
+
+def test_a_lasting_mishap_before_the_wrong_act_comes_first_in_time():
+    ledger = Ledger(Truth(Label.EARLY_HALT, first_right=True))
+    ledger.mishap("mug", "it lies on the floor", for_good=True)
+    ledger.commit()
+    assert ledger.final()[0] == Label.EXECUTION_FAILURE
+    later = Ledger(Truth(Label.CAUSAL_CONFUSION, first_right=False))
+    later.commit()
+    later.mishap("mug", "it lies on the floor", for_good=True)
+    assert later.final()[0] == Label.CAUSAL_CONFUSION
+
+
+def test_addresses_are_known_to_an_evaluation_and_wrong_ones_are_refused():
+    assert len(INDEPENDENT) == len(NAMES) * len(MANNERS)
+    assert is_privileged("independent:word-place-calm")
+    assert not is_independent("expert")
+    assert PolicyFactory("independent:honest-brisk").info.action_space == "ee_delta"
+    with pytest.raises(UnknownNameError, match="word-place-calm"):
+        is_independent("independent:word-place-clam")
+
+
+def test_plans_hold_trials_in_which_the_habits_show():
+    from betterbench.calibration import independent_plans
+
+    plans = independent_plans("development", trials=2, seed=5)
+    assert len(plans) == len(HALVES["development"]) * len(MANNERS)
+    for plan in plans:
+        habit = INDEPENDENT[plan.policy].habit
+        shown = {(s.task, s.condition) for s in shown_in(habit.name)}
+        assert {(t.task, t.condition) for t in plan.trials} <= shown
+        assert habit.paired or len(plan.trials) == 2
+        assert len(set(plan.trials)) == len(plan.trials)
+    with pytest.raises(InvalidInputError, match="trials"):
+        independent_plans("development", trials=0)
