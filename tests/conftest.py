@@ -6,6 +6,7 @@ import ctypes
 import difflib
 import gc
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -24,6 +25,10 @@ def _gl_backend() -> str:
         return "osmesa"
     return "egl"
 
+
+# A shell lets its background jobs, and all that they start, ignore Ctrl-C; some tests press it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Before anything imports mujoco; `make test` has chosen already, a bare `pytest` has not.
 os.environ.setdefault("MUJOCO_GL", _gl_backend())
