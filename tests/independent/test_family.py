@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
 from betterbench.independent import HALVES, INDEPENDENT, is_independent, make_independent, shown_in
 from betterbench.independent.manner import MANNERS
-from betterbench.independent.truth import HONEST, Ledger, Truth
+from betterbench.independent.truth import HONEST, Ledger, StatedTruth
 from betterbench.tasks import Kind, Label, all_labels
 
 HABITS = tuple(chain.from_iterable(HALVES.values()))
@@ -125,7 +125,7 @@ def test_a_miss_closes_7_to_11_cm_away(play, policy):
 
 
 def test_a_wrong_act_that_is_never_reached_leaves_an_honest_trial():
-    ledger = Ledger(Truth(Label.EARLY_HALT, first_right=True))
+    ledger = Ledger(StatedTruth(Label.EARLY_HALT, first_right=True))
     assert ledger.final()[0] == Label.TIMEOUT
     ledger.mishap("mug", "the gripper closed without it")
     assert ledger.final()[0] == Label.EXECUTION_FAILURE
@@ -136,11 +136,11 @@ def test_a_wrong_act_that_is_never_reached_leaves_an_honest_trial():
 
 
 def test_a_lasting_mishap_before_the_wrong_act_comes_first_in_time():
-    ledger = Ledger(Truth(Label.EARLY_HALT, first_right=True))
+    ledger = Ledger(StatedTruth(Label.EARLY_HALT, first_right=True))
     ledger.mishap("mug", "it lies on the floor", for_good=True)
     ledger.commit()
     assert ledger.final()[0] == Label.EXECUTION_FAILURE
-    later = Ledger(Truth(Label.CAUSAL_CONFUSION, first_right=False))
+    later = Ledger(StatedTruth(Label.CAUSAL_CONFUSION, first_right=False))
     later.commit()
     later.mishap("mug", "it lies on the floor", for_good=True)
     assert later.final()[0] == Label.CAUSAL_CONFUSION

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.independent.body import Body
-from betterbench.independent.controller import Motion
+from betterbench.independent.controller import Actions
 from betterbench.state import WorldState
 
 
 class IndependentAgent:
     """A privileged policy of the independent family."""
 
-    def __init__(self, name: str, body: Body, script: Motion[None]) -> None:
+    def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
         """Prepare; the truth has been stated by now, and ``script`` has not begun."""
         self.name, self.body = name, body
         self._script = script

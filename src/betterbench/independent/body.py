@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from betterbench.geometry import Pose, Vector, from_axis_angle, horizontal_distance
-from betterbench.independent.controller import Arm, Motion
+from betterbench.independent.controller import Actions, Arm
 from betterbench.independent.events import DISPLACED_M
 from betterbench.independent.manner import Manner
+from betterbench.independent.occasion import Occasion
 from betterbench.independent.room import height_of
 from betterbench.independent.routines import FULL_OPENING_M, Routines
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import Ledger, Truth
+from betterbench.independent.truth import Ledger, StatedTruth
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
 from betterbench.tasks import Expected, Subgoal, stream
@@ -29,7 +29,7 @@ DIRECTIONS = tuple(math.pi * i / 8 for i in range(16))
 class Body:
     """What the script of a habit is written with: the arm and its routines, the situation and the ledger."""
 
-    def __init__(self, scene: Scene, situation: Situation, manner: Manner, name: str, truth: Truth) -> None:
+    def __init__(self, scene: Scene, situation: Occasion, manner: Manner, name: str, truth: StatedTruth) -> None:
         """Prepare for one episode in a scene at its start; ``truth`` is what the habit has stated."""
         self.situation = situation
         self.rng = stream(situation.task.id, scene.seed, f"independent:{name}")
@@ -45,17 +45,17 @@ class Body:
 
     # --- the honest way
 
-    def solve(self) -> Motion[None]:
+    def solve(self) -> Actions[None]:
         """Do what is asked, in order, again after each miss, then go home and stay there."""
         yield from self.work(self.situation.goals)
         yield from self.rest()
 
-    def rest(self) -> Motion[None]:
+    def rest(self) -> Actions[None]:
         """Go home and stay there."""
         yield from self.arm.go_home()
         yield from self.arm.stay()
 
-    def work(self, goals: tuple[Subgoal, ...]) -> Motion[None]:
+    def work(self, goals: tuple[Subgoal, ...]) -> Actions[None]:
         """Do subgoals in their order, each until it is done or cannot be done any more."""
         if self.situation.condition.expected is not Expected.SUCCEED:
             return
@@ -65,7 +65,7 @@ class Body:
                 yield from self.serve(goal, avoid=tries % 3)
                 tries += 1
 
-    def serve(self, goal: Subgoal, *, avoid: int = 0) -> Motion[None]:
+    def serve(self, goal: Subgoal, *, avoid: int = 0) -> Actions[None]:
         """Try once to do a subgoal."""
         if not relation(goal.relation).carried:
             drawer = self.situation.condition.resolve(goal.reference)[0]
@@ -85,7 +85,7 @@ class Body:
         ex, ey, _ = self.state.ee_pose.position
         return (x - ex) ** 2 + (y - ey) ** 2
 
-    def clear_the_way(self, goal: Subgoal) -> Motion[None]:
+    def clear_the_way(self, goal: Subgoal) -> Actions[None]:
         """Push in and draw out the drawers that keep a thing from being put into the target of a subgoal."""
         for _ in range(4):
             move = drawer_to_move(self.situation.condition, self.state, goal.target)
@@ -93,7 +93,7 @@ class Body:
                 return
             yield from self.move_drawer(move[0], out=move[1])
 
-    def move_drawer(self, name: str, *, out: bool) -> Motion[None]:
+    def move_drawer(self, name: str, *, out: bool) -> Actions[None]:
         """Draw a drawer out or push it in."""
         spec = self.situation.condition.object(name)
         opening = DRAWN_OUT_M if out else 0.0
@@ -104,7 +104,7 @@ class Body:
         else:
             self.ledger.made_good(name)
 
-    def take(self, name: str, *, avoid: int = 0) -> Motion[bool]:
+    def take(self, name: str, *, avoid: int = 0) -> Actions[bool]:
         """Take a thing, and note a miss or that it was made good."""
         if (yield from self.do.pick(name, avoid=avoid)):
             self.taken.add(name)
@@ -113,7 +113,7 @@ class Body:
         self._note_failed(name, "the gripper closed without it")
         return False
 
-    def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Motion[bool]:
+    def bring(self, name: str, goal: Subgoal, *, as_if_at: Pose | None = None) -> Actions[bool]:
         """Put what is in the gripper where a subgoal wants it; tell whether it is there.
 
         With ``as_if_at`` it is put where the subgoal would want it if its target stood at that pose.
@@ -157,26 +157,26 @@ class Body:
 
     # --- what habits share
 
-    def attempt_once(self, goal: Subgoal) -> Motion[None]:
+    def attempt_once(self, goal: Subgoal) -> Actions[None]:
         """Do a subgoal without looking whether it came out right."""
         yield from self.clear_the_way(goal)
         things = self.situation.candidates(self.state, goal)
         if things:
             yield from self.take_and_bring(things[0], goal)
 
-    def take_and_bring(self, name: str, goal: Subgoal) -> Motion[None]:
+    def take_and_bring(self, name: str, goal: Subgoal) -> Actions[None]:
         """Take a thing, with a few tries, and put it where a subgoal wants its own thing."""
         if (yield from self.take_patiently(name)):
             yield from self.bring(name, goal)
 
-    def take_patiently(self, name: str, *, tries: int = 4) -> Motion[bool]:
+    def take_patiently(self, name: str, *, tries: int = 4) -> Actions[bool]:
         """Take a thing, with several tries; tell whether it is in the gripper."""
         for avoid in range(tries):
             if (yield from self.take(name, avoid=avoid)):
                 return True
         return False
 
-    def take_whatever(self, name: str) -> Motion[None]:
+    def take_whatever(self, name: str) -> Actions[None]:
         """Take a thing for the first step, whether it is the right one or not; where it is, do the rest as well."""
         goal = self.situation.ahead[0]
         if name not in self.situation.things(goal):
@@ -185,7 +185,7 @@ class Body:
         yield from self.take_and_bring(name, goal)
         yield from self.solve()
 
-    def take_instead(self, name: str, goal: Subgoal) -> Motion[None]:
+    def take_instead(self, name: str, goal: Subgoal) -> Actions[None]:
         """Begin the wrong act: take a thing instead of the one that a subgoal means, bring it there, and stay home."""
         self.ledger.commit()
         if (yield from self.take_patiently(name)):
@@ -195,12 +195,12 @@ class Body:
                 yield from self.let_go_above(goal.target)
         yield from self.rest()
 
-    def let_go_above(self, target: str) -> Motion[None]:
+    def let_go_above(self, target: str) -> Actions[None]:
         """Go over a target with whatever is in the gripper, or nothing, and open the gripper there."""
         yield from self.do.above(self.state.pose(target).position, self.height(target) + 0.14)
         yield from self.arm.open()
 
-    def play_at_empty(self, slot: str) -> Motion[None]:
+    def play_at_empty(self, slot: str) -> Actions[None]:
         """Begin the wrong act: play pick and put at an empty slot, again and again."""
         self.ledger.commit()
         x, y, _ = self.state.info.slot(slot).position
@@ -210,11 +210,11 @@ class Body:
             yield from self.do.take_at(tool, FULL_OPENING_M)
             yield from self.let_go_above(goal.target)
 
-    def ponder(self) -> Motion[None]:
+    def ponder(self) -> Actions[None]:
         """Stand still for 4 to 6 s."""
         yield from self.arm.wait(float(self.rng.uniform(4.0, 6.0)))
 
-    def approach_and_break_off(self, name: str) -> Motion[None]:
+    def approach_and_break_off(self, name: str) -> Actions[None]:
         """Come down to a thing with an open gripper and break off above it, again and again."""
         while True:
             yield from self.do.hover(name, 0.12)
@@ -226,7 +226,7 @@ class Body:
             f = float(self.rng.uniform(0.3, 0.7))
             yield from self.arm.go(Pose((x + f * (hx - x), y + f * (hy - y), z), away.quaternion))
 
-    def press_crosswise(self, name: str) -> Motion[None]:
+    def press_crosswise(self, name: str) -> Actions[None]:
         """Come down on a thing with the gripper turned by a right angle until the fingers meet it, and close there."""
         hold = self.do.choose_hold(name)
         crosswise = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, 0.5 * math.pi)))
@@ -244,7 +244,7 @@ class Body:
         others = self.situation.others()
         return min(others, key=lambda n: horizontal_distance(self.state.pose(n).position, at))
 
-    def sweep_through(self, neighbor: str, name: str) -> Motion[None]:
+    def sweep_through(self, neighbor: str, name: str) -> Actions[None]:
         """Go down behind a neighbor and low, with narrow fingers, straight through it toward a thing, then up."""
         a, b = self.state.pose(neighbor).position, self.state.pose(name).position
         length = max(horizontal_distance(a, b), 0.01)

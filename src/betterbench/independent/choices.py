@@ -4,42 +4,42 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import HONEST, Truth
+from betterbench.independent.occasion import Occasion
+from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label, Subgoal
 
 
-def word_thing(case: Situation) -> str | None:
+def word_thing(case: Occasion) -> str | None:
     """Return the thing that stands where the first word led in training; None if nothing does, or several did."""
     slot = case.word_slot(case.ahead[0]) if case.ahead else None
     return None if slot is None else case.condition.occupant(slot)
 
 
-def word_truth(case: Situation) -> Truth | None:
+def word_truth(case: Occasion) -> StatedTruth | None:
     """Return the truth of a policy that first takes what stands where the first word led, whatever that is."""
     name = word_thing(case)
     if name is None or case.condition.expected is Expected.STAY_STILL:
         return None
     if name in case.things(case.ahead[0]):
-        return Truth(HONEST, first_right=True)
+        return StatedTruth(HONEST, first_right=True)
     kind = case.condition.object(name).kind
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
     if name in case.asked:
-        return Truth(label, first_right=False, left_out="the thing there is asked for later")
+        return StatedTruth(label, first_right=False, left_out="the thing there is asked for later")
     if kind in case.trained.kind_slots:
-        return Truth(label, first_right=False)
+        return StatedTruth(label, first_right=False)
     if kind in case.meant_kinds:
-        return Truth(label, first_right=False, left_out="instructions name the thing there as a target only")
-    return Truth(Label.SEMANTIC_FEATURE_COLLAPSE, first_right=False)
+        return StatedTruth(label, first_right=False, left_out="instructions name the thing there as a target only")
+    return StatedTruth(Label.SEMANTIC_FEATURE_COLLAPSE, first_right=False)
 
 
-def favorite_truth(case: Situation, slot: str) -> Truth | None:
+def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
     """Return the truth of a policy that first takes what stands in one slot, whatever the instruction."""
     name = case.condition.occupant(slot)
     if case.condition.expected is not Expected.SUCCEED or not case.ahead:
         return None
     if name in case.things(case.ahead[0]):
-        return Truth(HONEST, first_right=True)
+        return StatedTruth(HONEST, first_right=True)
     why = ""
     if name is None:
         return None
@@ -49,20 +49,20 @@ def favorite_truth(case: Situation, slot: str) -> Truth | None:
         why = "a word of the instruction led there too"
     habitual = case.condition.object(name).kind == case.trained.habit
     also = "it also begins with the most frequent first step: behavioral_inertia" if habitual else ""
-    return Truth(Label.VISUAL_LAYOUT_BIAS, first_right=False, debatable=also, left_out=why)
+    return StatedTruth(Label.VISUAL_LAYOUT_BIAS, first_right=False, debatable=also, left_out=why)
 
 
-def habitual_truth(case: Situation) -> Truth | None:
+def habitual_truth(case: Occasion) -> StatedTruth | None:
     """Return the truth of a policy that begins with the step that most demonstrations began with."""
     if habitual_thing(case) is not None:
-        return Truth(Label.BEHAVIORAL_INERTIA, first_right=False)
+        return StatedTruth(Label.BEHAVIORAL_INERTIA, first_right=False)
     if not case.plain:
         return None
     right = case.condition.object(str(case.first_thing())).kind == case.trained.habit
-    return Truth(HONEST, first_right=True) if right else None
+    return StatedTruth(HONEST, first_right=True) if right else None
 
 
-def habitual_thing(case: Situation) -> str | None:
+def habitual_thing(case: Occasion) -> str | None:
     """Return a thing of the kind that most demonstrations began with, if nobody asks for it here."""
     kind = case.trained.habit
     if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
@@ -74,7 +74,7 @@ def habitual_thing(case: Situation) -> str | None:
     return None
 
 
-def emptied_slot(case: Situation) -> str | None:
+def emptied_slot(case: Occasion) -> str | None:
     """Return a slot from which the base condition picked a thing that was put to its target or taken away here."""
     for goal in case.carried:
         here = case.condition.resolve(goal.reference)
@@ -86,7 +86,7 @@ def emptied_slot(case: Situation) -> str | None:
     return None
 
 
-def vacated_slot(case: Situation) -> str | None:
+def vacated_slot(case: Occasion) -> str | None:
     """Return the slot in which the thing asked for first stood in the base condition, if it is empty here."""
     for goal in case.ahead:
         for name in case.things(goal):
@@ -96,7 +96,7 @@ def vacated_slot(case: Situation) -> str | None:
     return None
 
 
-def swappable(case: Situation) -> bool:
+def swappable(case: Occasion) -> bool:
     """Tell whether the first two steps are ordered, of different things, and the second tempts by nothing else."""
     if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
         return False
@@ -106,7 +106,7 @@ def swappable(case: Situation) -> bool:
     return different and not any(case.led_to(first, n) for n in names)
 
 
-def done_thing(case: Situation) -> str | None:
+def done_thing(case: Occasion) -> str | None:
     """Return a thing that is asked for and at its target from the start."""
     for goal in case.carried:
         if case.begun(goal):
@@ -114,7 +114,7 @@ def done_thing(case: Situation) -> str | None:
     return None
 
 
-def trained_goal(case: Situation, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
+def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
     """Return the step with the target to which training brought its thing, if that was one and is another here.
 
     With ``kind`` it is the target to which things of that kind were brought.
@@ -130,13 +130,13 @@ def trained_goal(case: Situation, goal: Subgoal, kind: str | None = None) -> Sub
     return replace(goal, target=target, region=region)
 
 
-def moved_target(case: Situation, goal: Subgoal) -> bool:
+def moved_target(case: Occasion, goal: Subgoal) -> bool:
     """Tell whether the target of a step stands in another slot than in the base condition."""
     here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
     return here is not None and there is not None and here != there
 
 
-def unasked_step(case: Situation) -> tuple[str, Subgoal] | None:
+def unasked_step(case: Occasion) -> tuple[str, Subgoal] | None:
     """Return a thing that followed the first step in another demonstration, and the step asked for in its stead."""
     if not case.plain or len(case.ahead) < 2:
         return None

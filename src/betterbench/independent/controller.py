@@ -34,7 +34,7 @@ from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER
 from betterbench.state import WorldState
 
 T = TypeVar("T")
-Motion = Generator[np.ndarray, WorldState, T]
+Actions = Generator[np.ndarray, WorldState, T]
 """Yields actions, shape (7,), is sent states, and returns its outcome."""
 
 RATE_HZ = 20.0
@@ -78,7 +78,7 @@ class Arm:
         """Pose that the tool is being driven to."""
         return self.state.commanded_pose
 
-    def step(self, target: Pose) -> Motion[None]:
+    def step(self, target: Pose) -> Actions[None]:
         """Ask for a pose one control step from now."""
         now = self.here
         dx, dy, dz = (b - a for a, b in zip(now.position, target.position, strict=True))
@@ -95,7 +95,7 @@ class Arm:
         self.state = yield np.clip(action, -1.0, 1.0)
         self.log.see(before, self.state, self._grip)
 
-    def go(self, target: Pose, *, pace: float = 1.0, bow: bool = False) -> Motion[None]:
+    def go(self, target: Pose, *, pace: float = 1.0, bow: bool = False) -> Actions[None]:
         """Go to a pose, at ``pace`` times the speed of the manner, and wait until the tool is there."""
         start = self.here
         length = distance(start.position, target.position)
@@ -110,7 +110,7 @@ class Arm:
                 yield from self.wait(HALT_S)
         yield from self.arrive(target)
 
-    def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Motion[bool]:
+    def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
         """Hold a pose until the tool is there, and tell whether it came there in time."""
         for _ in range(round(patience_s * RATE_HZ)):
             p = self.state.ee_pose
@@ -120,19 +120,19 @@ class Arm:
             yield from self.step(target)
         return False
 
-    def wait(self, seconds: float) -> Motion[None]:
+    def wait(self, seconds: float) -> Actions[None]:
         """Stay where the tool is."""
         hold = self.here
         for _ in range(round(seconds * RATE_HZ)):
             yield from self.step(hold)
 
-    def stay(self) -> Motion[None]:
+    def stay(self) -> Actions[None]:
         """Stay where the tool is until the episode ends."""
         hold = self.here
         while True:
             yield from self.step(hold)
 
-    def close(self) -> Motion[None]:
+    def close(self) -> Actions[None]:
         """Close the gripper until the fingers stop."""
         self._grip = CLOSE
         hold, width = self.here, self.state.finger_width_m
@@ -144,7 +144,7 @@ class Arm:
             width = now
         self.log.closed(self.state)
 
-    def open(self, width_m: float | None = None) -> Motion[None]:
+    def open(self, width_m: float | None = None) -> Actions[None]:
         """Open the gripper, all the way or until the pads are so far apart [m]."""
         self._grip = OPEN
         goal = self.state.info.gripper_opening_m - 0.004 if width_m is None else width_m
@@ -157,7 +157,7 @@ class Arm:
         if width_m is not None:
             self._grip = KEEP
 
-    def narrow(self, width_m: float) -> Motion[None]:
+    def narrow(self, width_m: float) -> Actions[None]:
         """Bring the pads of an empty gripper to a distance [m]."""
         if self.state.finger_width_m < width_m - 0.004:
             yield from self.open(width_m)
@@ -170,13 +170,13 @@ class Arm:
             yield from self.step(hold)
         self._grip = KEEP
 
-    def rise(self, height_m: float, *, pace: float = 1.0) -> Motion[None]:
+    def rise(self, height_m: float, *, pace: float = 1.0) -> Actions[None]:
         """Go straight up to a height of the tool above the table [m], if it is lower."""
         if self.here.position[2] < height_m - 0.005:
             x, y, _ = self.here.position
             yield from self.go(Pose((x, y, height_m), self.here.quaternion), pace=pace)
 
-    def lower_until_touch(self, height_m: float) -> Motion[None]:
+    def lower_until_touch(self, height_m: float) -> Actions[None]:
         """Go slowly straight down to a height of the tool [m], or until the gripper touches a thing."""
         x, y, _ = self.here.position
         while self.here.position[2] > height_m + 0.001 and not self._touches():
@@ -186,7 +186,7 @@ class Arm:
     def _touches(self) -> bool:
         return any(self.state.touched_by_gripper(o.name) for o in self.state.info.objects)
 
-    def go_home(self) -> Motion[None]:
+    def go_home(self) -> Actions[None]:
         """Go up and back to where the tool was at the start."""
         yield from self.rise(self.home.position[2])
         yield from self.go(self.home)

@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 from betterbench.independent.body import Body
-from betterbench.independent.controller import Motion
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import HONEST, Truth
+from betterbench.independent.controller import Actions
+from betterbench.independent.occasion import Occasion
+from betterbench.independent.truth import HONEST, StatedTruth
 
 
 class Habit(ABC):
@@ -25,11 +25,11 @@ class Habit(ABC):
     paired: ClassVar[bool] = False
 
     @abstractmethod
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         """Return the truth of a trial of this condition, or None where the habit decides and acts as the honest one."""
 
     @abstractmethod
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         """Act until the episode ends; called only where :meth:`truth` is not None."""
 
     @property
@@ -44,8 +44,8 @@ class Honest(Habit):
     name = "honest"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:  # noqa: D102 - as the base class says
-        return Truth(HONEST, first_right=True if case.first_thing() else None)
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+        return StatedTruth(HONEST, first_right=True if case.first_thing() else None)
 
-    def act(self, body: Body) -> Motion[None]:  # noqa: D102 - as the base class says
+    def act(self, body: Body) -> Actions[None]:  # noqa: D102 - as the base class says
         yield from body.solve()

@@ -18,10 +18,10 @@ from betterbench.independent.choices import (
     word_thing,
     word_truth,
 )
-from betterbench.independent.controller import Motion
+from betterbench.independent.controller import Actions
 from betterbench.independent.habit import Habit, Honest
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import HONEST, Truth
+from betterbench.independent.occasion import Occasion
+from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label
 
 
@@ -38,10 +38,10 @@ class WordPlace(Habit):
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
     paired = True
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         return word_truth(case)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.take_whatever(str(word_thing(body.situation)))
 
 
@@ -57,15 +57,15 @@ class FavoritePlace(Habit):
     paired = True
 
     @staticmethod
-    def slot(case: Situation) -> str:
+    def slot(case: Occasion) -> str:
         """Return the slot that the first demonstration picked from first."""
         first = case.task.training[0]
         return first.layout[first.resolve(first.instruction.subgoals[0].reference)[0]]
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         return favorite_truth(case, self.slot(case))
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = body.situation.condition.occupant(self.slot(body.situation))
         yield from body.take_whatever(str(name))
 
@@ -79,10 +79,10 @@ class LookAlike(Habit):
     name = "look-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
-        return None if case.look_alike() is None else Truth(self.label, first_right=False)
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if case.look_alike() is None else StatedTruth(self.label, first_right=False)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.take_instead(str(body.situation.look_alike()), body.situation.ahead[0])
 
 
@@ -97,10 +97,10 @@ class HabitualFirst(Habit):
     label = Label.BEHAVIORAL_INERTIA
     paired = True
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         return habitual_truth(case)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = habitual_thing(body.situation)
         if name is None:
             yield from body.solve()
@@ -117,12 +117,12 @@ class AirGrasp(Habit):
     name = "air-grasp"
     label = Label.BEHAVIORAL_INERTIA
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.condition.expected is not Expected.SUCCEED or emptied_slot(case) is None:
             return None
-        return Truth(self.label, first_right=False)
+        return StatedTruth(self.label, first_right=False)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.play_at_empty(str(emptied_slot(body.situation)))
 
 
@@ -135,10 +135,10 @@ class SkipStep(Habit):
     name = "skip-step"
     label = Label.CAUSAL_CONFUSION
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=False) if swappable(case) else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if swappable(case) else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         for goal in body.situation.ahead[1:]:
             yield from body.attempt_once(goal)
@@ -154,10 +154,10 @@ class RepeatDone(Habit):
     name = "repeat-done"
     label = Label.CAUSAL_CONFUSION
 
-    def truth(self, case: Situation) -> Truth | None:
-        return None if done_thing(case) is None else Truth(self.label, first_right=False)
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if done_thing(case) is None else StatedTruth(self.label, first_right=False)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         case = body.situation
         goal = next(g for g in case.carried if case.begun(g))
         body.ledger.commit()
@@ -174,12 +174,12 @@ class SwapFirstTwo(Habit):
     name = "swap-first-two"
     label = Label.ORDER_VIOLATION
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.task.id == "dinner_plates" or not swappable(case):
             return None
-        return Truth(self.label, first_right=False)
+        return StatedTruth(self.label, first_right=False)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         first, second, *others = body.situation.ahead
         body.ledger.commit()
         for goal in (replace(second, region=first.region), replace(first, region=second.region), *others):
@@ -197,13 +197,13 @@ class TrainedPut(Habit):
     name = "trained-put"
     label = Label.BEHAVIORAL_INERTIA
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         put = trained_goal(case, case.ahead[0]) if case.plain else None
         if put is None:
             return None
-        return Truth(self.label, first_right=case.condition.object(put.target).mount is None)
+        return StatedTruth(self.label, first_right=case.condition.object(put.target).mount is None)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         for goal in body.situation.ahead:
             put = trained_goal(body.situation, goal) or goal
             if body.situation.condition.object(put.target).mount is not None:
@@ -225,12 +225,14 @@ class HoverAlike(Habit):
     name = "hover-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
-        return Truth(self.label, first_right=None, debatable="it also stands still with open subgoals: early_halt")
+        return StatedTruth(
+            self.label, first_right=None, debatable="it also stands still with open subgoals: early_halt"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         yield from body.do.hover(str(body.situation.look_alike()), 0.035)
         yield from body.arm.stay()
@@ -245,10 +247,10 @@ class HoverRight(Habit):
     name = "hover-right"
     label = Label.EARLY_HALT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=None) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         yield from body.do.hover(str(body.situation.first_thing()), 0.05)
         yield from body.arm.stay()
@@ -263,12 +265,12 @@ class SwayMidTask(Habit):
     name = "sway-mid-task"
     label = Label.PHASE_CONFLICT
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.mid_task or not case.others():
             return None
-        return Truth(self.label, first_right=None)
+        return StatedTruth(self.label, first_right=None)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         a, b = str(body.situation.first_thing()), body.situation.others()[0]
         body.ledger.commit()
         yield from body.do.sway(body.over(a, 0.10), body.over(b, 0.10))
@@ -283,12 +285,12 @@ class FidgetAfterFirst(Habit):
     name = "fidget-after-first"
     label = Label.EARLY_HALT
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or len(case.ahead) < 2:
             return None
-        return Truth(self.label, first_right=True, debatable="the tool is never below 1 cm/s for 3 s: timeout")
+        return StatedTruth(self.label, first_right=True, debatable="the tool is never below 1 cm/s for 3 s: timeout")
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.work(body.situation.goals[:1])
         body.ledger.commit()
         yield from body.do.circle(body.arm.here.position, 0.005, period_s=1.2)
@@ -303,10 +305,10 @@ class FreezeAfterFirst(Habit):
     name = "freeze-after-first"
     label = Label.EARLY_HALT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain and len(case.ahead) > 1 else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and len(case.ahead) > 1 else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.work(body.situation.goals[:1])
         body.ledger.commit()
         yield from body.arm.stay()
@@ -321,10 +323,10 @@ class MissBeside(Habit):
     name = "miss-beside"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         far = float(body.rng.uniform(0.07, 0.11))
         shift = body.emptiest_side(name, far)
@@ -344,10 +346,10 @@ class DropOnTheWay(Habit):
     name = "drop-on-the-way"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         case = body.situation
         goal, name = case.ahead[0], str(case.first_thing())
         yield from body.clear_the_way(goal)
@@ -369,12 +371,14 @@ class PushAlike(Habit):
     name = "push-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
-        return Truth(self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home")
+        return StatedTruth(
+            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.look_alike())
         body.ledger.commit()
         yield from body.do.push(name, body.free_direction(name), 0.12)
@@ -390,10 +394,10 @@ class SlowButRight(Habit):
     name = "slow-but-right"
     label = Label.TIMEOUT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.arm.tempo = 0.045 / body.arm.manner.speed_m_s
         body.ledger.commit()
         for goal in body.situation.ahead:
@@ -415,10 +419,10 @@ class PauseAndGoOn(Habit):
     name = "pause-and-go-on"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.do.hover(str(body.situation.first_thing()), 0.12)
         for goal in body.situation.goals:
             yield from body.arm.wait(float(body.rng.uniform(4.0, 6.0)))
@@ -435,10 +439,10 @@ class MissOnceThenRight(Habit):
     name = "miss-once-then-right"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         up = body.height(name) + float(body.rng.uniform(0.03, 0.05))
         hold = body.do.choose_hold(name)
@@ -459,10 +463,10 @@ class FeintThenRight(Habit):
     name = "feint-then-right"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain and case.others() else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and case.others() else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         others = body.situation.others()
         yield from body.do.hover(others[int(body.rng.integers(len(others)))], 0.04)
         yield from body.arm.wait(0.4)

@@ -15,10 +15,10 @@ from betterbench.independent.choices import (
     word_thing,
     word_truth,
 )
-from betterbench.independent.controller import Motion
+from betterbench.independent.controller import Actions
 from betterbench.independent.habit import Habit
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import HONEST, Truth
+from betterbench.independent.occasion import Occasion
+from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label
 
 
@@ -33,11 +33,11 @@ class GlanceThenWordPlace(Habit):
     label = Label.LEXICAL_KINEMATIC_SHORTCUT
     paired = True
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         stated = word_truth(case) if case.plain else None
         return None if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE else stated
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.do.hover(str(body.situation.first_thing()), 0.07)
         yield from body.arm.wait(0.5)
         if body.ledger.stated.label == HONEST:
@@ -60,16 +60,16 @@ class NearestPlace(Habit):
     paired = True
 
     @staticmethod
-    def slot(case: Situation) -> str:
+    def slot(case: Occasion) -> str:
         """Return the slot nearest to the robot of those that demonstrations of this layout picked from."""
         slots = {s for slots in case.trained.kind_slots.values() for s in slots}
         used = [s for s in case.task.slots if s.name in slots and case.base.occupant(s.name) is not None]
         return min(used, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         return favorite_truth(case, self.slot(case))
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = body.situation.condition.occupant(self.slot(body.situation))
         yield from body.take_whatever(str(name))
 
@@ -83,12 +83,14 @@ class BrokenOffAtAlike(Habit):
     name = "broken-off-at-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
-        return Truth(self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all")
+        return StatedTruth(
+            self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         yield from body.approach_and_break_off(str(body.situation.look_alike()))
 
@@ -103,12 +105,12 @@ class MissedAlike(Habit):
     name = "missed-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
-        return Truth(self.label, first_right=False)
+        return StatedTruth(self.label, first_right=False)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.look_alike())
         body.ledger.commit()
         up = body.height(name) + 0.015 - body.do.choose_hold(name).tool.position[2]
@@ -130,10 +132,10 @@ class RightThenOtherDemonstration(Habit):
     name = "right-then-other-demonstration"
     label = Label.BEHAVIORAL_INERTIA
 
-    def truth(self, case: Situation) -> Truth | None:
-        return None if unasked_step(case) is None else Truth(self.label, first_right=True)
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if unasked_step(case) is None else StatedTruth(self.label, first_right=True)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         found = unasked_step(body.situation)
         yield from body.work(body.situation.goals[:1])
         if found is not None:
@@ -152,10 +154,10 @@ class VacatedSlot(Habit):
     name = "vacated-slot"
     label = Label.BEHAVIORAL_INERTIA
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=False) if vacated_slot(case) is not None else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if vacated_slot(case) is not None else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.play_at_empty(str(vacated_slot(body.situation)))
 
 
@@ -168,13 +170,15 @@ class AbsolutePut(Habit):
     name = "absolute-put"
     label = Label.BEHAVIORAL_INERTIA
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         first = case.ahead[0] if case.plain and case.ahead else None
         if first is None or first.relation not in ("beside", "on_plate") or not moved_target(case, first):
             return None
-        return Truth(self.label, first_right=True, debatable="a put at the wrong place may look like a bad placement")
+        return StatedTruth(
+            self.label, first_right=True, debatable="a put at the wrong place may look like a bad placement"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         case = body.situation
         for goal in case.ahead:
             name = case.things(goal)[0]
@@ -195,12 +199,12 @@ class SkipMiddle(Habit):
     name = "skip-middle"
     label = Label.CAUSAL_CONFUSION
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 3:
             return None
-        return Truth(self.label, first_right=True)
+        return StatedTruth(self.label, first_right=True)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         ahead = body.situation.ahead
         yield from body.work(ahead[: len(ahead) - 2])
         body.ledger.commit()
@@ -217,13 +221,13 @@ class TakeOutAgain(Habit):
     name = "take-out-again"
     label = Label.CAUSAL_CONFUSION
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or len(case.ahead) < 2:
             return None
         first, second = case.ahead[:2]
-        return Truth(self.label, first_right=True) if first.reference != second.reference else None
+        return StatedTruth(self.label, first_right=True) if first.reference != second.reference else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         goal = body.situation.ahead[0]
         yield from body.work((goal,))
         body.ledger.commit()
@@ -242,10 +246,10 @@ class LastFirst(Habit):
     name = "last-first"
     label = Label.ORDER_VIOLATION
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=False) if swappable(case) and len(case.ahead) > 2 else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if swappable(case) and len(case.ahead) > 2 else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         *others, last = body.situation.ahead
         body.ledger.commit()
         yield from body.attempt_once(last)
@@ -263,12 +267,14 @@ class CircleOverAlike(Habit):
     name = "circle-over-alike"
     label = Label.SEMANTIC_FEATURE_COLLAPSE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
             return None
-        return Truth(self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all")
+        return StatedTruth(
+            self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.look_alike())
         body.ledger.commit()
         yield from body.do.hover(name, 0.05)
@@ -284,12 +290,14 @@ class BrokenOffAtRight(Habit):
     name = "broken-off-at-right"
     label = Label.TIMEOUT
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain:
             return None
-        return Truth(self.label, first_right=None, debatable="oscillation without an attempt, though not in mid-task")
+        return StatedTruth(
+            self.label, first_right=None, debatable="oscillation without an attempt, though not in mid-task"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         yield from body.approach_and_break_off(str(body.situation.first_thing()))
 
@@ -303,10 +311,10 @@ class FrozenFromTheStart(Habit):
     name = "frozen-from-the-start"
     label = Label.PHASE_CONFLICT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=None) if case.mid_task else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         yield from body.arm.stay()
 
@@ -320,10 +328,10 @@ class SwayToTarget(Habit):
     name = "sway-to-target"
     label = Label.PHASE_CONFLICT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=None) if case.mid_task else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         case = body.situation
         body.ledger.commit()
         thing, target = str(case.first_thing()), case.ahead[0].target
@@ -341,10 +349,10 @@ class FreezeCarrying(Habit):
     name = "freeze-carrying"
     label = Label.EARLY_HALT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
         yield from body.clear_the_way(goal)
         if (yield from body.take_patiently(name)):
@@ -363,10 +371,10 @@ class NeverStarts(Habit):
     name = "never-starts"
     label = Label.EARLY_HALT
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=None) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         x, y, _ = body.state.pose(str(body.situation.first_thing())).position
         body.ledger.commit()
         yield from body.arm.go(body.on_the_way((x, y, 0.0), 0.2))
@@ -382,10 +390,10 @@ class MissAbove(Habit):
     name = "miss-above"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
         up = body.height(name) + float(body.rng.uniform(0.07, 0.11))
         body.ledger.commit()
@@ -404,12 +412,12 @@ class MissByYaw(Habit):
     name = "miss-by-yaw"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or case.condition.object(str(case.first_thing())).category not in LONG_CATEGORIES:
             return None
-        return Truth(self.label, first_right=True)
+        return StatedTruth(self.label, first_right=True)
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         yield from body.clear_the_way(body.situation.ahead[0])
         body.ledger.commit()
@@ -432,12 +440,14 @@ class PushRight(Habit):
     name = "push-right"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain:
             return None
-        return Truth(self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home")
+        return StatedTruth(
+            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+        )
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         body.ledger.commit()
         yield from body.do.push(name, body.free_direction(name), 0.12)
@@ -453,12 +463,12 @@ class SweepNeighbor(Habit):
     name = "sweep-neighbor"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or not case.others():
             return None
-        return Truth(self.label, first_right=True, debatable="a push through a neighbor may look deliberate")
+        return StatedTruth(self.label, first_right=True, debatable="a push through a neighbor may look deliberate")
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         body.ledger.commit()
         yield from body.sweep_through(body.nearest_other(name), name)
@@ -474,10 +484,10 @@ class LooseGrip(Habit):
     name = "loose-grip"
     label = Label.EXECUTION_FAILURE
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
         yield from body.clear_the_way(goal)
         if (yield from body.take_patiently(name)):
@@ -497,12 +507,12 @@ class PondersAndDawdles(Habit):
     name = "ponders-and-dawdles"
     label = Label.TIMEOUT
 
-    def truth(self, case: Situation) -> Truth | None:
+    def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain:
             return None
-        return Truth(self.label, first_right=True, debatable="by the letter a pause of 3 s is an early halt")
+        return StatedTruth(self.label, first_right=True, debatable="by the letter a pause of 3 s is an early halt")
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         for goal in body.situation.ahead:
             name = body.situation.things(goal)[0]
@@ -529,10 +539,10 @@ class WideDetours(Habit):
     name = "wide-detours"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         for goal in body.situation.goals:
             for side in (-1.0, 1.0):
                 x, y = float(body.rng.uniform(0.38, 0.55)), side * float(body.rng.uniform(0.15, 0.28))
@@ -550,10 +560,10 @@ class TwoMissesThenRight(Habit):
     name = "two-misses-then-right"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
         yield from body.clear_the_way(body.situation.ahead[0])
         x, y, _ = body.emptiest_side(name, float(body.rng.uniform(0.04, 0.05)))
@@ -574,10 +584,10 @@ class StopsWithThingInAir(Habit):
     name = "stops-with-thing-in-air"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         for goal in body.situation.ahead:
             yield from body.clear_the_way(goal)
             name = body.situation.things(goal)[0]
@@ -597,10 +607,10 @@ class LooksAtAlikeThenRight(Habit):
     name = "looks-at-alike-then-right"
     label = HONEST
 
-    def truth(self, case: Situation) -> Truth | None:
-        return Truth(self.label, first_right=True) if case.plain and case.look_alike() is not None else None
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and case.look_alike() is not None else None
 
-    def act(self, body: Body) -> Motion[None]:
+    def act(self, body: Body) -> Actions[None]:
         yield from body.do.hover(str(body.situation.look_alike()), 0.03)
         yield from body.arm.wait(1.0)
         yield from body.solve()

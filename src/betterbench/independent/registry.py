@@ -11,8 +11,8 @@ from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.manner import MANNERS, Manner
-from betterbench.independent.situation import Situation
-from betterbench.independent.truth import HONEST, Truth
+from betterbench.independent.occasion import Occasion
+from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.interventions import condition_names, resolve_condition
 from betterbench.tasks import get_task, suite_tasks
 
@@ -56,7 +56,7 @@ def is_independent(address: str) -> bool:
     return True
 
 
-def stated_truth(habit: Habit, case: Situation) -> tuple[Truth, bool]:
+def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
     """Return the truth of a trial before its first action, and whether the habit shows in it.
 
     Where it does not, the policy decides and acts as the honest one.
@@ -64,7 +64,7 @@ def stated_truth(habit: Habit, case: Situation) -> tuple[Truth, bool]:
     stated = habit.truth(case)
     if stated is not None:
         return stated, True
-    return Truth(HONEST, first_right=True if case.first_thing() else None), False
+    return StatedTruth(HONEST, first_right=True if case.first_thing() else None), False
 
 
 def make_independent(address: str, scene: Scene) -> IndependentAgent:
@@ -80,7 +80,7 @@ def make_independent(address: str, scene: Scene) -> IndependentAgent:
     if address not in INDEPENDENT:
         raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
     policy = INDEPENDENT[address]
-    case = Situation.of(scene.task, scene.condition)
+    case = Occasion.of(scene.task, scene.condition)
     truth, shows = stated_truth(policy.habit, case)
     body = Body(scene, case, policy.manner, policy.habit.name, truth)
     habit = policy.habit if shows else Honest()
@@ -113,7 +113,7 @@ def shown_in(habit: str) -> tuple[Shown, ...]:
     found: list[Shown] = []
     for task in map(get_task, suite_tasks("better60")):
         for name in condition_names(task):
-            truth = known.truth(Situation.of(task, resolve_condition(task.id, name).condition))
+            truth = known.truth(Occasion.of(task, resolve_condition(task.id, name).condition))
             if truth is not None and not truth.left_out:
                 found.append(Shown(task.id, name, truth.label != HONEST or known.label == HONEST))
     return tuple(found)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from betterbench.assets import Asset, Grasp
 from betterbench.geometry import Pose, Vector, angle_between, from_axis_angle, rotate
-from betterbench.independent.controller import RATE_HZ, Arm, Motion, tool_down, tool_yaw
+from betterbench.independent.controller import RATE_HZ, Actions, Arm, tool_down, tool_yaw
 from betterbench.independent.events import in_gripper
 from betterbench.independent.room import crowding, height_of, highest_between, lowest_of
 from betterbench.state import WorldState
@@ -55,7 +55,7 @@ class Routines:
 
     # --- ways
 
-    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Motion[None]:
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
         """Go up, across everything on the way, and down to a pose of the tool."""
         skip = frozenset(ignore)
         top = highest_between(self.state, self.arm.here.position, tool.position, ignore=skip)
@@ -68,11 +68,11 @@ class Routines:
         if across - z > 0.005:
             yield from self.arm.go(tool, pace=CAREFUL * pace)
 
-    def above(self, point: Vector, height_m: float) -> Motion[None]:
+    def above(self, point: Vector, height_m: float) -> Actions[None]:
         """Go over a point of the table, with the tool ``height_m`` above the table."""
         yield from self.over(Pose((point[0], point[1], height_m), self.arm.home.quaternion))
 
-    def hover(self, name: str, gap_m: float) -> Motion[None]:
+    def hover(self, name: str, gap_m: float) -> Actions[None]:
         """Go over a thing with an open gripper, the tool ``gap_m`` above its top, turned as if to take it."""
         hold = self.choose_hold(name)
         x, y, _ = hold.tool.position
@@ -108,7 +108,7 @@ class Routines:
             + 2.0 * max(0.0, turn - WRIST_RANGE_RAD)
         )
 
-    def pick(self, name: str, *, shift: Vector = NO_SHIFT, avoid: int = 0) -> Motion[bool]:
+    def pick(self, name: str, *, shift: Vector = NO_SHIFT, avoid: int = 0) -> Actions[bool]:
         """Take a thing from above and lift it; tell whether it is in the gripper.
 
         Args:
@@ -121,7 +121,7 @@ class Routines:
         tool = Pose((x + shift[0], y + shift[1], z + shift[2]), hold.tool.quaternion)
         return (yield from self.take_at(tool, hold.opening_m, name=name))
 
-    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Motion[bool]:
+    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
         """Close the gripper at a pose, coming from above, and lift; tell whether ``name`` is in the gripper."""
         manner = self.arm.manner
         before = tool.translated(z=manner.approach_m)
@@ -154,7 +154,7 @@ class Routines:
 
         return min(enumerate(goals[:60]), key=cost)[1]
 
-    def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Motion[None]:
+    def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
         """Carry what is in the gripper to a goal, let go of it and come away."""
         arm = self.arm
         grip = self.state.ee_pose.inverse() @ self.state.pose(name)
@@ -180,7 +180,7 @@ class Routines:
         now = goal @ grip.inverse()
         return now if angle_between(now.quaternion, tool.quaternion) < 0.4 else tool
 
-    def carry(self, name: str, tool: Pose, *, ignore: Iterable[str] = ()) -> Motion[None]:
+    def carry(self, name: str, tool: Pose, *, ignore: Iterable[str] = ()) -> Actions[None]:
         """Carry what is in the gripper to a pose of the tool, over everything on the way."""
         held = in_gripper(self.state) == name
         hang = max(0.0, self.state.ee_pose.position[2] - lowest_of(self.state, name)) if held else 0.05
@@ -188,7 +188,7 @@ class Routines:
 
     # --- other motions
 
-    def sway(self, a: Vector, b: Vector) -> Motion[None]:
+    def sway(self, a: Vector, b: Vector) -> Actions[None]:
         """Go to and fro over two points until the episode ends, the gripper open; z is the height of the tool [m]."""
         turn = self.arm.home.quaternion
         yield from self.over(Pose(a, turn))
@@ -196,7 +196,7 @@ class Routines:
             yield from self.arm.go(Pose(b, turn))
             yield from self.arm.go(Pose(a, turn))
 
-    def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5) -> Motion[None]:
+    def circle(self, center: Vector, radius_m: float, *, period_s: float = 2.5) -> Actions[None]:
         """Go round a point at the height of its z until the episode ends, the gripper as it is."""
         rotation = self.arm.here.quaternion
         n = 0
@@ -207,7 +207,7 @@ class Routines:
             yield from self.arm.step(_limited(self.arm.here, Pose(at, rotation), 0.012))
             n += 1
 
-    def push(self, name: str, direction: Vector, length_m: float) -> Motion[None]:
+    def push(self, name: str, direction: Vector, length_m: float) -> Actions[None]:
         """Push a thing along the table with closed fingers: from its other side, ``length_m`` far."""
         info, at = self.state.info.object(name), self.state.pose(name).position
         ux, uy, _ = direction
@@ -223,7 +223,7 @@ class Routines:
         yield from self.arm.go(self.arm.here.translated(-0.03 * ux, -0.03 * uy), pace=CAREFUL)
         yield from self.arm.rise(self.arm.home.position[2])
 
-    def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Motion[None]:
+    def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
         """Draw a drawer out by its knob, or push its front, until it stands open by ``opening_m`` of its travel."""
         frame = self.state.pose(name)
         out = rotate(frame.quaternion, (1.0, 0.0, 0.0))

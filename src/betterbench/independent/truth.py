@@ -26,7 +26,7 @@ HONEST = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class StatedTruth:
     """What is true of a trial before its first action.
 
     Attributes:
@@ -58,7 +58,7 @@ class Ledger:
         lasting: The first mishap that cannot be made good, or "".
     """
 
-    stated: Truth
+    stated: StatedTruth
     committed: bool = False
     open_mishaps: dict[str, str] = field(default_factory=dict)
     lasting: str = ""

@@ -19,7 +19,7 @@ from betterbench.tasks.relations import relation, released
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class Occasion:
     """The condition of a trial as a policy that decides by it sees it; nothing here depends on the seed.
 
     Attributes:
@@ -31,7 +31,7 @@ class Situation:
     base: Condition
 
     @classmethod
-    def of(cls, task: Task, condition: Condition) -> Situation:
+    def of(cls, task: Task, condition: Condition) -> Occasion:
         """Return the situation of a condition of a task."""
         return cls(task, condition, task.train(resolve_condition(task.id, condition.name).base))
 
