@@ -308,3 +308,13 @@ def test_knocking_the_target_over_is_execution(stage):
 def test_a_crash_before_the_first_action_has_a_diagnosis(stage):
     found = diagnose_record(stage("fast_food", "train1").end(termination="policy_error", error="no answer"))
     assert (found.label, found.steps, found.attempts, found.intention_correct) == (Label.POLICY_ERROR, 0, (), False)
+
+
+def test_a_word_leads_to_a_place_whatever_its_slot_is_called_in_another_layout(stage):
+    """The desk has two rows of slots 2.4 cm apart: the motion learned for the mouse in one row takes the speaker."""
+    s = stage("desk_meeting", "train7")
+    record = s.bring(s.of("speaker"), s.goal(0)).home().wait(4).end()
+    found = diagnose_record(record)
+    assert found.first_slot == "front_4"
+    assert found.label is Label.WRONG_OBJECT
+    assert Label.LEXICAL_KINEMATIC_SHORTCUT.value in found.evidence.candidates

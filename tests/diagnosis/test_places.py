@@ -125,11 +125,11 @@ def test_the_same_mug_brought_home_is_no_shortcut(stage):
     assert found.label is Label.EARLY_HALT
 
 
-def test_the_mug_taken_for_the_mouse_from_another_slot_followed_no_word(stage):
-    s = stage("desk_meeting", "train1")
+def test_the_mug_taken_for_the_mouse_may_have_followed_its_word_in_the_other_layout(stage):
+    s = stage("desk_meeting", "train1")  # the mug stands where the mouse stood in the other layout, 2.4 cm aside
     found = diagnose_record(s.bring(s.of("mug"), s.goal(0)).home().wait(4).end())
     assert verdict(found) == (Label.WRONG_OBJECT, "undecided"), "one trial cannot say by which rule"
-    assert Label.LEXICAL_KINEMATIC_SHORTCUT.value not in found.evidence.candidates
+    assert Label.LEXICAL_KINEMATIC_SHORTCUT.value in found.evidence.candidates
 
 
 def test_a_mug_that_training_brought_there_needs_no_mistaken_identity(stage):

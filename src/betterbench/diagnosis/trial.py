@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from betterbench.diagnosis.harm import find_harm
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
-from betterbench.diagnosis.trace import Trace, trace_of
+from betterbench.diagnosis.trace import trace_of
 from betterbench.diagnosis.verdict import Attempt, TrialDiagnosis
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
@@ -26,12 +25,6 @@ from betterbench.tasks import (
     get_task,
     training_distribution_of,
 )
-from betterbench.tasks.thresholds import threshold
-
-SAME_PLACE = threshold(
-    "same_place", 0.03, "m",
-    "Distance of two slots up to which they are one place for a rule of motion: an attempt at one reaches the other.",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +159,7 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         goal = another if another is not None else first.goal or 0
     kind = trained.habit
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
-    place = _places(trace)
+    place = {s.name: trace.place_of(s.name) for s in trace.info.slots}
     word_slots = trained.word_slots.get(goals[goal].word, ()) if goals else ()
     habit_slots = () if kind is None else waiting or trained.kind_slots.get(kind, ())
     return Choice(
@@ -175,12 +168,6 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         word_slots=frozenset(place[s] for s in word_slots), habit_slots=frozenset(place[s] for s in habit_slots),
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
     )  # fmt: skip
-
-
-def _places(trace: Trace) -> dict[str, str]:
-    """Return the place of each slot: the first slot that is so near that a motion to one leads to the other."""
-    at = {s.name: s.position for s in trace.info.slots}
-    return {name: next(other for other in at if math.dist(at[other][:2], at[name][:2]) <= SAME_PLACE) for name in at}
 
 
 def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:

@@ -95,6 +95,11 @@ class Motion:
                 return own
         return self.slot_near(self.positions[row, i], reach)
 
+    def place_of(self, slot: str) -> str:
+        """Return the place of a slot: the first slot that is so near that a motion to one leads to the other."""
+        at = {s.name: s.position[:2] for s in self.info.slots}
+        return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
+
     def slot_near(self, point: Floats, reach: float) -> str | None:
         """Return the nearest pick slot within a horizontal distance of a point, or None."""
         best: tuple[float, str] | None = None

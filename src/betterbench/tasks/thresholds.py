@@ -69,6 +69,9 @@ class Thresholds:
     slot_reach = threshold("slot_reach", 0.06, "m",
         "Horizontal distance from an empty slot up to which a closing gripper is an attempt there; the slot jitter "
         "plus the radius of the largest item.")
+    same_place = threshold("same_place", 0.03, "m",
+        "Distance of two slots up to which they are one place for a rule of motion: what leads to one reaches the "
+        "other.")
     attempt_height = threshold("attempt_height", 0.2, "m",
         "Height above the table below which a closing gripper can be an attempt; above it no item of the suite can "
         "be reached.")

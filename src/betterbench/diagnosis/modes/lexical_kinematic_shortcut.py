@@ -38,9 +38,8 @@ def _find(trial: TrialView) -> Evidence | None:
     step = episode.first_choice
     if step is None:
         return None
-    if taken_for_another(episode, step) is not None and step.grasp.slot in episode.trained.word_slots.get(
-        word_of(episode, step) or "", ()
-    ):
+    led_here = _led_to(episode, word_of(episode, step), step.grasp.slot)
+    if taken_for_another(episode, step) is not None and led_here:
         text = (
             f"The first attempt takes {episode.describe(step)} and brings it where {word_of(episode, step)!r} "
             "was to go, which was picked in that slot in training."
@@ -49,13 +48,21 @@ def _find(trial: TrialView) -> Evidence | None:
     if step.target not in (AttemptTarget.LATER, AttemptTarget.REPEATED, AttemptTarget.OTHER):
         return None
     word = word_of(episode, step)
-    if word is None or step.grasp.slot not in episode.trained.word_slots.get(word, ()):
+    if word is None or not led_here:
         return None
     text = (
         f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training, "
         f"although {episode.describe(step)} is not what it means here."
     )
     return episode.at_step("word_leads_to_trained_slot", text, step)
+
+
+def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:
+    """Tell whether a word was picked in a slot in training, or in another layout's slot at the same place."""
+    if word is None or slot is None:
+        return False
+    places = {episode.trace.place_of(trained) for trained in episode.trained.word_slots.get(word, ())}
+    return episode.trace.place_of(slot) in places
 
 
 def taken_for_another(episode: EpisodeAnalysis, step: Step) -> int | None:
