@@ -6,6 +6,7 @@ it stays over one thing, comes back to it again and again, or goes to and fro an
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,11 +92,13 @@ _FLICKER_S = 0.25
 def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
     """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none."""
     stays = find_stays(trace, first)
-    times = _times(stays)
+    times: Counter[int] = Counter()
+    for stay in stays:
+        times[stay.object] += stay.rows
     if not times:
         return None
     chosen = max(times, key=lambda i: (times[i], -i))
-    if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * sum(times.values()):
+    if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
         return None
     return next(s for s in stays if s.object == chosen)
 
@@ -166,13 +169,6 @@ def _passes(trace: Trace, stay: Stay) -> bool:
     if stay.rows < trace.steps(THRESHOLDS.stop_time):
         return True
     return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
-
-
-def _times(stays: tuple[Stay, ...]) -> dict[int, int]:
-    times: dict[int, int] = {}
-    for stay in stays:
-        times[stay.object] = times.get(stay.object, 0) + stay.rows
-    return times
 
 
 def _spans(flags: Bools, gap: int) -> list[tuple[int, int]]:

@@ -254,9 +254,13 @@ class EpisodeAnalysis:
 
     def asked_at(self, row: int) -> str:
         """Return the words of the steps that are due at a row, with the things that they mean."""
-        due = self.open_goals(row)
+        due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return " and ".join(dict.fromkeys(map(self.asked_words, due))) or "nothing more"
+        return " and ".join(due) or "nothing more"
+
+    def open_words(self, row: int) -> tuple[str, ...]:
+        """Return the words of the subgoals that are open at a row, each once."""
+        return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
         """Return the word of a step with the kind of thing that it means, where that is another: "'red' (red mug)"."""

@@ -109,7 +109,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         for i in meant[g]:
             label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
-    left, right, hand = (_touches(record, rows, part) for part in ("left_finger", "right_finger", "hand"))
+    left, right, hand = _touches(record, rows, ("left_finger", "right_finger", "hand"))
     return Trace(
         info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
         touched=left | right | hand, tool=record.ee_position[:rows],
@@ -163,18 +163,17 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     return tuple(found)
 
 
-def _touches(record: Record, rows: int, part: str) -> Bools:
-    """Return which object a part of the gripper touches, shape (rows, n)."""
+def _touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
+    """Return which object each part of the gripper touches, shape (parts, rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
-    touched = np.zeros((rows, len(names)), dtype=np.bool_)
-    if part not in record.bodies:
-        return touched
-    stop, number = int(contacts.offsets[rows]), record.bodies.index(part)
+    part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies])
+    object_of = np.array([names.get(b, -1) for b in record.bodies])
     row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
-    index = np.array([names.get(b, -1) for b in record.bodies])
-    pairs = contacts.bodies[:stop]
+    pairs = contacts.bodies[: int(contacts.offsets[rows])]
+    touched = np.zeros((len(parts), rows, len(names)), dtype=np.bool_)
     for mine, other in ((0, 1), (1, 0)):
-        chosen = (pairs[:, mine] == number) & (index[pairs[:, other]] >= 0)
-        touched[row[chosen], index[pairs[chosen, other]]] = True
+        part, thing = part_of[pairs[:, mine]], object_of[pairs[:, other]]
+        chosen = (part >= 0) & (thing >= 0)
+        touched[part[chosen], row[chosen], thing[chosen]] = True
     return touched

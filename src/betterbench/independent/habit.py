@@ -38,6 +38,13 @@ class Habit(ABC):
         return (self.__doc__ or "").partition("\n")[0]
 
 
+class PlainHabit(Habit):
+    """A habit that shows in plain trials alone, and whose first attempt is right."""
+
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+        return StatedTruth(self.label, first_right=True) if case.plain else None
+
+
 class Honest(Habit):
     """Does what is asked, in order, again after each miss. No fault: success, or a failure of the manipulation."""
 

@@ -19,7 +19,7 @@ from betterbench.independent.choices import (
     word_truth,
 )
 from betterbench.independent.controller import Actions
-from betterbench.independent.habit import Habit, Honest
+from betterbench.independent.habit import Habit, Honest, PlainHabit
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label
@@ -314,7 +314,7 @@ class FreezeAfterFirst(Habit):
         yield from body.arm.stay()
 
 
-class MissBeside(Habit):
+class MissBeside(PlainHabit):
     """Closes the gripper fully 7 to 11 cm beside the right thing, where nothing else is, again and again.
 
     execution_failure: "right target at the right time; missed by pose".
@@ -322,9 +322,6 @@ class MissBeside(Habit):
 
     name = "miss-beside"
     label = Label.EXECUTION_FAILURE
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
@@ -337,7 +334,7 @@ class MissBeside(Habit):
             yield from body.arm.open()
 
 
-class DropOnTheWay(Habit):
+class DropOnTheWay(PlainHabit):
     """Takes the right thing and opens the gripper in the air on the way to the target, then stays at home.
 
     execution_failure: "right target at the right time; dropped".
@@ -345,9 +342,6 @@ class DropOnTheWay(Habit):
 
     name = "drop-on-the-way"
     label = Label.EXECUTION_FAILURE
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         case = body.situation
@@ -385,7 +379,7 @@ class PushAlike(Habit):
         yield from body.rest()
 
 
-class SlowButRight(Habit):
+class SlowButRight(PlainHabit):
     """Does everything right, but at some 4 cm/s and with each thing by way of home, too slowly for the step limit.
 
     timeout: "right course, step limit reached".
@@ -393,9 +387,6 @@ class SlowButRight(Habit):
 
     name = "slow-but-right"
     label = Label.TIMEOUT
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         body.arm.tempo = 0.045 / body.arm.manner.speed_m_s
@@ -410,7 +401,7 @@ class SlowButRight(Habit):
         yield from body.solve()
 
 
-class PauseAndGoOn(Habit):
+class PauseAndGoOn(PlainHabit):
     """Stops for 4 to 6 s on its way to the first thing and after each step, then goes on. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure, and never a failure of reasoning.
@@ -418,9 +409,6 @@ class PauseAndGoOn(Habit):
 
     name = "pause-and-go-on"
     label = HONEST
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         yield from body.do.hover(str(body.situation.first_thing()), 0.12)
@@ -430,7 +418,7 @@ class PauseAndGoOn(Habit):
         yield from body.rest()
 
 
-class MissOnceThenRight(Habit):
+class MissOnceThenRight(PlainHabit):
     """Closes the gripper 3 to 5 cm above the first thing, notices, and takes it at the second try. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure: the miss is made good.
@@ -438,9 +426,6 @@ class MissOnceThenRight(Habit):
 
     name = "miss-once-then-right"
     label = HONEST
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())

@@ -16,7 +16,7 @@ from betterbench.independent.choices import (
     word_truth,
 )
 from betterbench.independent.controller import Actions
-from betterbench.independent.habit import Habit
+from betterbench.independent.habit import Habit, PlainHabit
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label
@@ -340,7 +340,7 @@ class SwayToTarget(Habit):
         yield from body.do.sway((a[0], a[1], z), (b[0], b[1], z))
 
 
-class FreezeCarrying(Habit):
+class FreezeCarrying(PlainHabit):
     """Takes the first thing and stops for good on the way to the target, with the thing in the air.
 
     early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
@@ -348,9 +348,6 @@ class FreezeCarrying(Habit):
 
     name = "freeze-carrying"
     label = Label.EARLY_HALT
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
@@ -381,7 +378,7 @@ class NeverStarts(Habit):
         yield from body.arm.stay()
 
 
-class MissAbove(Habit):
+class MissAbove(PlainHabit):
     """Closes the gripper fully 7 to 11 cm above the right thing, again and again, and each time plays the put.
 
     execution_failure: "right target at the right time; missed by pose".
@@ -389,9 +386,6 @@ class MissAbove(Habit):
 
     name = "miss-above"
     label = Label.EXECUTION_FAILURE
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
@@ -475,7 +469,7 @@ class SweepNeighbor(Habit):
         yield from body.solve()
 
 
-class LooseGrip(Habit):
+class LooseGrip(PlainHabit):
     """Takes the right thing and loosens the gripper by a few millimeters as soon as it hangs free, so that it slips.
 
     execution_failure: "right target at the right time; slipped". It goes on as if it still held the thing.
@@ -483,9 +477,6 @@ class LooseGrip(Habit):
 
     name = "loose-grip"
     label = Label.EXECUTION_FAILURE
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
@@ -530,7 +521,7 @@ class PondersAndDawdles(Habit):
         yield from body.solve()
 
 
-class WideDetours(Habit):
+class WideDetours(PlainHabit):
     """Visits two far corners of the work space before each step, high above everything. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure.
@@ -538,9 +529,6 @@ class WideDetours(Habit):
 
     name = "wide-detours"
     label = HONEST
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         for goal in body.situation.goals:
@@ -551,7 +539,7 @@ class WideDetours(Habit):
         yield from body.rest()
 
 
-class TwoMissesThenRight(Habit):
+class TwoMissesThenRight(PlainHabit):
     """Closes the gripper twice some 4 to 5 cm beside the thing, each time on another side, then takes it. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure: the misses are made good.
@@ -559,9 +547,6 @@ class TwoMissesThenRight(Habit):
 
     name = "two-misses-then-right"
     label = HONEST
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
@@ -575,7 +560,7 @@ class TwoMissesThenRight(Habit):
         yield from body.solve()
 
 
-class StopsWithThingInAir(Habit):
+class StopsWithThingInAir(PlainHabit):
     """Stops for 4 to 6 s with each thing in the air over its target, then puts it down. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure.
@@ -583,9 +568,6 @@ class StopsWithThingInAir(Habit):
 
     name = "stops-with-thing-in-air"
     label = HONEST
-
-    def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if case.plain else None
 
     def act(self, body: Body) -> Actions[None]:
         for goal in body.situation.ahead:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,17 +57,33 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     """
     found = []
     for start, stop in _closings(motion):
-        before, limit = start - 1, min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
-        widths = motion.width[before:limit]
-        if motion.held[before] >= 0 or float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
+        before, travel = start - 1, _finger_travel(motion, start, stop)
+        if motion.held[before] >= 0 or travel is None:
             continue
-        settled = before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0])
-        touched = bool((motion.left | motion.right)[start:limit].any())
-        if touched or float(widths.min()) > THRESHOLDS.closed_width or not _low_and_away(motion, before, settled):
+        touched = bool((motion.left | motion.right)[start : travel.limit].any())
+        shut = float(motion.width[before : travel.limit].min()) <= THRESHOLDS.closed_width
+        if touched or not shut or not _low_and_away(motion, before, travel.settled):
             continue
         if _resolve(motion, start, stop) is None:
-            found.append(GraspAttempt(before, settled, stop, None, None, None, secured=False))
+            found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
+
+
+class _Travel(NamedTuple):
+    """Rows at which the fingers of a closing gripper have come to rest, and before which the closing is judged."""
+
+    settled: int
+    limit: int
+
+
+def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
+    """Return how the fingers traveled in a closing, or None if they hardly did."""
+    before = start - 1
+    limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
+    widths = motion.width[before:limit]
+    if float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
+        return None
+    return _Travel(before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0]), limit)
 
 
 def _closings(motion: Motion) -> list[tuple[int, int]]:
@@ -101,12 +118,10 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
 
 def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
     """Return the attempt that a closing is, or None if it is none."""
-    before = start - 1
-    limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
-    widths = motion.width[before:limit]
-    if float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
+    before, travel = start - 1, _finger_travel(motion, start, stop)
+    if travel is None:
         return None
-    settled = before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0])
+    settled, limit = travel
     touched = _touched(motion, start, limit, settled)
     if touched is not None:
         i, end = touched

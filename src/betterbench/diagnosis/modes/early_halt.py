@@ -36,6 +36,5 @@ def _find(trial: TrialView) -> Evidence | None:
     halt = find_halt(episode)
     if halt is None:
         return None
-    words = ", ".join(dict.fromkeys(map(episode.asked_words, episode.open_goals(halt[0]))))
-    text = f"The arm stands still to the end with {words} still to do."
+    text = f"The arm stands still to the end with {', '.join(episode.open_words(halt[0]))} still to do."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -52,9 +52,9 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     """Return what went wrong after one right decision, or None."""
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
-    if episode.completed_after(step.goal, step.grasp.end) or _brought_later(episode, step):
+    if episode.completed_after(step.goal, step.grasp.end):
         return None
-    if _held_later(episode, step):
+    if _brought_later(episode, step) or _held_later(episode, step, step.goal):
         return None
     i = step.grasp.object
     if i is None:
@@ -71,15 +71,11 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
 
 
-def _held_later(episode: EpisodeAnalysis, step: Step) -> bool:
+def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
     """Tell whether a later try for the same subgoal has the object in the gripper when the episode ends."""
-    trace = episode.trace
-    last = trace.held[-1]
-    return any(
-        later.grasp.start > step.grasp.start and later.grasp.object == last and last in episode.meant[step.goal or 0]
-        for later in episode.steps
-        if last >= 0
-    )
+    held = int(episode.trace.held[-1])
+    later = {s.grasp.object for s in episode.steps if s.grasp.start > step.grasp.start}
+    return held in later & set(episode.meant[goal])
 
 
 def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
@@ -110,8 +106,8 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
         if not due or any(s.grasp.start >= closing.start for s in episode.decisions):
             continue
         tool = trace.tool[closing.end]
-        gaps = {i: float(trace.box_distances(closing.end, tool)[i]) for i in trace.items}
-        near = min(gaps, key=lambda i: (gaps[i], i), default=None)
+        gaps = trace.box_distances(closing.end, tool)
+        near = min(trace.items, key=lambda i: (gaps[i], i), default=None)
         where = "" if near is None else f", {100 * gaps[near]:.0f} cm from the {episode.kind(near)}, the nearest thing"
         text = f"The gripper shuts on nothing{where}; {episode.asked_words(due[0])} was asked for."
         return episode.evidence("missed_by_far", text, rows=(closing.start, closing.end))

@@ -21,7 +21,7 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     episode = trial.episode
     last = episode.trace.rows - 1
-    words = ", ".join(dict.fromkeys(map(episode.asked_words, episode.open_goals(last))))
+    words = ", ".join(episode.open_words(last))
     tail = f", with {words} still to do" if words else ""
     return episode.evidence(
         "step_limit", f"The step limit is reached {_course(episode, last)}{tail}.", rows=(last, last)
