@@ -40,6 +40,19 @@ class InstructionRule:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class ConstantRule:
+    """An entry of every request that does not depend on what is seen, such as the name of a normalization.
+
+    Attributes:
+        value: What is sent; None for an entry without a safe default, which the address has to give (``send.KEY=``).
+    """
+
+    key: tuple[str, ...]
+    value: bool | int | float | str | None = None
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
 
@@ -49,6 +62,7 @@ class Adapter:
             origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
         gripper_opening_m: Distance of the pads that counts as fully open [m].
         episode_key: Where our own servers are told how the episode began, or None.
+        constants: Entries that are the same in every request.
     """
 
     name: str
@@ -61,11 +75,13 @@ class Adapter:
     gripper_opening_m: float = PANDA_OPENING_M
     control_rate_hz: float = CONTROL_RATE_HZ
     episode_key: tuple[str, ...] | None = None
+    constants: tuple[ConstantRule, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that no two entries share a key."""
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [] if self.episode_key is None else [self.episode_key]
+        keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
             if not key or not all(key):
                 raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
@@ -121,6 +137,8 @@ class Adapter:
         for _ in range(self.instruction.depth):
             instruction = [instruction]
         set_entry(message, self.instruction.key, instruction)
+        for constant in self.constants:
+            set_entry(message, constant.key, constant.value)
         if self.episode_key is not None and start is not None:
             set_entry(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
         return message
@@ -155,6 +173,12 @@ class Adapter:
                 raise UnknownNameError(f"image of adapter {self.name}", key, known)
         changed = tuple(replace(rule, camera=cameras[key]) if key in cameras else rule for key, rule in known.items())
         return replace(self, views=changed)
+
+    def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
+        """Return the adapter with other constants, or more of them; nested keys are joined by "/"."""
+        known = {"/".join(rule.key): rule for rule in self.constants}
+        known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
+        return replace(self, constants=tuple(known.values()))
 
     def in_space(self, space: str) -> Adapter:
         """Return the adapter with answers in another action space.

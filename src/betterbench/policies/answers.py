@@ -15,15 +15,35 @@ from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
-AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
+AnswerKind = Literal[
+    "action",
+    "translation",
+    "translation_x",
+    "translation_y",
+    "translation_z",
+    "rotation",
+    "rotation_x",
+    "rotation_y",
+    "rotation_z",
+    "joints",
+    "gripper",
+    "unused",
+]
 """What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
-position."""
+position. A translation, and a rotation of three numbers, may come axis by axis: ``rotation_x`` is the first number of
+the rotation's format, so the x of a rotation vector, or the roll."""
 
 Polarity = Literal["close_positive", "open_positive", "closed_fraction", "open_fraction"]
 """What the gripper's number means: its sign closes or opens, or it is a share, 1 for closed or for open, of which more
 than a half counts."""
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
+
+_BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
+    "translation": ("translation_x", "translation_y", "translation_z"),
+    "rotation": ("rotation_x", "rotation_y", "rotation_z"),
+}
+"""Kinds that may come axis by axis."""
 
 
 @strict_form
@@ -88,12 +108,23 @@ class AnswerRule:
                     "Leave the size out",
                 )
         needed = {"joints", "gripper"} if self.space.startswith("joint") else {"translation", "rotation", "gripper"}
-        kinds = [p.kind for p in self.parts if p.kind != "unused"]
-        if kinds != ["action"] and sorted(kinds) != sorted(needed):
+        given: list[str] = [p.kind for p in self.parts if p.kind != "unused"]
+        kinds = given
+        for whole, axes in _BY_AXIS.items():
+            if sorted(k for k in given if k in axes) == sorted(axes):
+                kinds = [*(k for k in kinds if k not in axes), whole]
+        if given != ["action"] and sorted(kinds) != sorted(needed):
             raise InvalidInputError(
                 "answer",
-                f"it has {', '.join(kinds) or 'nothing'}",
-                f"{self.space} needs {', '.join(sorted(needed))}, once",
+                f"it has {', '.join(given) or 'nothing'}",
+                f"{self.space} needs {', '.join(sorted(needed))}, once; a translation or rotation may be given as "
+                "its three axes (translation_x, translation_y, translation_z)",
+            )
+        if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
+            raise InvalidInputError(
+                "answer: rotation",
+                f"{self.rotation} has {ROTATION_SIZES[self.rotation]} numbers and no three axes",
+                "Use axis_angle or rpy, or read it whole",
             )
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
@@ -111,6 +142,7 @@ class AnswerRule:
 
     def _natural(self, kind: AnswerKind) -> int | None:
         sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
+        sizes |= {axis: 1 for axes in _BY_AXIS.values() for axis in axes}
         return action_space(self.space).dim if kind == "action" else sizes.get(kind)
 
     def _size(self, part: AnswerPart) -> int:
@@ -153,6 +185,9 @@ class AnswerRule:
             taken[part.kind] = arrays[part.key][:, begin : at[part.key]]
         if self.as_is:
             return taken["action"]
+        for whole, axes in _BY_AXIS.items():
+            if axes[0] in taken:
+                taken[whole] = np.concatenate([taken.pop(axis) for axis in axes], axis=1)
         used = np.concatenate([v for k, v in taken.items() if k != "unused"], axis=1)
         bad = ~np.isfinite(used).all(axis=1)
         if self._is_plain:
@@ -263,6 +298,9 @@ class AnswerRule:
                 self._to_tool(moves, turns, observation)
             kinds["translation"] = moves / (self.translation_unit_m * pace)
             kinds["rotation"] = self._turns(turns / pace)
+        for whole, axes in _BY_AXIS.items():
+            if whole in kinds:
+                kinds |= {axis: kinds[whole][:, i : i + 1] for i, axis in enumerate(axes)}
         columns: dict[tuple[str, ...], list[np.ndarray]] = {}
         for part in self.parts:
             blank = np.zeros((len(given), self._size(part)))
