@@ -121,7 +121,7 @@ def test_constants_go_with_every_request_and_the_address_sets_them():
         asked("preset=x_vla")
     with pytest.raises(InvalidInputError, match="two entries use the key 'instruction'"):
         asked("preset=openvla&send.instruction=go")
-    with pytest.raises(UnknownNameError, match="send.x"):
+    with pytest.raises(UnknownNameError, match=r"send\.x"):
         PolicyAddress.parse("gr00t://host?send.x=1")
 
 
