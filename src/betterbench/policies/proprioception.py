@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
+from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near
 from betterbench.interface import Observation
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
@@ -76,17 +76,22 @@ class StateRule:
         return sum(_SIZES.get(part, 1) for part in self.parts)
 
     def read(
-        self, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
+        self,
+        observation: Observation,
+        *,
+        ee_offset_m: Sequence[float],
+        gripper_opening_m: float,
+        tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
         """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
 
         ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
-        ``gripper_opening_m`` counts as fully open.
+        ``tool_offset_m`` is the policy's tool point in the frame of ours; ``gripper_opening_m`` counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:
             if part == "ee_position":
-                values += [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+                values += tool_position(observation, ee_offset_m, tool_offset_m)
             elif part == "joint_positions":
                 values += observation.joint_positions.tolist()
             elif part == "joint_velocities":
@@ -105,6 +110,18 @@ class StateRule:
         if self.scalar:
             return int(values[0]) if self.dtype == "int64" else float(values[0])
         return np.array(values, dtype=self.dtype)
+
+
+def tool_position(
+    observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
+) -> list[float]:
+    """Return the position of a policy's own tool point, whose place in the frame of ours is given, [x, y, z] [m]."""
+    position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+    if not any(tool_offset_m):
+        return position
+    w, x, y, z = observation.ee_quaternion.tolist()
+    ox, oy, oz = tool_offset_m
+    return [p + d for p, d in zip(position, rotate(normalize((w, x, y, z)), (ox, oy, oz)), strict=True)]
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:

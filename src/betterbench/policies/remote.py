@@ -51,7 +51,7 @@ def describe_remote_policy(
         action_space=adapter.answer.space,
         needs_images=bool(adapter.views) if needs_images is None else needs_images or named,
         metadata=metadata,
-        execution=address.execution(),
+        execution=address.execution(adapter.horizon),
     )
 
 

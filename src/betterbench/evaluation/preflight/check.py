@@ -303,7 +303,7 @@ def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.nd
     for rule in adapter.states:
         for part in rule.parts:
             one = replace(rule, parts=(part,), scalar=False)
-            values = one.read(seen, ee_offset_m=adapter.ee_offset_m, gripper_opening_m=adapter.gripper_opening_m)
+            values = adapter.state(one, seen)
             key = "/".join(rule.key)
             rows.append((key if len(rule.parts) == 1 else f"{key}: {part}", np.atleast_1d(values)))
     return tuple(rows)
