@@ -81,6 +81,8 @@ class AdaptedPolicy:
 
     adapter: Adapter
     server: Declaration
+    offered: Declaration | None = None
+    """What this side declares in the words of the server, where those are other words than ours."""
 
     @property
     def _compared(self) -> Declaration:
