@@ -25,7 +25,7 @@ from betterbench.policies.handshake import (
     read_execution,
     read_server,
 )
-from betterbench.policies.presets import NATIVE, adapter_of
+from betterbench.policies.presets import NATIVE, PRESETS, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
@@ -113,12 +113,14 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
         if adapter is None:
-            adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
+            adapter = adapter_of(self._address, PRESETS.get(theirs.preset or ""))
             if theirs.action_space is not None and adapter.answer.as_is and "action_space" not in self._address.options:
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            theirs = replace(theirs, preset=adapter.name)  # the server reads this layout too
+            # The server speaks this layout too; how many columns an action has in it is the preset's business.
+            columns = theirs.action_dim if adapter.answer.as_is else None
+            theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
         self._chosen = self.adapter = adapter
         self.server = theirs

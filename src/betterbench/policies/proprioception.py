@@ -75,6 +75,15 @@ class StateRule:
         """How many numbers it holds."""
         return sum(_SIZES.get(part, 1) for part in self.parts)
 
+    def columns(self) -> list[tuple[StatePart, slice]]:
+        """Return which numbers of the vector belong to each part."""
+        found, begin = [], 0
+        for part in self.parts:
+            end = begin + _SIZES.get(part, 1)
+            found.append((part, slice(begin, end)))
+            begin = end
+        return found
+
     def read(
         self,
         observation: Observation,
