@@ -161,12 +161,23 @@ class PolicyAddress:
         path = urlsplit(f"//{self.target}").path
         return path if path.strip("/") else "/act"
 
-    def execution(self) -> Execution:
-        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way."""
+    def execution(self, usual_horizon: int | None = None) -> Execution:
+        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way.
+
+        ``usual_horizon`` is that of the adapter, for an address which sets neither a horizon nor an ensemble.
+        """
+        ahead, horizon = self.whole("ahead", 0), None
+        if "horizon" in self.options:
+            horizon = self.whole("horizon")
+        elif "ensemble" not in self.options:
+            horizon = usual_horizon
+            if horizon is not None and ahead >= horizon:
+                raise self.error(
+                    f"ahead={ahead} is not less than the {horizon} actions of a chunk that its preset executes",
+                    "Give horizon=N too",
+                )
         return Execution(
-            horizon=self.whole("horizon") if "horizon" in self.options else None,
-            ahead=self.whole("ahead", 0),
-            ensemble=self.number("ensemble") if "ensemble" in self.options else None,
+            horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None
         )
 
     def number(self, name: str, default: float = 0.0) -> float:

@@ -163,11 +163,13 @@ class AnswerRule:
         *,
         ee_offset_m: tuple[float, ...],
         control_rate_hz: float,
+        tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
         """Return the actions that a reply means, (horizon, dim) float64 in our action space.
 
         Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
-        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one.
+        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one, and so
+        is ``tool_offset_m``, the policy's tool point in the frame of ours.
 
         Raises:
             PolicyError: If the reply has no such arrays, or a rotation in it is none.
@@ -195,7 +197,8 @@ class AnswerRule:
             return np.concatenate([*pieces, taken["gripper"]], axis=1)
         clean = {k: np.where(bad[:, None], 0.0, v) for k, v in taken.items()}
         try:
-            actions = self._convert(clean, bad, observation, ee_offset_m, self._pace(control_rate_hz))
+            offsets = (ee_offset_m, tool_offset_m)
+            actions = self._convert(clean, bad, observation, offsets, self._pace(control_rate_hz))
         except ValueError as error:
             raise PolicyError(f"the reply holds an invalid rotation ({error}). Send {self.rotation}.") from error
         actions[bad] = np.nan
@@ -229,7 +232,7 @@ class AnswerRule:
         taken: Mapping[str, np.ndarray],
         bad: np.ndarray,
         observation: Observation,
-        ee_offset_m: tuple[float, ...],
+        offsets: tuple[tuple[float, ...], tuple[float, float, float]],
         pace: float,
     ) -> np.ndarray:
         scale = np.array(action_space(self.space).scale[:-1])
@@ -241,7 +244,8 @@ class AnswerRule:
         if self.space == "ee_pose":
             zero = from_format((0.0,) * 3, "axis_angle")
             turns = [zero if b else from_format(row, self.rotation) for row, b in zip(rows, bad, strict=True)]
-            return np.concatenate([taken["translation"] - np.array(ee_offset_m), turns, gripper], axis=1)
+            own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
+            return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         translation = taken["translation"] * (self.translation_unit_m * pace)
         rotation = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
@@ -277,7 +281,13 @@ class AnswerRule:
         return above if self.gripper == "closed_fraction" else -above
 
     def write(
-        self, actions: np.ndarray, observation: Observation, *, ee_offset_m: tuple[float, ...], control_rate_hz: float
+        self,
+        actions: np.ndarray,
+        observation: Observation,
+        *,
+        ee_offset_m: tuple[float, ...],
+        control_rate_hz: float,
+        tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
         """Return the reply that means these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
         given = np.asarray(actions, dtype=np.float64)
@@ -290,7 +300,9 @@ class AnswerRule:
             factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
             kinds["joints"] = body * (scale / factor)
         elif self.space == "ee_pose":
-            kinds["translation"] = body[:, :3] + np.array(ee_offset_m)
+            turns = [from_format(q.tolist(), "quaternion_wxyz") for q in body[:, 3:]]
+            own = np.array([rotate(turn, tool_offset_m) for turn in turns]) + np.array(ee_offset_m)
+            kinds["translation"] = body[:, :3] + own
             kinds["rotation"] = np.array([to_format(q.tolist(), self.rotation) for q in body[:, 3:]])
         else:
             moves, turns = (body * scale)[:, :3], (body * scale)[:, 3:]

@@ -105,9 +105,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         for key, image in self.adapter.images(observation).items():
             seen["video"][name_of(key)] = image[None, None]
         for rule in self.adapter.states:
-            value = rule.read(
-                observation, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m
-            )
+            value = self.adapter.state(rule, observation)
             seen["state"][name_of(rule.key)] = np.atleast_1d(np.asarray(value))[None, None]
         return seen
 

@@ -9,13 +9,21 @@ from pathlib import Path
 from typing import get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.interface.actions import ACTION_SPACES
+from betterbench.interface.actions import ACTION_SPACES, ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
 from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
 from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, PolicyAddress
 from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Polarity
 from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
+from betterbench.policies.libero import BASES_M, MEASURED_ROTATION_RAD, MEASURED_TRANSLATION_M, trained_on_libero
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
+
+_UNITS: dict[str, tuple[float, float]] = {
+    "libero": (TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD),
+    "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
+    "physical": (1.0, 1.0),
+}
+"""What one action unit amounts to, as translation [m] and rotation [rad]."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
@@ -63,21 +71,14 @@ OPENPI_LIBERO = Adapter(
     states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("prompt",)),
     answer=AnswerRule("ee_delta", _twist("actions")),
+    horizon=5,
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This is the layout for a policy that was fine-tuned on demonstrations of ours. Two things differ for a checkpoint that
-was trained on LIBERO itself, and are asked for by ``mirror=true&ee_offset=-0.66,0,0.912``:
-
-- Its client turns both images by 180 degrees. LIBERO's renderer delivers the rows from the bottom up (robosuite's
-  "opengl" convention), so a flip of the rows alone would set them upright; the turn also swaps left and right. What
-  such a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue 295, huggingface/lerobot
-  issue 3830, ARISE-Initiative/robosuite issue 56). Ours are upright and not mirrored, so they are never to be turned,
-  which would show the world on its head, and are mirrored only for such a checkpoint.
-- Its tool position is in LIBERO's world, ours in the frame of the robot's base, which stands at (-0.66, 0, 0.912) m in
-  LIBERO's table scenes.
-
-The state is the tool's position and rotation vector and the two finger joints.
+This is the layout for a policy that was fine-tuned on demonstrations of ours; ``openpi_libero_SUITE`` is that of a
+checkpoint trained on LIBERO itself (:mod:`betterbench.policies.libero`). Our images are upright, so they are never to
+be turned by 180 degrees. The state is the tool's position and rotation vector and the two finger joints. openpi's
+example client executes 5 actions of a chunk.
 """
 
 OPENPI_DROID = Adapter(
@@ -98,6 +99,7 @@ OPENPI_DROID = Adapter(
         step_rate_hz=15.0,
         gripper="closed_fraction",
     ),
+    horizon=8,
 )
 """The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
 
@@ -107,7 +109,8 @@ the client executes whether it is above a half. They are played as velocities: a
 0.15 rad, and ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds
 are slowed down and counted as clipped. DROID adds a step to the measured joint angles, we to the last commanded ones.
 The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, which ``--observation droid`` renders;
-``camera.observation/exterior_image_1_left=front`` shows the front view instead.
+``camera.observation/exterior_image_1_left=front`` shows the front view instead. openpi's example client executes 8
+actions of a chunk.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -152,8 +155,8 @@ GR00T_LIBERO_PANDA = Adapter(
 embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
 
 What is called roll, pitch and yaw there is a rotation vector (``quat2axisangle`` in the clients), in the state and in
-the action. The gripper of the data is 1 for open: the clients turn it round. Like every layout of LIBERO's here, it
-leaves images and origin as ours are; see :data:`OPENPI_LIBERO` for a checkpoint that was trained on LIBERO itself.
+the action. The gripper of the data is 1 for open: the clients turn it round. ``gr00t_libero_panda_SUITE`` is for a
+checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.libero`).
 """
 
 GR00T_OXE_WIDOWX = Adapter(
@@ -226,14 +229,15 @@ BEING_H_LIBERO = Adapter(
     instruction=InstructionRule(("language.instruction",), depth=1),
     answer=AnswerRule("ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
     leading_axes=1,
+    horizon=8,
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
 As its own client does (``BeingH/benchmark/utils/policy.py``), images go out as they are rendered; the server resizes
-them.
+them, and 8 actions of a chunk are executed.
 
-For a checkpoint trained on LIBERO itself see :data:`OPENPI_LIBERO`; a third thing differs there. Its data count an open
-gripper as 1 (``BeingH/benchmark/libero/run_libero_eval.py`` turns it round), which ``gripper=open_fraction`` asks for.
+``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. Its data count an open gripper as 1
+(``BeingH/benchmark/libero/run_libero_eval.py`` turns it round).
 """
 
 VLA_EVAL = Adapter(
@@ -245,7 +249,7 @@ VLA_EVAL = Adapter(
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
 model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
-Servers that want one image take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+Servers that want one image take the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
 
 _STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
 
@@ -260,8 +264,8 @@ STARVLA = Adapter(
 as a list, in this order; sizes are those of its LIBERO client.
 
 Some of its models write a state that they are sent into the prompt, so it is sent only when asked for
-(:data:`STARVLA_STATE`). Checkpoints trained on LIBERO itself count an open gripper as 1 (``gripper=open_fraction``);
-for the rest see :data:`OPENPI_LIBERO`.
+(:data:`STARVLA_STATE`). ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on
+LIBERO itself, which count an open gripper as 1.
 """
 
 STARVLA_STATE = replace(
@@ -282,7 +286,7 @@ OPENVLA = Adapter(
 
 ``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. All its data
 count an open gripper as 1. Checkpoints that were trained with random crops see the central 0.9 of the image, which some
-servers cut out and others do not: ``keep=0.9``.
+servers cut out and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
 """
 
 OPENVLA_OFT = Adapter(
@@ -293,7 +297,7 @@ OPENVLA_OFT = Adapter(
     answer=AnswerRule("ee_delta", _twist("actions"), gripper="open_fraction"),
 )
 """The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state; the answer is a chunk. See
-:data:`OPENVLA`."""
+:data:`OPENVLA`; ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
 
 X_VLA = Adapter(
     "x_vla",
@@ -321,11 +325,31 @@ has to be given: ``send.domain_id=3``. Its own client sends the pose that was la
 one; this one sends what is measured.
 """
 
+_LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
+    (OPENPI_LIBERO, "openpi_libero", "close_positive"),
+    (BEING_H_LIBERO, "being_h_libero", "open_fraction"),
+    (VLA_EVAL, "vla_eval_libero", "close_positive"),
+    (GR00T_LIBERO_PANDA, "gr00t_libero_panda", "open_fraction"),
+    (STARVLA, "starvla_libero", "open_fraction"),
+    (STARVLA_STATE, "starvla_state_libero", "open_fraction"),
+    (OPENVLA, "openvla_libero", "open_fraction"),
+    (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
+)
+
+_LAYOUTS = (
+    *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
+    *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA),
+)
+
 PRESETS: dict[str, Adapter] = {
     adapter.name: adapter
     for adapter in (
-        *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
-        *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA),
+        *_LAYOUTS,
+        *(
+            trained_on_libero(layout, f"{name}_{suite}", suite, gripper=gripper)
+            for layout, name, gripper in _LIBERO_LAYOUTS
+            for suite in BASES_M
+        ),
     )
 }
 
@@ -354,10 +378,12 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     elif default is not None:
         adapter = default
     else:
+        names = ", ".join(layout.name for layout in _LAYOUTS)
+        trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
         raise InvalidInputError(
             where,
             "neither it nor the server says which images and state the policy wants",
-            f"Add ?preset=NAME ({', '.join(sorted(PRESETS))}) or ?adapter=FILE",
+            f"Add ?preset=NAME ({names}; trained on LIBERO: {trained}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
     if cameras:
@@ -416,9 +442,9 @@ def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
 
 
 def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
-    units = address.choice("units", ("libero", "physical", "preset"), "preset")
-    translation = {"libero": 0.05, "physical": 1.0, "preset": rule.translation_unit_m}[units]
-    rotation = {"libero": 0.5, "physical": 1.0, "preset": rule.rotation_unit_rad}[units]
+    translation, rotation = _UNITS.get(
+        address.choice("units", (*_UNITS, "preset"), "preset"), (rule.translation_unit_m, rule.rotation_unit_rad)
+    )
     space = address.choice("action_space", tuple(ACTION_SPACES), rule.space)
     for name in ("rotation", "units", "frame"):
         meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")

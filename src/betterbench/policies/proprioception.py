@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import TOOL_DOWN, conjugate, multiply, to_axis_angle_near
+from betterbench.geometry import TOOL_DOWN, conjugate, multiply, normalize, rotate, to_axis_angle_near
 from betterbench.interface import Observation
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
@@ -108,30 +108,55 @@ class StateRule:
         """Whether the position of the end effector, or one coordinate of it, is in it."""
         return any(_AXES.get(part, (part, 0))[0] == "ee_position" for part in self.parts)
 
+    def columns(self) -> list[tuple[StatePart, slice]]:
+        """Return which numbers of the vector belong to each part."""
+        found, begin = [], 0
+        for part in self.parts:
+            end = begin + _SIZES.get(part, 1)
+            found.append((part, slice(begin, end)))
+            begin = end
+        return found
+
     def read(
-        self, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
+        self,
+        observation: Observation,
+        *,
+        ee_offset_m: Sequence[float],
+        gripper_opening_m: float,
+        tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
         """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
 
         ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
-        ``gripper_opening_m`` counts as fully open.
+        ``tool_offset_m`` is the policy's tool point in the frame of ours; ``gripper_opening_m`` counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:
             vector, place = _AXES.get(part, (part, None))
-            numbers = _read_part(vector, observation, ee_offset_m=ee_offset_m, gripper_opening_m=gripper_opening_m)
+            if vector == "ee_position":
+                numbers = tool_position(observation, ee_offset_m, tool_offset_m)
+            else:
+                numbers = _read_part(vector, observation, gripper_opening_m)
             values += numbers if place is None else numbers[place : place + 1]
         if self.scalar:
             return int(values[0]) if self.dtype == "int64" else float(values[0])
         return np.array(values, dtype=self.dtype)
 
 
-def _read_part(
-    part: StatePart, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
+def tool_position(
+    observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
 ) -> list[float]:
-    """Return the numbers of one whole part."""
-    if part == "ee_position":
-        return [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+    """Return the position of a policy's own tool point, whose place in the frame of ours is given, [x, y, z] [m]."""
+    position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+    if not any(tool_offset_m):
+        return position
+    w, x, y, z = observation.ee_quaternion.tolist()
+    ox, oy, oz = tool_offset_m
+    return [p + d for p, d in zip(position, rotate(normalize((w, x, y, z)), (ox, oy, oz)), strict=True)]
+
+
+def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
+    """Return the numbers of one whole part that is no position."""
     if part == "joint_positions":
         return list(observation.joint_positions.tolist())
     if part == "joint_velocities":
