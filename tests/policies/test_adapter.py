@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,6 +102,15 @@ def test_the_axes_of_the_state_are_the_numbers_of_its_vectors(observation):
     down = Rotation.from_quat([1, 0, 0, 0])
     assert np.allclose(from_down, (TOOL * down.inv()).as_euler("xyz"))
     assert StateRule(("s",), ("ee_x",), scalar=True).size == 1
+
+
+def test_the_adapter_of_the_documentation_can_be_read():
+    page = (Path(__file__).parents[2] / "docs" / "policies.md").read_text(encoding="utf-8")
+    form = json.loads(page.partition("```json\n")[2].partition("```")[0])
+    reply = {part["key"]: [0.1 * i] for i, part in enumerate(form["answer"]["parts"])}
+    made = Adapter.from_json(form)
+    assert np.allclose(made.actions(reply, seen()), [[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, -1.0]])
+    assert made.request(seen())["state"]["x"].tolist() == [[[np.float32(0.4)]]]
 
 
 def test_an_offset_moves_single_axes_too():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import dataclasses
 import json
 import socket
 import struct
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError, UnknownNameError
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Execution, Observation, observation_spec
 from betterbench.policies import json_wire
 from betterbench.policies.address import PolicyAddress
@@ -234,6 +236,27 @@ def test_the_run_is_compared_before_it_starts(client):
         with pytest.raises(HandshakeError, match="front, wrist"):
             policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)
         assert server.bodies == []  # nobody was asked anything yet
+
+
+@pytest.mark.slow
+@pytest.mark.physics
+def test_trials_are_evaluated(tmp_path):
+    parts = [{"key": "actions", "kind": "action"}]
+    options = small(tmp_path, "blind", views=[], answer={"parts": parts})
+    with Server([plain(body=json.dumps([[0.01] * 7] * 16).encode())] * 1000) as server:
+        plan = make_plan(
+            str(server.address(options)),
+            tasks=["morning_coffee"],
+            variations=["T1"],
+            trials=2,
+            observation="state_only",
+            quality="fast",
+        )
+        plan = dataclasses.replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
+        run = evaluate(plan, tmp_path / "run", envs=2)
+    assert [(entry.status, entry.message) for entry in run.entries()] == [("done", None)] * 2
+    for trial in plan.trials:
+        assert np.allclose(run.read_record(trial.task, trial.condition, trial.seed).applied[1:], 0.01)
 
 
 # -------------------------------------------------------------------------------------------------------- faults

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import threading
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ import pytest
 from websockets.asyncio.server import serve
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError, UnknownNameError
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
@@ -299,6 +301,35 @@ def test_the_key_comes_from_the_environment(client, monkeypatch):
         with pytest.raises(HandshakeError, match="api_key_env"):
             client(server)
         assert client(server, f"{QUICK}&api_key_env=MY_KEY").act(seen()).shape == (8, 7)
+
+
+@pytest.mark.slow
+@pytest.mark.physics
+def test_trials_are_evaluated_in_batches(tmp_path):
+    blind = {"name": "blind", "views": [], "states": [{"key": "state", "parts": ["ee_position"]}]}
+    blind |= {"instruction": {"key": "lang"}, "answer": {"parts": [{"key": "actions", "kind": "action"}]}}
+    file = tmp_path / "blind.json"
+    file.write_text(json.dumps(blind), encoding="utf-8")
+
+    def still(request):
+        return answer(request, actions=array(np.full((len(request["payload"]["examples"]), 16, 7), 0.01)))
+
+    with Server([still] * 1000) as server:
+        plan = make_plan(
+            f"{server.address()}&adapter={file}",
+            tasks=["morning_coffee"],
+            variations=["T1"],
+            trials=2,
+            observation="state_only",
+            quality="fast",
+        )
+        plan = replace(plan, trials=tuple(t for t in plan.trials if t.variation == "T1"))
+        run = evaluate(plan, tmp_path / "run", envs=2)
+        counts = {len(request["payload"]["examples"]) for request in server.requests}
+    assert [(entry.status, entry.message) for entry in run.entries()] == [("done", None)] * 2
+    for trial in plan.trials:
+        assert np.allclose(run.read_record(trial.task, trial.condition, trial.seed).applied[1:], 0.01)
+    assert counts <= {1, 2}
 
 
 def test_the_address_leads_to_this_client_and_its_options_are_checked():
