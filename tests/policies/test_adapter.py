@@ -136,6 +136,18 @@ def test_constants_go_with_every_request_and_the_address_sets_them():
 
 
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
+def test_the_answer_of_every_preset_means_the_actions_that_it_was_written_for(preset):
+    space = ACTION_SPACES[preset.answer.space]
+    draw = np.random.default_rng(3)
+    actions = draw.uniform(-0.4, 0.4, (5, space.dim))
+    if space.name == "ee_pose":
+        actions[:, 3:7] = Rotation.random(5, random_state=3).as_quat(canonical=True, scalar_first=True)
+    actions[:, -1] = draw.choice([-1.0, 1.0], 5)
+    reply = preset.reply(actions, seen())
+    assert np.allclose(preset.actions(reply, seen()), actions, atol=1e-9)
+
+
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
 def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_path):
     form = json.loads(json.dumps(preset.to_json()))
     assert Adapter.from_json(form) == preset
