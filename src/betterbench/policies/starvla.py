@@ -26,7 +26,7 @@ from betterbench.policies.remote import ServerClient, check_start, describe_remo
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import decode_openpi, encode_openpi
 
-RequestLayout = Literal["payload", "flat"]
+ExampleLayout = Literal["payload", "flat"]
 """Where the examples of a request stand: in its payload, or beside its type, as the first servers want them."""
 
 _IMAGES = "image"
@@ -39,7 +39,7 @@ class StarVlaClient(ServerClient[WebSocket]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)
-        self._layout = address.choice("layout", get_args(RequestLayout), "payload")
+        self._layout = address.choice("layout", get_args(ExampleLayout), "payload")
         self._metadata: Mapping[Any, Any] = {}
         self._dialed = False
         self._lock = threading.Lock()
