@@ -21,7 +21,7 @@ from betterbench.policies.connect import connect
 from betterbench.policies.starvla import StarVlaClient
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
-QUICK = "timeout=5&retries=1&patience=1"
+QUICK = "timeout=30&retries=1&patience=30"
 
 # Frames written down from the description, not by our encoder: {"action_chunk_size": 2}, which the server says first; a
 # request with an image of 2 x 2 pixels; and the answer to it, a chunk of two actions in float32.
@@ -284,7 +284,7 @@ def test_numbers_that_are_not_finite_arrive_as_such(client):
 
 def test_a_server_that_comes_back_is_asked_again_and_another_one_is_not(client):
     with Server() as server:
-        policy = client(server, "timeout=5&retries=3&patience=10")
+        policy = client(server, "timeout=30&retries=3&patience=30")
         port = server.port
         policy.act(seen())
     with Server(port=port):
