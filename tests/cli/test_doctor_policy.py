@@ -197,7 +197,7 @@ def test_a_chunk_that_is_too_short_for_asking_ahead_is_named_before_a_run_breaks
     capsys, tmp_path, monkeypatch, pushes
 ):
     monkeypatch.chdir(tmp_path)
-    status, _, err = run(capsys, "--policy", f"{pushes.address}?preset=openpi_libero&ahead=5", *SCENE)
+    status, _, err = run(capsys, "--policy", f"{pushes.address}?preset=openpi_libero&horizon=8&ahead=5", *SCENE)
     assert status == 2
     assert "a chunk has 5 actions" in " ".join(err.split())
 

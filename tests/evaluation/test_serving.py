@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import logging
 import sys
 import threading
 from typing import ClassVar
@@ -228,13 +227,43 @@ def test_the_state_of_a_client_that_does_not_count_shows_how_much_it_has_execute
     np.testing.assert_array_equal(np.array(played), known[TRIAL][: len(played)])
 
 
-def test_a_client_astray_that_does_not_count_is_warned_of_once(caplog):
-    caplog.set_level(logging.WARNING)
+@pytest.mark.parametrize(
+    ("number", "value"),
+    [pytest.param(2, 1.0, id="goes up"), pytest.param(5, 0.5, id="turns"), pytest.param(6, 1.0, id="closes")],
+)
+@pytest.mark.parametrize("counts", [False, True])
+def test_a_client_with_liberos_layout_that_plays_other_actions_is_told(number, value, counts):
     with open_server("expert", port=0, chunk=8, trial=TRIAL) as server, Client(server) as client:
-        for _ in range(4):
-            client.libero()
-            client.execute(np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -1.0], (8, 1)))
-    assert len([r for r in caplog.records if "from where the answered actions lead" in r.message]) == 1
+        actions = client.libero(**({"better/step": 0} if counts else {}))
+        actions = actions.copy()
+        actions[:, number] = value
+        client.execute(actions)
+        answer = client.libero(**({"better/step": 8} if counts else {}))
+    assert isinstance(answer, str)
+    assert "morning_coffee/train1/0 step 8: the client's robot is not where the answered actions lead" in answer
+    assert "executed other actions than those answered" in answer
+    assert "\n" not in answer
+
+
+def test_a_client_that_never_moves_is_told():
+    with open_server("expert", port=0, chunk=8, trial=TRIAL) as server, Client(server) as client:
+        answer, asked = client.libero(), 1
+        while not isinstance(answer, str) and asked < 5:
+            answer, asked = client.libero(), asked + 1
+    assert "executed other actions" in answer
+
+
+def test_another_origin_and_no_state_at_all_are_no_other_actions(known):
+    moved = dataclasses.replace(LIBERO_STATE, ee_offset_m=(-0.66, 0.0, 0.912))
+    with open_server("expert", port=0, chunk=8, trial=TRIAL) as server:
+        for message in (moved.request, lambda seen: {"prompt": seen.instruction, "observation/state": np.zeros(8)}):
+            played = []
+            with Client(server) as client:
+                while len(played) < 32:
+                    actions = client.ask(message(client.seen))
+                    client.execute(actions)
+                    played.extend(actions)
+            np.testing.assert_array_equal(np.array(played), known[TRIAL][:32])
 
 
 # --------------------------------------------------------------------------------------------- policies that see

@@ -57,12 +57,17 @@ SEEDS: dict[str, tuple[bytes, ...]] = {
         wire.encode_gr00t([{"action.gripper": _VALUE["actions"][None]}, {}]),
         wire.encode_gr00t({**_VALUE, "video": ModalityConfig((-1, 0), ("front", "wrist"))}),
         msgpack.packb({"__ModalityConfig_class__": True, "as_json": '{"delta_indices": [0], "modality_keys": ["a"]}'}),
+        msgpack.packb([{"x": {b"nd": True, b"type": "<f4", b"kind": b"", b"shape": [1, 2], b"data": bytes(8)}}, {}]),
+        msgpack.packb({"__ModalityConfig__": True, "as_json": {"delta_indices": [0], "modality_keys": ["a"]}}),
     ),
 }
 _MARKS: dict[str, tuple[str | bytes, ...]] = {
     "openpi": (b"__ndarray__", b"__npgeneric__", b"data", b"dtype", b"shape"),
     "vla_eval": ("__ndarray__", "__image__", "data", "dtype", "shape", "format", "type", "payload"),
-    "gr00t": ("__ndarray_class__", "as_npy", "__ModalityConfig_class__", "as_json", "delta_indices", "modality_keys"),
+    "gr00t": (
+        *("__ndarray_class__", "as_npy", "__ModalityConfig_class__", "__ModalityConfig__", "as_json", "delta_indices"),
+        *("modality_keys", b"nd", b"type", b"kind", b"shape", b"data"),
+    ),
 }
 _WORDS = (
     "<f4",

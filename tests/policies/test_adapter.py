@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, UnknownNameError
+from betterbench.evaluation.trials.policy_factory import make_policy
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA
 from betterbench.policies.adapter import Adapter, InstructionRule
@@ -58,6 +60,93 @@ def read(rule, reply, **options):
     return adapter(rule, **options).actions({"actions": np.asarray(reply, float)}, seen())
 
 
+AXES = (
+    *(AnswerPart((f"{axis}",), f"translation_{axis}") for axis in "xyz"),
+    *(AnswerPart((name,), f"rotation_{axis}") for name, axis in zip(("roll", "pitch", "yaw"), "xyz", strict=True)),
+    AnswerPart(("gripper",), "gripper"),
+)
+
+
+@given(rows=st.lists(st.lists(st.floats(-1, 1), min_size=7, max_size=7), min_size=1, max_size=4))
+@settings(max_examples=40, deadline=None)
+@pytest.mark.parametrize("rotation", ["axis_angle", "rpy"])
+@pytest.mark.parametrize("frame", ["base", "tool"])
+def test_axis_by_axis_means_the_same_as_whole(rotation, frame, rows):
+    chunk = np.array(rows)
+    whole = adapter(AnswerRule("ee_delta", TWIST, rotation=rotation, frame=frame))
+    single = adapter(AnswerRule("ee_delta", AXES, rotation=rotation, frame=frame))
+    reply = {part.key[0]: chunk[:, i : i + 1] for i, part in enumerate(AXES)}
+    actions = single.actions(reply, seen())
+    assert np.array_equal(actions, whole.actions({"actions": chunk}, seen()))
+    again = single.actions(single.reply(actions, seen()), seen())
+    assert np.allclose(again, actions, atol=1e-9)
+
+
+def test_axes_may_stand_in_one_array_in_any_order():
+    order = (3, 0, 6, 1, 5, 2, 4)
+    parts = tuple(AnswerPart(ONE, AXES[i].kind) for i in order)
+    row = np.arange(7) / 10
+    assert np.allclose(read(AnswerRule("ee_delta", parts), row[list(order)]), [row])
+
+
+def test_the_axes_of_the_state_are_the_numbers_of_its_vectors(observation):
+    def values(*parts):
+        return StateRule(("s",), parts, "float64").read(observation, ee_offset_m=(1, 2, 3), gripper_opening_m=0.08)
+
+    assert values("ee_x", "ee_y", "ee_z").tolist() == values("ee_position").tolist()
+    assert values(*(f"ee_axis_angle_{a}" for a in "xyz")).tolist() == values("ee_axis_angle").tolist()
+    assert values("ee_roll", "ee_pitch", "ee_yaw").tolist() == values("ee_rpy").tolist()
+    assert values(*(f"ee_quaternion_{a}" for a in "wxyz")).tolist() == values("ee_quaternion_wxyz").tolist()
+    from_down = values("ee_roll_from_down", "ee_pitch_from_down", "ee_yaw_from_down")
+    assert from_down.tolist() == values("ee_rpy_from_down").tolist()
+    down = Rotation.from_quat([1, 0, 0, 0])
+    assert np.allclose(from_down, (TOOL * down.inv()).as_euler("xyz"))
+    assert StateRule(("s",), ("ee_x",), scalar=True).size == 1
+
+
+def test_the_adapter_of_the_documentation_can_be_read():
+    page = (Path(__file__).parents[2] / "docs" / "policies.md").read_text(encoding="utf-8")
+    form = json.loads(page.partition("```json\n")[2].partition("```")[0])
+    reply = {part["key"]: [0.1 * i] for i, part in enumerate(form["answer"]["parts"])}
+    made = Adapter.from_json(form)
+    assert np.allclose(made.actions(reply, seen()), [[0.0, 0.1, 0.2, 0.3, 0.4, 0.5, -1.0]])
+    assert made.request(seen())["state"]["x"].tolist() == [[[np.float32(0.4)]]]
+
+
+def test_an_offset_moves_single_axes_too():
+    address = PolicyAddress.parse("gr00t://host?preset=gr00t_libero_panda&ee_offset=-0.66,0,0.912")
+    message = adapter_of(address).request(seen())
+    assert np.allclose([message["state"][a] for a in "xyz"], np.reshape([0.4 - 0.66, 0.1, 0.3 + 0.912], (3, 1, 1, 1)))
+
+
+def test_constants_go_with_every_request_and_the_address_sets_them():
+    def asked(query):
+        return adapter_of(PolicyAddress.parse(f"http://host/act?{query}")).request(seen())
+
+    assert "unnorm_key" not in asked("preset=openvla")
+    assert asked("preset=openvla&send.unnorm_key=bridge_orig")["unnorm_key"] == "bridge_orig"
+    message = asked("preset=x_vla&send.domain_id=3&send.options/fast=true&send.rate=0.5")
+    assert (message["domain_id"], message["steps"], message["options"], message["rate"]) == (3, 10, {"fast": True}, 0.5)
+    with pytest.raises(InvalidInputError, match=r"x_vla sends domain_id, .*Add send\.domain_id=VALUE"):
+        asked("preset=x_vla")
+    with pytest.raises(InvalidInputError, match="two entries use the key 'instruction'"):
+        asked("preset=openvla&send.instruction=go")
+    with pytest.raises(UnknownNameError, match=r"send\.x"):
+        PolicyAddress.parse("gr00t://host?send.x=1")
+
+
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
+def test_the_answer_of_every_preset_means_the_actions_that_it_was_written_for(preset):
+    space = ACTION_SPACES[preset.answer.space]
+    draw = np.random.default_rng(3)
+    actions = draw.uniform(-0.4, 0.4, (5, space.dim))
+    if space.name == "ee_pose":
+        actions[:, 3:7] = Rotation.random(5, random_state=3).as_quat(canonical=True, scalar_first=True)
+    actions[:, -1] = draw.choice([-1.0, 1.0], 5)
+    reply = preset.reply(actions, seen())
+    assert np.allclose(preset.actions(reply, seen()), actions, atol=1e-9)
+
+
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
 def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_path):
     form = json.loads(json.dumps(preset.to_json()))
@@ -84,6 +173,17 @@ def test_the_json_form_round_trips_with_every_default_written_out(preset, tmp_pa
         ({"answer": {"parts": [{"key": "a", "kind": "action", "size": 6}]}}, "6 columns, and 7 are needed"),
         ({"answer": {"parts": [{"key": "a", "kind": "unused"}]}}, "does not say how many"),
         ({"answer": {"translation_unit_m": 0.0}}, "translation_unit_m: 0 is out of range"),
+        ({"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in AXES[1:]]}}, "ee_delta needs gripper"),
+        (
+            {"answer": {"parts": [{"key": p.key[0], "kind": p.kind} for p in (*AXES, TWIST[0])]}},
+            "translation, once",
+        ),
+        (
+            {"answer": {"rotation": "matrix", "parts": [{"key": p.key[0], "kind": p.kind} for p in AXES]}},
+            "matrix has 9 numbers and no three axes",
+        ),
+        ({"constants": [{"key": "prompt", "value": 1}]}, "two entries use the key 'prompt'"),
+        ({"constants": [{"key": "c", "value": [1]}]}, r"constants\[0\]\.value"),
         ({"gripper_opening_m": -1}, "gripper_opening_m"),
         ({"ee_offset_m": [0, 0]}, "ee_offset_m"),
     ],
@@ -377,10 +477,27 @@ def test_malformed_changes_are_one_clear_line():
         ("gr00t://10.0.0.1", ("10.0.0.1", 5555)),
         ("openpi://[::1]:9000", ("::1", 9000)),
         ("vla-eval:host:1", ("host", 1)),
+        ("starvla://host", ("host", 10093)),
+        ("http://host/act", ("host", 8000)),
+        ("https://host/v1/act", ("host", 443)),
     ],
 )
 def test_servers_have_default_ports(text, server):
     assert PolicyAddress.parse(text).server() == server
+
+
+def test_an_address_has_a_path_where_servers_have_one():
+    assert PolicyAddress.parse("http://host:1?preset=openvla").path == "/act"
+    assert PolicyAddress.parse("http://host:1/").path == "/act"
+    assert PolicyAddress.parse("http://host:1/v1/predict?preset=openvla").path == "/v1/predict"
+
+
+@pytest.mark.parametrize("text", ["lerobot://gpu-box:8080", "grpc://gpu-box:8080"])
+def test_lerobots_own_server_is_refused_because_it_pickles(text):
+    with pytest.raises(InvalidInputError, match=r"gRPC\) pickles observations and actions.*Write lerobot:CHECKPOINT"):
+        PolicyAddress.parse(text)
+    with pytest.raises(InvalidInputError, match="pickles"):
+        make_policy(text)
 
 
 def test_addresses_that_mean_nothing_are_refused():
@@ -389,7 +506,11 @@ def test_addresses_that_mean_nothing_are_refused():
         "openpi:",
         "openpi",
         "",
-        "http://localhost",
+        "http://",
+        "http://user@host/act",
+        "http://host/act\u00e9",
+        "http://host\u00e9/act",
+        "ftp://localhost",
         "openpi://host:0",
         "openpi://host:99999",
         "openpi://host:port",

@@ -46,6 +46,29 @@ CLOSE_NOW = bytes.fromhex(
 )
 
 
+# What N1.7 answers: [{"ee_position": ((0.25, -0.5, 0),), "ee_rotation": ((0, 0, 0.125),), "gripper": ((1,),)}, {}] with
+# float32 arrays in msgpack-numpy's maps, whose keys are bytes; and the modalities, marked "__ModalityConfig__".
+N1_7_CHUNK = bytes.fromhex(
+    "9283ab65655f706f736974696f6e85c4026e64c3c40474797065a33c6634c4046b696e64c400c4057368617065930101"
+    "03c40464617461c40c0000803e000000bf00000000ab65655f726f746174696f6e85c4026e64c3c40474797065a33c66"
+    "34c4046b696e64c400c405736861706593010103c40464617461c40c00000000000000000000003ea767726970706572"
+    "85c4026e64c3c40474797065a33c6634c4046b696e64c400c405736861706593010101c40464617461c4040000803f80"
+)
+N1_7_MODALITIES = bytes.fromhex(
+    "84a5766964656f82b25f5f4d6f64616c697479436f6e6669675f5fc3a761735f6a736f6e83ad64656c74615f696e6469"
+    "6365739100ad6d6f64616c6974795f6b65797392a566726f6e74a57772697374b673696e5f636f735f656d6265646469"
+    "6e675f6b657973c0a5737461746582b25f5f4d6f64616c697479436f6e6669675f5fc3a761735f6a736f6e83ad64656c"
+    "74615f696e64696365739100ad6d6f64616c6974795f6b65797393ab65655f706f736974696f6eab65655f726f746174"
+    "696f6ea767726970706572b673696e5f636f735f656d62656464696e675f6b657973c0a6616374696f6e82b25f5f4d6f"
+    "64616c697479436f6e6669675f5fc3a761735f6a736f6e83ad64656c74615f696e64696365739100ad6d6f64616c6974"
+    "795f6b65797393ab65655f706f736974696f6eab65655f726f746174696f6ea767726970706572b673696e5f636f735f"
+    "656d62656464696e675f6b657973c0a86c616e677561676582b25f5f4d6f64616c697479436f6e6669675f5fc3a76173"
+    "5f6a736f6e83ad64656c74615f696e64696365739100ad6d6f64616c6974795f6b65797391d928616e6e6f746174696f"
+    "6e2e68756d616e2e616374696f6e2e7461736b5f6465736372697074696f6eb673696e5f636f735f656d62656464696e"
+    "675f6b657973c0"
+)
+
+
 def array(values, dtype="<f4"):
     """Return an array as the protocol codes it: the bytes of a .npy file in a marked map."""
     file = io.BytesIO()
@@ -244,9 +267,138 @@ def test_a_server_of_n1_5_gets_the_observation_as_the_data(client):
     with Server({"get_action": lambda _: answer}, modalities_=config) as server:
         actions = client(server, f"{QUICK}&layout=n1.5").act(seen())
         data = server.questions("get_action")[0]["data"]
-    assert data["annotation.human.coarse_action"] == ["pack the apple"]
+    assert data["annotation.human.coarse_action"] == [["pack the apple"]]
     assert data["state.gripper"].shape == (1, 1, 1)
     assert actions.shape == (16, 7)
+
+
+def test_n1_5_is_recognized_by_its_names_and_reads_whole_instructions(client):
+    config = {
+        "video": modality(["video.front", "video.wrist"], text=True),
+        "state": modality(["state.ee_position", "state.ee_rotation", "state.gripper"], text=True),
+        "action": modality([f"action.{n}" for n in ACTIONS], range(16), text=True),
+        "language": modality(["annotation.human.coarse_action"], text=True),
+    }
+    told = []
+
+    def answer(question):
+        # N1.5 before c51da90a: the first element of what stands for an environment is its instruction.
+        batch = question["data"]["annotation.human.coarse_action"]
+        told.extend(entry[0] for entry in batch)
+        return {f"action.{n}": array(np.full((len(batch), 16, s), 0.1)) for n, s in ACTIONS.items()}
+
+    with Server({"get_action": answer}, modalities_=config) as server:
+        client(server).act_batch([seen(), seen(1, instruction="bring the mug")])
+    assert told == ["pack the apple", "bring the mug"]
+
+
+def test_a_server_of_n1_7_is_asked_as_before_and_its_answers_are_read(client):
+    with Server({"get_action": lambda _: N1_7_CHUNK}, modalities_=N1_7_MODALITIES) as server:
+        policy = client(server)
+        policy.reset(START)
+        actions = policy.act(seen())
+        data = server.questions("get_action")[0]["data"]["observation"]
+    assert policy.modalities.video == ("front", "wrist")
+    assert data["video"]["front"].shape == (1, 1, 256, 256, 3)
+    assert actions.tolist() == [[0.25, -0.5, 0.0, 0.0, 0.0, 0.125, 1.0]]
+
+
+def test_a_plain_map_as_modality_config_declares_nothing(client):
+    plain = {"video": {"delta_indices": [0], "modality_keys": ["primary"]}, "action": {"modality_keys": ["x"]}}
+    with Server(modalities_=plain) as server:
+        policy = client(server)
+        assert policy.act(seen()).shape == (8, 7)
+        assert "does not declare what its actions mean" in policy.info.metadata["assumed"]
+
+
+LIBERO_KEYS = ("x", "y", "z", "roll", "pitch", "yaw", "gripper")
+
+
+@pytest.mark.parametrize("release", ["n1.5", "n1.6", "n1.7"])
+def test_libero_panda_has_each_axis_under_its_own_key(client, release):
+    mark = "__ModalityConfig__" if release == "n1.7" else "__ModalityConfig_class__"
+    dots = {"video": "video.", "state": "state.", "action": "action."} if release == "n1.5" else {}
+
+    def config(kind, keys, steps=(0,)):
+        form = {"delta_indices": list(steps), "modality_keys": [dots.get(kind, "") + key for key in keys]}
+        return {mark: True, "as_json": json.dumps(form) if release == "n1.5" else form}
+
+    declared = {
+        "video": config("video", ["image", "wrist_image"]),
+        "state": config("state", LIBERO_KEYS),
+        "action": config("action", LIBERO_KEYS, range(16)),
+        "language": config("language", ["annotation.human.action.task_description"]),
+    }
+    chunk_ = {dots.get("action", "") + key: np.full((1, 16, 1), 0.1 * i) for i, key in enumerate(LIBERO_KEYS)}
+    coded = {key: array(value) for key, value in chunk_.items()}
+    with Server({"get_action": lambda _: coded if release == "n1.5" else [coded, {}]}, modalities_=declared) as server:
+        policy = client(server, f"{QUICK}&preset=gr00t_libero_panda")
+        # The tool points down, turned by 0.4 rad about the vertical: a rotation vector, and no roll, pitch and yaw.
+        turned = seen(ee_quaternion=np.array([0.0, np.cos(0.2), np.sin(0.2), 0.0]))
+        actions = policy.act(turned)
+        data = server.questions("get_action")[0]["data"]
+    if release == "n1.5":
+        state = {key: data[f"state.{key}"] for key in LIBERO_KEYS}
+        assert data["annotation.human.action.task_description"] == [["pack the apple"]]
+        assert data["video.wrist_image"].shape == (1, 1, 256, 256, 3)
+    else:
+        state = data["observation"]["state"]
+        assert data["observation"]["language"] == {"annotation.human.action.task_description": [["pack the apple"]]}
+    assert {key: value.shape for key, value in state.items()} == {
+        **dict.fromkeys(LIBERO_KEYS, (1, 1, 1)),
+        "gripper": (1, 1, 2),
+    }
+    told = [float(state[key][0, 0, 0]) for key in LIBERO_KEYS[:6]]
+    assert np.allclose(told, [0.4, 0.0, 0.3, np.pi * np.cos(0.2), np.pi * np.sin(0.2), 0.0], atol=1e-6)
+    assert np.allclose(state["gripper"][0, 0], [0.025, -0.025])
+    assert actions.shape == (16, 7)
+    assert np.allclose(actions[0], [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, -1.0])  # 0.6 of open: it opens
+
+
+@pytest.mark.parametrize("shape", [(1, 16), (1, 16, 1), (16, 1)])
+def test_an_axis_may_come_without_the_axis_of_its_number(client, shape):
+    coded = {f"action.{key}": array(np.linspace(0, 1, 16).reshape(shape)) for key in LIBERO_KEYS}
+    with Server({"get_action": lambda _: coded}, modalities_={}) as server:
+        actions = client(server, f"{QUICK}&preset=gr00t_libero_panda&layout=n1.5").act(seen())
+    assert np.allclose(actions[:, 0], np.linspace(0, 1, 16))
+
+
+def test_widowx_gets_angles_from_straight_down_and_answers_meters_at_5_hz(client):
+    declared = {
+        "video": modality(["image_0"]),
+        "state": modality(["x", "y", "z", "roll", "pitch", "yaw", "pad", "gripper"]),
+        "action": modality(LIBERO_KEYS, range(8)),
+    }
+    values = dict(zip(LIBERO_KEYS, (0.02, 0.0, -0.01, 0.0, 0.0, 0.2, 1.0), strict=True))
+    answer = [{key: array(np.full((1, 8, 1), value)) for key, value in values.items()}, {}]
+    with Server({"get_action": lambda _: answer}, modalities_=declared) as server:
+        policy = client(server, f"{QUICK}&preset=gr00t_oxe_widowx")
+        actions = policy.act(seen(ee_quaternion=np.array([0.0, np.cos(0.2), np.sin(0.2), 0.0])))
+        state = server.questions("get_action")[0]["data"]["observation"]["state"]
+    told = [float(state[key][0, 0, 0]) for key in ("x", "roll", "pitch", "yaw", "pad", "gripper")]
+    assert np.allclose(told, [0.4, 0.0, 0.0, 0.4, 0.0, 0.05 / 0.08], atol=1e-6)
+    assert np.allclose(actions[0], [0.1, 0.0, -0.05, 0.0, 0.0, 0.1, -1.0])  # a quarter of each, in units of ours
+
+
+def test_oxe_droid_gives_and_gets_joints(client):
+    declared = {
+        "video": modality(["exterior_image_1_left", "wrist_image_left"]),
+        "state": modality(["joint_position", "gripper_position"]),
+        "action": modality(["joint_position", "gripper_position"], range(32)),
+        "language": modality(["annotation.language.language_instruction"]),
+    }
+    answer = [{"joint_position": array(np.full((1, 32, 7), 0.3)), "gripper_position": array(np.ones((1, 32, 1)))}, {}]
+    images = {name: np.zeros((256, 256, 3), np.uint8) for name in ("left_shoulder", "wrist")}
+    with Server({"get_action": lambda _: answer}, modalities_=declared) as server:
+        policy = client(server, f"{QUICK}&preset=gr00t_oxe_droid")
+        policy.reset(EpisodeStart("pack the apple", 3, "joint_position"))
+        actions = policy.act(seen(images=images, joint_positions=np.arange(7) / 10))
+        data = server.questions("get_action")[0]["data"]["observation"]
+    assert data["video"]["exterior_image_1_left"].shape == (1, 1, 180, 320, 3)
+    assert np.allclose(data["state"]["joint_position"], np.arange(7) / 10)
+    assert np.allclose(data["state"]["gripper_position"], 1.0 - 0.05 / 0.08)
+    assert data["language"] == {"annotation.language.language_instruction": [["pack the apple"]]}
+    assert np.allclose(actions, [[0.3] * 7 + [1.0]] * 32)
 
 
 def test_meters_and_radians_are_scaled_to_our_units(client):
@@ -350,7 +502,7 @@ def test_a_policy_with_history_is_not_asked_ahead(client, option):
         (modalities(language=modality(["a", "b"])), "language: the server wants a, b, this side gives one instruction"),
         (modalities(steps=(0, 1)), r"wants video at the steps \[0, 1\]"),
         (modalities(steps=(0, -1)), r"wants video at the steps \[0, -1\]"),
-        ({"video": 3}, "something else than modality configs"),
+        ({**modalities(), "state": 3}, "something else than modality configs"),
         ([1, 2], "something else than modality configs"),
     ],
 )

@@ -35,7 +35,9 @@ from websockets.asyncio.server import serve
 
 from betterbench.errors import BetterError, HandshakeError, PolicyError, PolicyUnavailableError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.evaluation.preflight.check import policy_conventions
 from betterbench.interface import EpisodeStart, Observation, observation_spec
+from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.connect import connect
 from betterbench.policies.handshake import compare_declarations
@@ -265,6 +267,24 @@ def test_specs_that_agree_or_promise_nothing_pass(model, query):
         with pytest.raises(HandshakeError, match="the run says 'ee_pose'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
         policy.close()
+
+
+@pytest.mark.parametrize(
+    ("model", "query"),
+    [
+        (Scripted(action=TWIST, seen=SEEN), ""),
+        (Scripted(action={**TWIST, "gripper": GRIPPER_CLOSE_NEG}), "?gripper=open_positive"),
+        (Scripted(action={**TWIST, "rotation": ROTATION_EULER}), "?rotation=rpy"),
+    ],
+)
+def test_the_doctor_reports_no_difference_for_a_server_that_agrees(model, query):
+    with real(model) as address:
+        policy = connect(f"{address}{query}")
+        told = {c.name: c for c in policy_conventions(policy, address, policy.info, EE_DELTA)}
+        policy.close()
+    assert not [c for c in told.values() if c.differs]
+    for name in ("gripper", "rotation", "position"):
+        assert told[name].ours == told[name].theirs == model.action[name].format
 
 
 @pytest.mark.parametrize("model", [OpenVLAModelServer, OFTModelServer])

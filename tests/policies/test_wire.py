@@ -120,6 +120,60 @@ def test_gr00t_modality_configs_are_read_as_maps_and_as_json_texts(as_text):
     assert decode_gr00t(encode_gr00t(ModalityConfig((-1, 0), ("front",)))) == ModalityConfig((-1, 0), ("front",))
 
 
+# [{"gripper": float32 array of shape (1, 1, 2) as msgpack-numpy writes it}], and the same with a pickle in it: bytes as
+# N1.7 answers, put together from the facts and not by the code under test.
+N1_7_ARRAY = bytes.fromhex(
+    "9181a76772697070657285c4026e64c3c40474797065a33c6634c4046b696e64c400c405736861706593010102c40464617461c408"
+    "0000803e000000bf"
+)
+N1_7_PICKLE = bytes.fromhex(
+    "9281a76772697070657285c4026e64c3c40474797065a27c4fc4046b696e64c4014fc405736861706593010101c40464617461c405"
+    "80044b012e80"
+)
+
+
+def test_gr00t_n1_7_writes_arrays_as_msgpack_numpy_does():
+    (reply,) = decode_gr00t(N1_7_ARRAY)
+    assert same(np.array([[[0.25, -0.5]]], "<f4"), reply["gripper"])
+    assert not reply["gripper"].flags.writeable
+    number = msgpack.packb({b"nd": False, b"type": "<f8", b"data": np.float64(0.5).tobytes()})
+    assert same(np.float64(0.5), decode_gr00t(number))
+    frame = msgpack.packb(
+        {"video": {"__ModalityConfig__": True, "as_json": {"delta_indices": [0], "modality_keys": ["a"]}}}
+    )
+    assert decode_gr00t(frame) == {"video": ModalityConfig((0,), ("a",))}
+
+
+def test_gr00t_n1_7_pickles_are_refused_unread():
+    with pytest.raises(PolicyError, match="kind b'O', not plain numbers: it holds pickles"):
+        decode_gr00t(N1_7_PICKLE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {b"kind": b"O"},
+        {b"kind": b"V", b"type": [["a", "<f4"]]},
+        {b"kind": "O"},
+        {b"kind": [b"O"]},
+        {b"type": "|O"},
+        {b"type": "O"},
+        {b"type": b"<f4"},
+        {b"complex": True, b"type": "<c8"},
+        {b"data": b"123"},
+        {b"data": "1234"},
+        {b"shape": [2]},
+        {b"shape": None},
+        {b"nd": False, b"shape": [1], b"data": b"12345678"},
+    ],
+)
+def test_gr00t_n1_7_arrays_that_are_no_plain_numbers_are_refused(change):
+    form = {b"nd": True, b"type": "<f4", b"kind": b"", b"shape": [1], b"data": b"1234", **change}
+    with pytest.raises(PolicyError, match="cannot be read") as caught:
+        decode_gr00t(msgpack.packb([{"gripper": form}]))
+    assert "\n" not in str(caught.value)
+
+
 # ------------------------------------------------------------------------------------------------------- round trips
 
 
@@ -128,7 +182,7 @@ def test_gr00t_modality_configs_are_read_as_maps_and_as_json_texts(as_text):
 @settings(max_examples=40, deadline=None)
 def test_values_come_back_as_they_were(dialect, value):
     encode, decode = DIALECTS[dialect]
-    marked = {"__ndarray__", "__image__", "__ndarray_class__", "__ModalityConfig_class__"}
+    marked = {"__ndarray__", "__image__", "__ndarray_class__", "__ModalityConfig_class__", "__ModalityConfig__"}
     if not marked & set(map(str, value)):
         assert same(value, decode(encode(value)))
 

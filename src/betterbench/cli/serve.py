@@ -27,6 +27,7 @@ def serve_command(
     host: str = "127.0.0.1",
     port: int = 8000,
     chunk: int | None = None,
+    layout: str | None = None,
     batch: int | None = None,
     task: str | None = None,
     condition: str | None = None,
@@ -46,6 +47,8 @@ def serve_command(
         host: Interface to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert; 8 if not given.
+        layout: Preset in which an expert reads requests and answers, to try a client or an adapter; the layouts native
+            and openpi_libero if not given.
         batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
         task: Task of clients that name none.
         condition: Condition of that task; its first training condition if not given.
@@ -67,6 +70,7 @@ def serve_command(
         chunk=DEFAULT_CHUNK if chunk is None else chunk,
         batch=MAX_BATCH if batch is None else batch,
         trial=trial,
+        layout=layout,
         api_key=key,
         made=None if batch is None else _batch_policy(policy),
     )

@@ -40,6 +40,19 @@ class InstructionRule:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class ConstantRule:
+    """An entry of every request that does not depend on what is seen, such as the name of a normalization.
+
+    Attributes:
+        value: What is sent; None for an entry without a safe default, which the address has to give (``send.KEY=``).
+    """
+
+    key: tuple[str, ...]
+    value: bool | int | float | str | None = None
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
 
@@ -47,8 +60,13 @@ class Adapter:
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
         ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
             origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        tool_offset_m: The policy's tool point in the frame of ours, for positions in states and absolute poses; that
+            of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are played about our own point.
         gripper_opening_m: Distance of the pads that counts as fully open [m].
         episode_key: Where our own servers are told how the episode began, or None.
+        constants: Entries that are the same in every request.
+        horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
+            own client does; None for all.
     """
 
     name: str
@@ -61,11 +79,15 @@ class Adapter:
     gripper_opening_m: float = PANDA_OPENING_M
     control_rate_hz: float = CONTROL_RATE_HZ
     episode_key: tuple[str, ...] | None = None
+    tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    horizon: int | None = None
+    constants: tuple[ConstantRule, ...] = ()
 
     def __post_init__(self) -> None:
         """Check that no two entries share a key."""
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [] if self.episode_key is None else [self.episode_key]
+        keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
             if not key or not all(key):
                 raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
@@ -76,8 +98,13 @@ class Adapter:
         for name in ("gripper_opening_m", "control_rate_hz"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give more than 0")
-        if not all(abs(v) < 100.0 for v in self.ee_offset_m):
-            raise InvalidInputError(f"adapter {self.name}: ee_offset_m", "it is out of range", "Give meters")
+        for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
+            if not all(abs(v) < 100.0 for v in offset):
+                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give meters")
+        if self.horizon is not None and self.horizon < 1:
+            raise InvalidInputError(
+                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give 1 or more"
+            )
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -101,6 +128,15 @@ class Adapter:
                 shown[rule.named(camera)] = rule.show(observation.images[camera])
         return shown
 
+    def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
+        """Return one of its states: (size,) of the type that the policy wants, or a number for a scalar."""
+        return rule.read(
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            gripper_opening_m=self.gripper_opening_m,
+        )
+
     def request(
         self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
     ) -> dict[str, Any]:
@@ -113,7 +149,7 @@ class Adapter:
         for key, image in self.images(observation).items():
             set_entry(message, key, image.reshape((1,) * self.leading_axes + image.shape))
         for rule in self.states:
-            value = rule.read(observation, ee_offset_m=self.ee_offset_m, gripper_opening_m=self.gripper_opening_m)
+            value = self.state(rule, observation)
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
             set_entry(message, rule.key, value)
@@ -121,6 +157,8 @@ class Adapter:
         for _ in range(self.instruction.depth):
             instruction = [instruction]
         set_entry(message, self.instruction.key, instruction)
+        for constant in self.constants:
+            set_entry(message, constant.key, constant.value)
         if self.episode_key is not None and start is not None:
             set_entry(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
         return message
@@ -132,13 +170,23 @@ class Adapter:
         """
         if not isinstance(reply, Mapping):
             raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
-        return self.answer.read(reply, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz)
+        return self.answer.read(
+            reply,
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            control_rate_hz=self.control_rate_hz,
+        )
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
         """Return what a policy with this adapter would answer to mean these actions."""
         message: dict[str, Any] = {}
         written = self.answer.write(
-            actions, observation, ee_offset_m=self.ee_offset_m, control_rate_hz=self.control_rate_hz
+            actions,
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            control_rate_hz=self.control_rate_hz,
         )
         for key, array in written.items():
             set_entry(message, key, array)
@@ -155,6 +203,12 @@ class Adapter:
                 raise UnknownNameError(f"image of adapter {self.name}", key, known)
         changed = tuple(replace(rule, camera=cameras[key]) if key in cameras else rule for key, rule in known.items())
         return replace(self, views=changed)
+
+    def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
+        """Return the adapter with other constants, or more of them; nested keys are joined by "/"."""
+        known = {"/".join(rule.key): rule for rule in self.constants}
+        known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
+        return replace(self, constants=tuple(known.values()))
 
     def in_space(self, space: str) -> Adapter:
         """Return the adapter with answers in another action space.

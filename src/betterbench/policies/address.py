@@ -13,7 +13,15 @@ from betterbench.interface.policy import Execution
 
 Word = TypeVar("Word", bound=str)
 
-DEFAULT_PORTS = {"openpi": 8000, "gr00t": 5555, "vla-eval": 8000, "being-h": 5555}
+DEFAULT_PORTS = {
+    "openpi": 8000,
+    "gr00t": 5555,
+    "vla-eval": 8000,
+    "being-h": 5555,
+    "starvla": 10093,
+    "http": 8000,
+    "https": 443,
+}
 """Schemes of servers, with the port that each listens on unless told otherwise."""
 
 EXECUTION_OPTIONS = ("horizon", "ahead", "ensemble")
@@ -44,14 +52,25 @@ ADAPTER_OPTIONS = (
 CAMERA_OPTION = "camera."
 """``camera.KEY=NAME`` shows our camera NAME under the policy's image key KEY."""
 
+CONSTANT_OPTION = "send."
+"""``send.KEY=VALUE`` adds an entry to every request, such as ``send.unnorm_key=bridge_orig``."""
+
+WITH_PATH = ("http", "https")
+"""Schemes whose servers are reached at a path."""
+
 OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
     "openpi": (),
     "vla-eval": ("images",),
     "gr00t": ("layout", "api_token_env"),
     "being-h": ("delay",),
+    "starvla": ("layout",),
+    "http": ("arrays", "encoded"),
+    "https": ("arrays", "encoded"),
     "lerobot": ("device", "state"),
 }
 """Options that only one scheme knows."""
+
+_WITH_CONSTANTS = ("openpi", "vla-eval", "being-h", "starvla", *WITH_PATH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +94,12 @@ class PolicyAddress:
             InvalidInputError: If the address names no target, or gives an option twice or without a value.
         """
         scheme, separator, rest = text.partition(":")
+        where = f"policy {text}"
+        if scheme in ("grpc", "lerobot") and rest.startswith("//"):
+            raise InvalidInputError(where, _LEROBOT_PICKLES, _LEROBOT_CURE)
         if not separator or scheme not in OWN_OPTIONS:
             raise UnknownNameError("kind of remote policy", scheme, OWN_OPTIONS)
         target, _, query = rest.removeprefix("//").partition("?")
-        where = f"policy {text}"
         if not target:
             raise InvalidInputError(where, "nothing follows the colon", f"Write {_example(scheme)}")
         try:
@@ -89,9 +110,10 @@ class PolicyAddress:
             ) from None
         options = dict(pairs)
         known = (*EXECUTION_OPTIONS, *CONNECTION_OPTIONS, *ADAPTER_OPTIONS, *OWN_OPTIONS[scheme])
+        prefixes = (CAMERA_OPTION, CONSTANT_OPTION) if scheme in _WITH_CONSTANTS else (CAMERA_OPTION,)
         for name, value in pairs:
-            if name not in known and not (name.startswith(CAMERA_OPTION) and name != CAMERA_OPTION):
-                raise UnknownNameError(f"option of {scheme}", name, (*known, f"{CAMERA_OPTION}KEY"))
+            if name not in known and not any(name.startswith(prefix) and name != prefix for prefix in prefixes):
+                raise UnknownNameError(f"option of {scheme}", name, (*known, *(f"{prefix}KEY" for prefix in prefixes)))
             if not value:
                 raise InvalidInputError(where, f"{name} has no value", f"Write {name}=VALUE or leave it out")
         if len(options) < len(pairs):
@@ -99,8 +121,6 @@ class PolicyAddress:
         address = cls(text, scheme, target, options)
         if scheme in DEFAULT_PORTS:
             address.server()
-        elif rest.startswith("//"):
-            raise InvalidInputError(where, "a checkpoint is not a server", f"Write {_example(scheme)}")
         address.execution()
         return address
 
@@ -123,22 +143,41 @@ class PolicyAddress:
         host, port = None, None
         try:
             parts = urlsplit(f"//{self.target}")
-            if not (parts.path or parts.username or parts.password or parts.fragment):
+            path = "" if self.scheme in WITH_PATH else parts.path
+            if not (path or parts.username or parts.password or parts.fragment):
                 host, port = parts.hostname, parts.port
         except ValueError:
             host = None
-        if not host or port == 0 or any(c.isspace() or not c.isprintable() for c in self.target):
+        strange = any(c.isspace() or not c.isprintable() for c in self.target)
+        if not host or port == 0 or strange or (self.scheme in WITH_PATH and not self.target.isascii()):
             raise self.error(
                 f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {_example(self.scheme)}"
             )
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
 
-    def execution(self) -> Execution:
-        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way."""
+    @property
+    def path(self) -> str:
+        """The path of the server, for a scheme with paths; ``/act`` unless the address names one."""
+        path = urlsplit(f"//{self.target}").path
+        return path if path.strip("/") else "/act"
+
+    def execution(self, usual_horizon: int | None = None) -> Execution:
+        """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way.
+
+        ``usual_horizon`` is that of the adapter, for an address which sets neither a horizon nor an ensemble.
+        """
+        ahead, horizon = self.whole("ahead", 0), None
+        if "horizon" in self.options:
+            horizon = self.whole("horizon")
+        elif "ensemble" not in self.options:
+            horizon = usual_horizon
+            if horizon is not None and ahead >= horizon:
+                raise self.error(
+                    f"ahead={ahead} is not less than the {horizon} actions of a chunk that its preset executes",
+                    "Give horizon=N too",
+                )
         return Execution(
-            horizon=self.whole("horizon") if "horizon" in self.options else None,
-            ahead=self.whole("ahead", 0),
-            ensemble=self.number("ensemble") if "ensemble" in self.options else None,
+            horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None
         )
 
     def number(self, name: str, default: float = 0.0) -> float:
@@ -179,4 +218,16 @@ class PolicyAddress:
 def _example(scheme: str) -> str:
     """Return an address of that scheme as it should look."""
     port = DEFAULT_PORTS.get(scheme)
-    return f"{scheme}:CHECKPOINT" if port is None else f"{scheme}://localhost:{port}"
+    if port is None:
+        return f"{scheme}:CHECKPOINT"
+    return f"{scheme}://localhost:{port}{'/act' if scheme in WITH_PATH else ''}"
+
+
+_LEROBOT_PICKLES = (
+    "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions, and unpickling a "
+    "stranger's answer runs the stranger's code, so it is not spoken to, on purpose"
+)
+_LEROBOT_CURE = (
+    "Write lerobot:CHECKPOINT, which loads the same checkpoint in process, or run better serve lerobot:CHECKPOINT "
+    "where the server runs, and connect with openpi://"
+)

@@ -15,15 +15,35 @@ from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
-AnswerKind = Literal["action", "translation", "rotation", "joints", "gripper", "unused"]
+AnswerKind = Literal[
+    "action",
+    "translation",
+    "translation_x",
+    "translation_y",
+    "translation_z",
+    "rotation",
+    "rotation_x",
+    "rotation_y",
+    "rotation_z",
+    "joints",
+    "gripper",
+    "unused",
+]
 """What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
-position."""
+position. A translation, and a rotation of three numbers, may come axis by axis: ``rotation_x`` is the first number of
+the rotation's format, so the x of a rotation vector, or the roll."""
 
 Polarity = Literal["close_positive", "open_positive", "closed_fraction", "open_fraction"]
 """What the gripper's number means: its sign closes or opens, or it is a share, 1 for closed or for open, of which more
 than a half counts."""
 
 _DELTAS = ("ee_delta", "ee_delta_measured")
+
+_BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
+    "translation": ("translation_x", "translation_y", "translation_z"),
+    "rotation": ("rotation_x", "rotation_y", "rotation_z"),
+}
+"""Kinds that may come axis by axis."""
 
 
 @strict_form
@@ -88,12 +108,23 @@ class AnswerRule:
                     "Leave the size out",
                 )
         needed = {"joints", "gripper"} if self.space.startswith("joint") else {"translation", "rotation", "gripper"}
-        kinds = [p.kind for p in self.parts if p.kind != "unused"]
-        if kinds != ["action"] and sorted(kinds) != sorted(needed):
+        given: list[str] = [p.kind for p in self.parts if p.kind != "unused"]
+        kinds = given
+        for whole, axes in _BY_AXIS.items():
+            if sorted(k for k in given if k in axes) == sorted(axes):
+                kinds = [*(k for k in kinds if k not in axes), whole]
+        if given != ["action"] and sorted(kinds) != sorted(needed):
             raise InvalidInputError(
                 "answer",
-                f"it has {', '.join(kinds) or 'nothing'}",
-                f"{self.space} needs {', '.join(sorted(needed))}, once",
+                f"it has {', '.join(given) or 'nothing'}",
+                f"{self.space} needs {', '.join(sorted(needed))}, once; a translation or rotation may be given as "
+                "its three axes (translation_x, translation_y, translation_z)",
+            )
+        if "rotation_x" in given and ROTATION_SIZES[self.rotation] != len(_BY_AXIS["rotation"]):
+            raise InvalidInputError(
+                "answer: rotation",
+                f"{self.rotation} has {ROTATION_SIZES[self.rotation]} numbers and no three axes",
+                "Use axis_angle or rpy, or read it whole",
             )
         if self.as_is and not self._means_ours:
             raise InvalidInputError(
@@ -111,6 +142,7 @@ class AnswerRule:
 
     def _natural(self, kind: AnswerKind) -> int | None:
         sizes = {"translation": 3, "rotation": ROTATION_SIZES[self.rotation], "joints": 7, "gripper": 1}
+        sizes |= {axis: 1 for axes in _BY_AXIS.values() for axis in axes}
         return action_space(self.space).dim if kind == "action" else sizes.get(kind)
 
     def _size(self, part: AnswerPart) -> int:
@@ -131,11 +163,13 @@ class AnswerRule:
         *,
         ee_offset_m: tuple[float, ...],
         control_rate_hz: float,
+        tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray:
         """Return the actions that a reply means, (horizon, dim) float64 in our action space.
 
         Rows with a number that is not finite stay recognizable: they come back with numbers that are not finite.
-        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one.
+        ``ee_offset_m`` was added to the observed position of the end effector and is taken off an absolute one, and so
+        is ``tool_offset_m``, the policy's tool point in the frame of ours.
 
         Raises:
             PolicyError: If the reply has no such arrays, or a rotation in it is none.
@@ -153,6 +187,9 @@ class AnswerRule:
             taken[part.kind] = arrays[part.key][:, begin : at[part.key]]
         if self.as_is:
             return taken["action"]
+        for whole, axes in _BY_AXIS.items():
+            if axes[0] in taken:
+                taken[whole] = np.concatenate([taken.pop(axis) for axis in axes], axis=1)
         used = np.concatenate([v for k, v in taken.items() if k != "unused"], axis=1)
         bad = ~np.isfinite(used).all(axis=1)
         if self._is_plain:
@@ -160,7 +197,8 @@ class AnswerRule:
             return np.concatenate([*pieces, taken["gripper"]], axis=1)
         clean = {k: np.where(bad[:, None], 0.0, v) for k, v in taken.items()}
         try:
-            actions = self._convert(clean, bad, observation, ee_offset_m, self._pace(control_rate_hz))
+            offsets = (ee_offset_m, tool_offset_m)
+            actions = self._convert(clean, bad, observation, offsets, self._pace(control_rate_hz))
         except ValueError as error:
             raise PolicyError(f"the reply holds an invalid rotation ({error}). Send {self.rotation}.") from error
         actions[bad] = np.nan
@@ -194,7 +232,7 @@ class AnswerRule:
         taken: Mapping[str, np.ndarray],
         bad: np.ndarray,
         observation: Observation,
-        ee_offset_m: tuple[float, ...],
+        offsets: tuple[tuple[float, ...], tuple[float, float, float]],
         pace: float,
     ) -> np.ndarray:
         scale = np.array(action_space(self.space).scale[:-1])
@@ -206,7 +244,8 @@ class AnswerRule:
         if self.space == "ee_pose":
             zero = from_format((0.0,) * 3, "axis_angle")
             turns = [zero if b else from_format(row, self.rotation) for row, b in zip(rows, bad, strict=True)]
-            return np.concatenate([taken["translation"] - np.array(ee_offset_m), turns, gripper], axis=1)
+            own = np.array([rotate(turn, offsets[1]) for turn in turns]) + np.array(offsets[0])
+            return np.concatenate([taken["translation"] - own, turns, gripper], axis=1)
         translation = taken["translation"] * (self.translation_unit_m * pace)
         rotation = np.zeros((len(rows), 3))
         for i, row in enumerate(rows):
@@ -242,7 +281,13 @@ class AnswerRule:
         return above if self.gripper == "closed_fraction" else -above
 
     def write(
-        self, actions: np.ndarray, observation: Observation, *, ee_offset_m: tuple[float, ...], control_rate_hz: float
+        self,
+        actions: np.ndarray,
+        observation: Observation,
+        *,
+        ee_offset_m: tuple[float, ...],
+        control_rate_hz: float,
+        tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> dict[tuple[str, ...], np.ndarray]:
         """Return the reply that means these actions, (horizon, columns) float64 by key: the inverse of :meth:`read`."""
         given = np.asarray(actions, dtype=np.float64)
@@ -255,7 +300,9 @@ class AnswerRule:
             factor = self.joint_unit_rad * pace if self.space == "joint_delta" else 1.0
             kinds["joints"] = body * (scale / factor)
         elif self.space == "ee_pose":
-            kinds["translation"] = body[:, :3] + np.array(ee_offset_m)
+            turns = [from_format(q.tolist(), "quaternion_wxyz") for q in body[:, 3:]]
+            own = np.array([rotate(turn, tool_offset_m) for turn in turns]) + np.array(ee_offset_m)
+            kinds["translation"] = body[:, :3] + own
             kinds["rotation"] = np.array([to_format(q.tolist(), self.rotation) for q in body[:, 3:]])
         else:
             moves, turns = (body * scale)[:, :3], (body * scale)[:, 3:]
@@ -263,6 +310,9 @@ class AnswerRule:
                 self._to_tool(moves, turns, observation)
             kinds["translation"] = moves / (self.translation_unit_m * pace)
             kinds["rotation"] = self._turns(turns / pace)
+        for whole, axes in _BY_AXIS.items():
+            if whole in kinds:
+                kinds |= {axis: kinds[whole][:, i : i + 1] for i, axis in enumerate(axes)}
         columns: dict[tuple[str, ...], list[np.ndarray]] = {}
         for part in self.parts:
             blank = np.zeros((len(given), self._size(part)))

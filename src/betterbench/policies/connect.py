@@ -6,7 +6,7 @@ import itertools
 import os
 
 from betterbench.interface import Policy
-from betterbench.policies.address import PolicyAddress
+from betterbench.policies.address import WITH_PATH, PolicyAddress
 
 _COUNT = itertools.count()
 
@@ -41,6 +41,14 @@ def connect(address: str) -> Policy:
         from betterbench.policies.being_h import BeingHClient  # noqa: PLC0415
 
         return BeingHClient(parsed, seed=seed)
+    if parsed.scheme == "starvla":
+        from betterbench.policies.starvla import StarVlaClient  # noqa: PLC0415
+
+        return StarVlaClient(parsed, seed=seed)
+    if parsed.scheme in WITH_PATH:
+        from betterbench.policies.http_act import HttpActClient  # noqa: PLC0415
+
+        return HttpActClient(parsed, seed=seed)
     from betterbench.policies.lerobot import load_lerobot  # noqa: PLC0415
 
     return load_lerobot(parsed)

@@ -8,6 +8,8 @@ A server that looks at the present only takes the observations of many environme
 (:class:`Gr00tBatchClient`). One that wants several time steps of images or state gets a client for each environment,
 which has to see every control step to know them: it plays the chunks itself, one action at a time.
 
+Replies of N1.7 mark arrays and modalities in another way than those of N1.6; requests are the same.
+
 Servers of the first N1.5 releases pickle with torch. They are not supported, on purpose: unpickling a stranger's answer
 runs the stranger's code.
 """
@@ -31,8 +33,8 @@ from betterbench.policies.remote import ServerClient, check_start, describe_remo
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
-"""How an observation is sent: maps by modality (N1.6), one map with names such as ``video.front`` (N1.6 with its
-simulation wrapper), or that map as the data itself, without options (N1.5)."""
+"""How an observation is sent: maps by modality (N1.6 and N1.7), one map with names such as ``video.front`` (the same
+with the simulation wrapper), or that map as the data itself, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """By modality and name, (1, 1, ...) arrays of one environment at one time step."""
@@ -72,10 +74,14 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
+        if self.adapter.constants:
+            raise address.error(f"adapter {self.adapter.name} has constants, and GR00T knows none", "Remove them")
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._known: Modalities | None = None
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
+        if self.modalities.prefixed and "layout" not in address.options:
+            self._layout = "n1.5"
         declared = {"layout": self._layout, "modalities": self.modalities.to_json()}
         self.info = describe_remote_policy(
             address, self.adapter, declared, says_actions=self.modalities.action is not None
@@ -99,9 +105,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         for key, image in self.adapter.images(observation).items():
             seen["video"][name_of(key)] = image[None, None]
         for rule in self.adapter.states:
-            value = rule.read(
-                observation, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m
-            )
+            value = self.adapter.state(rule, observation)
             seen["state"][name_of(rule.key)] = np.atleast_1d(np.asarray(value))[None, None]
         return seen
 
@@ -127,20 +131,27 @@ class Gr00tClient(ServerClient[Gr00tServer]):
             observation = {**message, "language": {name: [[instruction] for instruction in instructions]}}
             return {"observation": observation, "options": None}
         flat: dict[str, Any] = {f"{kind}.{n}": array for kind in SEEN for n, array in message[kind].items()}
-        flat[name] = instructions
-        return flat if self._layout == "n1.5" else {"observation": flat, "options": None}
+        if self._layout == "n1.5":
+            # Nested, because N1.5 takes the first element of each entry: a bare text would become its first letter.
+            return {**flat, name: [[instruction] for instruction in instructions]}
+        return {"observation": {**flat, name: instructions}, "options": None}
 
     def _arrays(self, reply: object, count: int) -> dict[str, np.ndarray]:
         """Return the arrays of a reply by their bare names, each (count, horizon, dim)."""
         actions = reply[0] if isinstance(reply, list) and len(reply) == 2 else reply
         if not isinstance(actions, Mapping):
             raise PolicyError(f"{self._where} answered get_action with a {type(reply).__name__} and no actions.")
+        widths = {name_of(key): width for key, width in self.adapter.answer.columns.items()}
         arrays = {}
         for key, value in actions.items():
             name = str(key).removeprefix("action.")
             if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
                 raise PolicyError(f"{self._where}: the action {name!r} is not an array of real numbers.")
-            array = value[None] if value.ndim == 2 and count == 1 else value
+            array = value
+            if value.ndim == 2 and widths.get(name) == 1 and value.shape[1] != 1:
+                array = value[:, :, None]  # N1.5 leaves out the axis of a single number
+            elif value.ndim == 2 and count == 1:
+                array = value[None]
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(
                     f"{self._where}: the action {name!r} has shape {value.shape}. "

@@ -108,10 +108,7 @@ class LerobotPolicy(AdaptedPolicy):
             images = np.stack([one[key] for one in shown]).transpose(0, 3, 1, 2)
             batch[key[0]] = tensor(images.astype(np.float32) / 255.0)
         for rule in self.adapter.states:
-            values = [
-                rule.read(seen, ee_offset_m=self.adapter.ee_offset_m, gripper_opening_m=self.adapter.gripper_opening_m)
-                for seen in observations
-            ]
+            values = [self.adapter.state(rule, seen) for seen in observations]
             batch[rule.key[0]] = tensor(np.stack([np.atleast_1d(value) for value in values]).astype(np.float32))
         batch[_TASK[0]] = [seen.instruction for seen in observations]
         return batch

@@ -21,6 +21,7 @@ class Modalities:
     Attributes:
         video: Names of the images it wants; None if it does not say. Likewise the others.
         steps: Per modality in ``SEEN`` the control steps of each sample relative to now, the last one 0.
+        prefixed: Whether names come with their modality ("video.front"), as N1.5 writes them.
     """
 
     video: tuple[str, ...] | None = None
@@ -29,14 +30,18 @@ class Modalities:
     action: tuple[str, ...] | None = None
     steps: Mapping[str, tuple[int, ...]] = field(default_factory=lambda: dict.fromkeys(SEEN, (0,)))
     horizon: int | None = None
+    prefixed: bool = False
 
     @classmethod
     def read(cls, reply: object, where: str) -> Modalities:
-        """Read what ``get_modality_config`` answered.
+        """Read what ``get_modality_config`` answered; a plain map, as starVLA's server sends, declares nothing.
 
         Raises HandshakeError if it is something else, or asks for what no client can know.
         """
-        if not isinstance(reply, Mapping) or not all(isinstance(v, ModalityConfig) for v in reply.values()):
+        marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
+        if isinstance(reply, Mapping) and not any(marked):
+            return cls()
+        if not isinstance(reply, Mapping) or not all(marked):
             raise HandshakeError(f"{where} answers get_modality_config with something else than modality configs.")
         names = {
             kind: tuple(_bare(key, kind) for key in reply[kind].modality_keys)
@@ -50,8 +55,9 @@ class Modalities:
                     f"{where} wants {kind} at the steps {list(wanted)} relative to now. "
                     "This client gives steps in order that end with 0, such as [-1, 0]."
                 )
+        prefixed = any(key.startswith(f"{kind}.") for kind, config in reply.items() for key in config.modality_keys)
         horizon = len(reply["action"].delta_indices) if "action" in reply else None
-        return cls(**names, steps={k: v or (0,) for k, v in steps.items()}, horizon=horizon or None)
+        return cls(**names, steps={k: v or (0,) for k, v in steps.items()}, horizon=horizon or None, prefixed=prefixed)
 
     @property
     def remembers(self) -> bool:

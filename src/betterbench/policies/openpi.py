@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PolicyError
-from betterbench.interface import EpisodeStart, Execution, Observation
+from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.handshake import (
@@ -25,7 +25,7 @@ from betterbench.policies.handshake import (
     read_execution,
     read_server,
 )
-from betterbench.policies.presets import NATIVE, adapter_of
+from betterbench.policies.presets import NATIVE, PRESETS, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
@@ -48,7 +48,6 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._chosen: Adapter | None = None  # at the first handshake
         self.last_reply: dict[str, Any] = {}
         self._metadata: Mapping[str, Any] = {}
-        self._execution = Execution()
         self._within = False
         self._connection.open()
         ours = self._metadata.get("betterbench")
@@ -56,9 +55,10 @@ class OpenpiClient(ServerClient[WebSocket]):
         info = describe_remote_policy(
             address, self.adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
         )
-        # What the address says about playing chunks goes before what the server says.
-        if not set(EXECUTION_OPTIONS) & set(address.options):
-            info = replace(info, execution=self._execution)
+        # What the address says about playing chunks goes before what the server says, and that before the preset.
+        told = read_execution(self._where, ours)
+        if told is not None and not set(EXECUTION_OPTIONS) & set(address.options):
+            info = replace(info, execution=told)
         self.info = info
 
     @property
@@ -107,18 +107,20 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Choose the adapter at the first handshake, and compare conventions at each."""
         declared = metadata.get("betterbench")
         theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
-        self._execution = read_execution(self._where, declared) or Execution()
+        read_execution(self._where, declared)  # a malformed one is refused at every handshake
         # A process of this run: what it says of the policy goes to the record, whoever asked where.
         self._within = isinstance(declared, Mapping) and declared.get("within") is True
         self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
         adapter = self._chosen
         if adapter is None:
-            adapter = adapter_of(self._address, NATIVE if theirs.preset == NATIVE.name else None)
+            adapter = adapter_of(self._address, PRESETS.get(theirs.preset or ""))
             if theirs.action_space is not None and adapter.answer.as_is and "action_space" not in self._address.options:
                 adapter = adapter.in_space(theirs.action_space)
         layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
         if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
-            theirs = replace(theirs, preset=adapter.name)  # the server reads this layout too
+            # The server speaks this layout too; how many columns an action has in it is the preset's business.
+            columns = theirs.action_dim if adapter.answer.as_is else None
+            theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
         self._chosen = self.adapter = adapter
         self.server = theirs

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.interface.actions import ACTION_SPACES
-from betterbench.policies.adapter import Adapter, InstructionRule
-from betterbench.policies.address import CAMERA_OPTION, PolicyAddress
-from betterbench.policies.answers import AnswerPart, AnswerRule, Polarity
+from betterbench.interface.actions import ACTION_SPACES, ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
+from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
+from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, PolicyAddress
+from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Polarity
 from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
+from betterbench.policies.libero import BASES_M, MEASURED_ROTATION_RAD, MEASURED_TRANSLATION_M, trained_on_libero
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
+
+_UNITS: dict[str, tuple[float, float]] = {
+    "libero": (TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD),
+    "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
+    "physical": (1.0, 1.0),
+}
+"""What one action unit amounts to, as translation [m] and rotation [rad]."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
@@ -26,6 +36,14 @@ def _twist(*keys: str) -> tuple[AnswerPart, ...]:
         AnswerPart((rotation,), "rotation"),
         AnswerPart((gripper,), "gripper"),
     )
+
+
+def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
+    """Return the rule of an answer with one key per axis, in LIBERO's units."""
+    kinds: tuple[AnswerKind, ...] = ("translation_x", "translation_y", "translation_z")
+    kinds += ("rotation_x", "rotation_y", "rotation_z")
+    axes = tuple(AnswerPart((key,), kind) for key, kind in zip((*translation, *rotation), kinds, strict=True))
+    return AnswerRule("ee_delta", (*axes, AnswerPart((gripper,), "gripper")))
 
 
 NATIVE = Adapter(
@@ -53,21 +71,14 @@ OPENPI_LIBERO = Adapter(
     states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("prompt",)),
     answer=AnswerRule("ee_delta", _twist("actions")),
+    horizon=5,
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
 
-This is the layout for a policy that was fine-tuned on demonstrations of ours. Two things differ for a checkpoint that
-was trained on LIBERO itself, and are asked for by ``mirror=true&ee_offset=-0.66,0,0.912``:
-
-- Its client turns both images by 180 degrees. LIBERO's renderer delivers the rows from the bottom up (robosuite's
-  "opengl" convention), so a flip of the rows alone would set them upright; the turn also swaps left and right. What
-  such a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue 295, huggingface/lerobot
-  issue 3830, ARISE-Initiative/robosuite issue 56). Ours are upright and not mirrored, so they are never to be turned,
-  which would show the world on its head, and are mirrored only for such a checkpoint.
-- Its tool position is in LIBERO's world, ours in the frame of the robot's base, which stands at (-0.66, 0, 0.912) m in
-  LIBERO's table scenes.
-
-The state is the tool's position and rotation vector and the two finger joints.
+This is the layout for a policy that was fine-tuned on demonstrations of ours; ``openpi_libero_SUITE`` is that of a
+checkpoint trained on LIBERO itself (:mod:`betterbench.policies.libero`). Our images are upright, so they are never to
+be turned by 180 degrees. The state is the tool's position and rotation vector and the two finger joints. openpi's
+example client executes 5 actions of a chunk.
 """
 
 OPENPI_DROID = Adapter(
@@ -88,6 +99,7 @@ OPENPI_DROID = Adapter(
         step_rate_hz=15.0,
         gripper="closed_fraction",
     ),
+    horizon=8,
 )
 """The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
 
@@ -97,7 +109,8 @@ the client executes whether it is above a half. They are played as velocities: a
 0.15 rad, and ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds
 are slowed down and counted as clipped. DROID adds a step to the measured joint angles, we to the last commanded ones.
 The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, which ``--observation droid`` renders;
-``camera.observation/exterior_image_1_left=front`` shows the front view instead.
+``camera.observation/exterior_image_1_left=front`` shows the front view instead. openpi's example client executes 8
+actions of a chunk.
 """
 
 GR00T_NEW_EMBODIMENT = Adapter(
@@ -118,6 +131,93 @@ Keys and slices of a new embodiment are those of the ``meta/modality.json`` it w
 of our own export. The server tells its own at connection, and they are compared.
 """
 
+_XYZ = ("x", "y", "z")
+_ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
+_TASK_DESCRIPTION = InstructionRule(("language", "annotation.human.action.task_description"), depth=2)
+
+GR00T_LIBERO_PANDA = Adapter(
+    "gr00t_libero_panda",
+    views=(ImageRule(("video", "image"), "front", 256, 256), ImageRule(("video", "wrist_image"), "wrist", 256, 256)),
+    states=(
+        StateRule(("state", "x"), ("ee_x",)),
+        StateRule(("state", "y"), ("ee_y",)),
+        StateRule(("state", "z"), ("ee_z",)),
+        StateRule(("state", "roll"), ("ee_axis_angle_x",)),
+        StateRule(("state", "pitch"), ("ee_axis_angle_y",)),
+        StateRule(("state", "yaw"), ("ee_axis_angle_z",)),
+        StateRule(("state", "gripper"), ("gripper_fingers",)),
+    ),
+    instruction=_TASK_DESCRIPTION,
+    answer=replace(_twist_by_axis(_XYZ, _ROLL_PITCH_YAW, "gripper"), gripper="open_fraction"),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``libero_panda`` (N1.6; ``libero_sim`` in N1.7, ``gr00t/configs/data/
+embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
+
+What is called roll, pitch and yaw there is a rotation vector (``quat2axisangle`` in the clients), in the state and in
+the action. The gripper of the data is 1 for open: the clients turn it round. ``gr00t_libero_panda_SUITE`` is for a
+checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.libero`).
+"""
+
+GR00T_OXE_WIDOWX = Adapter(
+    "gr00t_oxe_widowx",
+    views=(ImageRule(("video", "image_0"), "front", 256, 256),),
+    states=(
+        StateRule(("state", "x"), ("ee_x",)),
+        StateRule(("state", "y"), ("ee_y",)),
+        StateRule(("state", "z"), ("ee_z",)),
+        StateRule(("state", "roll"), ("ee_roll_from_down",)),
+        StateRule(("state", "pitch"), ("ee_pitch_from_down",)),
+        StateRule(("state", "yaw"), ("ee_yaw_from_down",)),
+        StateRule(("state", "pad"), ("zero",)),
+        StateRule(("state", "gripper"), ("gripper_open_fraction",)),
+    ),
+    instruction=_TASK_DESCRIPTION,
+    answer=replace(
+        _twist_by_axis(_XYZ, _ROLL_PITCH_YAW, "gripper"),
+        rotation="rpy",
+        translation_unit_m=1.0,
+        rotation_unit_rad=1.0,
+        step_rate_hz=5.0,
+        gripper="open_fraction",
+    ),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
+(``examples/SimplerEnv/custom_data_config.py``).
+
+BridgeData V2's numbers: meters and angles about the base's axes, at 5 Hz, and a gripper that is 1 for open. Its
+rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are played as velocities: at our 20 Hz a step is a
+quarter of theirs.
+"""
+
+GR00T_OXE_DROID = Adapter(
+    "gr00t_oxe_droid",
+    views=(
+        ImageRule(("video", "exterior_image_1_left"), "left_shoulder", 320, 180),
+        ImageRule(("video", "wrist_image_left"), "wrist", 320, 180),
+    ),
+    states=(
+        StateRule(("state", "joint_position"), ("joint_positions",)),
+        StateRule(("state", "gripper_position"), ("gripper_closed_fraction",)),
+    ),
+    instruction=InstructionRule(("language", "annotation.language.language_instruction"), depth=2),
+    answer=AnswerRule(
+        "joint_position",
+        (AnswerPart(("joint_position",), "joints"), AnswerPart(("gripper_position",), "gripper")),
+        gripper="closed_fraction",
+    ),
+    leading_axes=2,
+)
+"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles in, absolute joint angles out,
+which the server has already made of the model's relative ones; the gripper is 1 for closed.
+
+Its client plays the angles at 15 Hz; here they come at 20 Hz, a third faster. N1.7's tag
+``oxe_droid_relative_eef_relative_joint`` has two more entries (``eef_9d``), in a tool frame of DROID's own, and is not
+this one. For the camera see :data:`OPENPI_DROID`.
+"""
+
 BEING_H_LIBERO = Adapter(
     "being_h_libero",
     views=(ImageRule(("video.top_view",), "front"), ImageRule(("video.wrist_view",), "wrist")),
@@ -129,14 +229,15 @@ BEING_H_LIBERO = Adapter(
     instruction=InstructionRule(("language.instruction",), depth=1),
     answer=AnswerRule("ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
     leading_axes=1,
+    horizon=8,
 )
 """Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
 
 As its own client does (``BeingH/benchmark/utils/policy.py``), images go out as they are rendered; the server resizes
-them.
+them, and 8 actions of a chunk are executed.
 
-For a checkpoint trained on LIBERO itself see :data:`OPENPI_LIBERO`; a third thing differs there. Its data count an open
-gripper as 1 (``BeingH/benchmark/libero/run_libero_eval.py`` turns it round), which ``gripper=open_fraction`` asks for.
+``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. Its data count an open gripper as 1
+(``BeingH/benchmark/libero/run_libero_eval.py`` turns it round).
 """
 
 VLA_EVAL = Adapter(
@@ -148,11 +249,108 @@ VLA_EVAL = Adapter(
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
 model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
-Servers that want one image take the first. For models trained on LIBERO itself see :data:`OPENPI_LIBERO`."""
+Servers that want one image take the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
+
+_STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
+
+STARVLA = Adapter(
+    "starvla",
+    views=_STARVLA_VIEWS,
+    states=(),
+    instruction=InstructionRule(("lang",)),
+    answer=AnswerRule("ee_delta", _twist("actions")),
+)
+"""One example of starVLA's requests, without a state (``deployment/model_server``): what stands under ``image`` is sent
+as a list, in this order; sizes are those of its LIBERO client.
+
+Some of its models write a state that they are sent into the prompt, so it is sent only when asked for
+(:data:`STARVLA_STATE`). ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on
+LIBERO itself, which count an open gripper as 1.
+"""
+
+STARVLA_STATE = replace(
+    STARVLA,
+    name="starvla_state",
+    states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+)
+"""The same with LIBERO's eight numbers of state, for a model that was trained with them."""
+
+OPENVLA = Adapter(
+    "openvla",
+    views=(ImageRule(("image",), "front", 224, 224),),
+    states=(),
+    instruction=InstructionRule(("instruction",)),
+    answer=AnswerRule("ee_delta", _twist("actions"), gripper="open_fraction"),
+)
+"""The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
+
+``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. All its data
+count an open gripper as 1. Checkpoints that were trained with random crops see the central 0.9 of the image, which some
+servers cut out and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""
+
+OPENVLA_OFT = Adapter(
+    "openvla_oft",
+    views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
+    states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("instruction",)),
+    answer=AnswerRule("ee_delta", _twist("actions"), gripper="open_fraction"),
+)
+"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state; the answer is a chunk. See
+:data:`OPENVLA`; ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+
+X_VLA = Adapter(
+    "x_vla",
+    views=(ImageRule(("image0",), "front", 256, 256), ImageRule(("image1",), "wrist", 256, 256)),
+    states=(StateRule(("proprio",), ("ee_position", "ee_rotation_6d", *("zero",) * 11)),),
+    instruction=InstructionRule(("language_instruction",)),
+    answer=AnswerRule(
+        "ee_pose",
+        (
+            AnswerPart(("action",), "translation"),
+            AnswerPart(("action",), "rotation"),
+            AnswerPart(("action",), "gripper"),
+            AnswerPart(("action",), "unused", 10),
+        ),
+        rotation="rotation_6d",
+        gripper="closed_fraction",
+    ),
+    constants=(ConstantRule(("domain_id",)), ConstantRule(("steps",), 10)),
+)
+"""The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
+
+Images, a state of twice ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
+Arrays go out as texts (``arrays=text``). ``domain_id`` names the data set whose prompt the model uses (3 is LIBERO) and
+has to be given: ``send.domain_id=3``. Its own client sends the pose that was last commanded in place of the measured
+one; this one sends what is measured.
+"""
+
+_LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
+    (OPENPI_LIBERO, "openpi_libero", "close_positive"),
+    (BEING_H_LIBERO, "being_h_libero", "open_fraction"),
+    (VLA_EVAL, "vla_eval_libero", "close_positive"),
+    (GR00T_LIBERO_PANDA, "gr00t_libero_panda", "open_fraction"),
+    (STARVLA, "starvla_libero", "open_fraction"),
+    (STARVLA_STATE, "starvla_state_libero", "open_fraction"),
+    (OPENVLA, "openvla_libero", "open_fraction"),
+    (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
+)
+
+_LAYOUTS = (
+    *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
+    *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA),
+)
 
 PRESETS: dict[str, Adapter] = {
     adapter.name: adapter
-    for adapter in (NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, BEING_H_LIBERO, VLA_EVAL)
+    for adapter in (
+        *_LAYOUTS,
+        *(
+            trained_on_libero(layout, f"{name}_{suite}", suite, gripper=gripper)
+            for layout, name, gripper in _LIBERO_LAYOUTS
+            for suite in BASES_M
+        ),
+    )
 }
 
 
@@ -180,20 +378,22 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     elif default is not None:
         adapter = default
     else:
+        names = ", ".join(layout.name for layout in _LAYOUTS)
+        trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
         raise InvalidInputError(
             where,
             "neither it nor the server says which images and state the policy wants",
-            f"Add ?preset=NAME ({', '.join(sorted(PRESETS))}) or ?adapter=FILE",
+            f"Add ?preset=NAME ({names}; trained on LIBERO: {trained}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
     if cameras:
         adapter = adapter.with_cameras(cameras)
+    adapter = _with_constants(adapter, address)
     answer = _answer(adapter.answer, address)
     if "ee_offset" in options:
-        parts = {part for rule in adapter.states for part in rule.parts}
         if adapter.name == NATIVE.name:
             reason = "the native layout is in the frame of the robot's base"
-        elif "ee_position" not in parts and answer.space != "ee_pose":
+        elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
             reason = f"{adapter.name} knows no position of the end effector"
         else:
             reason = ""
@@ -201,6 +401,31 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
             raise InvalidInputError(where, f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
         adapter = replace(adapter, ee_offset_m=_offset(address))
     return replace(adapter, views=tuple(_image(rule, address) for rule in adapter.views), answer=answer)
+
+
+def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
+    """Return the adapter with the constants that an address gives; raise InvalidInputError if one is still open."""
+    given = {k.removeprefix(CONSTANT_OPTION): v for k, v in address.options.items() if k.startswith(CONSTANT_OPTION)}
+    if given:
+        adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})
+    for rule in adapter.constants:
+        if rule.value is None:
+            name = "/".join(rule.key)
+            raise address.error(
+                f"{adapter.name} sends {name}, which has no safe default", f"Add {CONSTANT_OPTION}{name}=VALUE"
+            )
+    return adapter
+
+
+def _constant(text: str) -> bool | int | float | str:
+    """Return a number or truth value as such, and everything else as the text that it is."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            value = kind(text)
+            return value if math.isfinite(value) else text
+    return text
 
 
 def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
@@ -217,9 +442,9 @@ def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
 
 
 def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
-    units = address.choice("units", ("libero", "physical", "preset"), "preset")
-    translation = {"libero": 0.05, "physical": 1.0, "preset": rule.translation_unit_m}[units]
-    rotation = {"libero": 0.5, "physical": 1.0, "preset": rule.rotation_unit_rad}[units]
+    translation, rotation = _UNITS.get(
+        address.choice("units", (*_UNITS, "preset"), "preset"), (rule.translation_unit_m, rule.rotation_unit_rad)
+    )
     space = address.choice("action_space", tuple(ACTION_SPACES), rule.space)
     for name in ("rotation", "units", "frame"):
         meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
+from betterbench.geometry import TOOL_DOWN, conjugate, multiply, normalize, rotate, to_axis_angle_near
 from betterbench.interface import Observation
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
@@ -25,6 +25,23 @@ StatePart = Literal[
     "ee_rotation_6d_rows",
     "ee_rotation_6d_interleaved",
     "ee_matrix",
+    "ee_rpy_from_down",
+    "ee_x",
+    "ee_y",
+    "ee_z",
+    "ee_axis_angle_x",
+    "ee_axis_angle_y",
+    "ee_axis_angle_z",
+    "ee_roll",
+    "ee_pitch",
+    "ee_yaw",
+    "ee_roll_from_down",
+    "ee_pitch_from_down",
+    "ee_yaw_from_down",
+    "ee_quaternion_w",
+    "ee_quaternion_x",
+    "ee_quaternion_y",
+    "ee_quaternion_z",
     "gripper_width",
     "gripper_fingers",
     "gripper_open_fraction",
@@ -34,12 +51,23 @@ StatePart = Literal[
     "step",
     "zero",
 ]
-"""What a state can hold. ``gripper_fingers`` are the positions [m] of two finger joints, the second negated, as
-robosuite and LIBERO give them; the fractions are of the full opening; ``zero`` is a place that the policy leaves
-unused."""
+"""What a state can hold. ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is
+turned away from pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
+[m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
+``zero`` is a place that the policy leaves unused."""
+
+_AXES: dict[str, tuple[StatePart, int]] = {
+    **{f"ee_{axis}": ("ee_position", i) for i, axis in enumerate("xyz")},
+    **{f"ee_axis_angle_{axis}": ("ee_axis_angle", i) for i, axis in enumerate("xyz")},
+    **{f"ee_quaternion_{axis}": ("ee_quaternion_wxyz", i) for i, axis in enumerate("wxyz")},
+    **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
+    **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
+}
+"""Parts that are one number of a vector, with the vector and the place in it."""
 
 _SIZES: dict[str, int] = {
     "ee_position": 3,
+    "ee_rpy_from_down": 3,
     "gripper_fingers": 2,
     "joint_positions": 7,
     "joint_velocities": 7,
@@ -75,36 +103,76 @@ class StateRule:
         """How many numbers it holds."""
         return sum(_SIZES.get(part, 1) for part in self.parts)
 
+    @property
+    def holds_position(self) -> bool:
+        """Whether the position of the end effector, or one coordinate of it, is in it."""
+        return any(_AXES.get(part, (part, 0))[0] == "ee_position" for part in self.parts)
+
+    def columns(self) -> list[tuple[StatePart, slice]]:
+        """Return which numbers of the vector belong to each part."""
+        found, begin = [], 0
+        for part in self.parts:
+            end = begin + _SIZES.get(part, 1)
+            found.append((part, slice(begin, end)))
+            begin = end
+        return found
+
     def read(
-        self, observation: Observation, *, ee_offset_m: Sequence[float], gripper_opening_m: float
+        self,
+        observation: Observation,
+        *,
+        ee_offset_m: Sequence[float],
+        gripper_opening_m: float,
+        tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> np.ndarray | float | int:
         """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
 
         ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
-        ``gripper_opening_m`` counts as fully open.
+        ``tool_offset_m`` is the policy's tool point in the frame of ours; ``gripper_opening_m`` counts as fully open.
         """
         values: list[float] = []
         for part in self.parts:
-            if part == "ee_position":
-                values += [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
-            elif part == "joint_positions":
-                values += observation.joint_positions.tolist()
-            elif part == "joint_velocities":
-                values += observation.joint_velocities.tolist()
-            elif part == "step":
-                values.append(observation.step)
-            elif part == "zero":
-                values.append(0.0)
-            elif part == "ee_axis_angle":
-                w, x, y, z = observation.ee_quaternion.tolist()
-                values += to_axis_angle_near((w, x, y, z), TOOL_DOWN)
-            elif part.startswith("gripper_"):
-                values += _gripper(part, observation.gripper_width, gripper_opening_m)
+            vector, place = _AXES.get(part, (part, None))
+            if vector == "ee_position":
+                numbers = tool_position(observation, ee_offset_m, tool_offset_m)
             else:
-                values += _rotation(observation.ee_quaternion.tolist(), part.removeprefix("ee_"))  # type: ignore[arg-type]
+                numbers = _read_part(vector, observation, gripper_opening_m)
+            values += numbers if place is None else numbers[place : place + 1]
         if self.scalar:
             return int(values[0]) if self.dtype == "int64" else float(values[0])
         return np.array(values, dtype=self.dtype)
+
+
+def tool_position(
+    observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
+) -> list[float]:
+    """Return the position of a policy's own tool point, whose place in the frame of ours is given, [x, y, z] [m]."""
+    position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+    if not any(tool_offset_m):
+        return position
+    w, x, y, z = observation.ee_quaternion.tolist()
+    ox, oy, oz = tool_offset_m
+    return [p + d for p, d in zip(position, rotate(normalize((w, x, y, z)), (ox, oy, oz)), strict=True)]
+
+
+def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
+    """Return the numbers of one whole part that is no position."""
+    if part == "joint_positions":
+        return list(observation.joint_positions.tolist())
+    if part == "joint_velocities":
+        return list(observation.joint_velocities.tolist())
+    if part == "step":
+        return [observation.step]
+    if part == "zero":
+        return [0.0]
+    if part.startswith("gripper_"):
+        return _gripper(part, observation.gripper_width, gripper_opening_m)
+    w, x, y, z = observation.ee_quaternion.tolist()
+    if part == "ee_axis_angle":
+        return list(to_axis_angle_near((w, x, y, z), TOOL_DOWN))
+    if part == "ee_rpy_from_down":
+        return to_format(multiply((w, x, y, z), conjugate(TOOL_DOWN)), "rpy")
+    return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
 
 
 def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:

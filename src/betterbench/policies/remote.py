@@ -51,7 +51,7 @@ def describe_remote_policy(
         action_space=adapter.answer.space,
         needs_images=bool(adapter.views) if needs_images is None else needs_images or named,
         metadata=metadata,
-        execution=address.execution(),
+        execution=address.execution(adapter.horizon),
     )
 
 
@@ -81,6 +81,8 @@ class AdaptedPolicy:
 
     adapter: Adapter
     server: Declaration
+    offered: Declaration | None = None
+    """What this side declares in the words of the server, where those are other words than ours."""
 
     @property
     def _compared(self) -> Declaration:

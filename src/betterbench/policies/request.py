@@ -17,8 +17,11 @@ import numpy as np
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import from_axis_angle
 from betterbench.interface import EpisodeStart, Observation, episode_number
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.proprioception import StateRule
 from betterbench.tasks import TrialId
 
+_MOST_LISTS = 3
 NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
@@ -66,6 +69,45 @@ def read_request(message: Mapping[Any, Any]) -> Request:
     else:
         observation = None
     return Request(instruction, step, start, trial, observation, native)
+
+
+def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
+    """Read the instruction and, if it is sent, the control step of a request in the layout of an adapter.
+
+    Raises InvalidInputError if the instruction is missing or malformed; the text names it.
+    """
+    instruction = _entry(message, layout.instruction.key)
+    for _ in range(_MOST_LISTS):
+        if isinstance(instruction, (list, tuple)) and len(instruction) == 1:
+            instruction = instruction[0]
+    if not isinstance(instruction, str) or not instruction.strip():
+        where = "/".join(layout.instruction.key)
+        raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} does")
+    step = _whole(message["better/step"], "better/step") if "better/step" in message else None
+    return Request(instruction, step, None, None, None, measured=False)
+
+
+def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
+    """Return the states that a request holds in the layout of an adapter, each as (size,) float64.
+
+    A vector of zeros stands for no state. Raises InvalidInputError if one is malformed; the text names it.
+    """
+    found = []
+    for rule in layout.states:
+        sent = _entry(message, rule.key)
+        if sent is not None:
+            numbers = _numbers(sent, "/".join(rule.key), rule.size)
+            if numbers.any():
+                found.append((rule, numbers))
+    return found
+
+
+def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
+    """Return what stands under a key, or None."""
+    found: object = message
+    for name in key:
+        found = found.get(name) if isinstance(found, Mapping) else None
+    return found
 
 
 def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:

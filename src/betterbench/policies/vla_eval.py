@@ -130,7 +130,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare_declarations(ours, theirs)
-        self.adapter, self.server, self._hello = adapter, theirs, hello
+        self.adapter, self.server, self.offered, self._hello = adapter, theirs, ours, hello
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
         if self._start is None:

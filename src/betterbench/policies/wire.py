@@ -94,7 +94,7 @@ def _mark_openpi(thing: object) -> object:
 
 def _read_openpi(form: dict[Any, Any]) -> object:
     if b"__ndarray__" in form:
-        return _array(form.get(b"data"), form.get(b"dtype"), form.get(b"shape"))
+        return read_array(form.get(b"data"), form.get(b"dtype"), form.get(b"shape"))
     if b"__npgeneric__" in form:
         value = form.get(b"data")
         dtype = _dtype(form.get(b"dtype"))
@@ -140,7 +140,7 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
     if "__image__" in form and form.get("format") != "raw":
         return _image(form)
     if "__image__" in form or "__ndarray__" in form:
-        return _array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
+        return read_array(form.get("data"), form.get("dtype"), form.get("shape"), texts=False)
     return form
 
 
@@ -182,7 +182,7 @@ def encode_gr00t(value: object) -> bytes:
 
 
 def decode_gr00t(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in GR00T's dialect; see :func:`decode_openpi`."""
+    """Return the value of a frame in GR00T's dialect, whatever its release; see :func:`decode_openpi`."""
     return _decode(data, "GR00T", _read_gr00t)
 
 
@@ -202,9 +202,21 @@ def _mark_gr00t(thing: object) -> object:
 def _read_gr00t(form: dict[Any, Any]) -> object:
     if "__ndarray_class__" in form:
         return _npy(form.get("as_npy"))
-    if "__ModalityConfig_class__" in form:
+    if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # N1.6 and before, N1.7
         return _modality(form.get("as_json"))
+    if b"nd" in form:
+        return _msgpack_numpy(form)
     return form
+
+
+def _msgpack_numpy(form: dict[Any, Any]) -> object:
+    """Read an array or a number as msgpack-numpy writes it, which N1.7 answers with."""
+    kind = form.get(b"kind", b"")
+    if not isinstance(kind, bytes) or kind or b"complex" in form:
+        pickled = ": it holds pickles, and unpickling a stranger's answer runs the stranger's code"
+        raise ValueError(f"an array has the kind {str(kind)[:20]}, not plain numbers{pickled if kind == b'O' else ''}")
+    array = read_array(form.get(b"data"), form.get(b"type"), form.get(b"shape") if form[b"nd"] else ())
+    return array if form[b"nd"] else array[()]
 
 
 def _npy(data: object) -> np.ndarray:
@@ -221,7 +233,7 @@ def _npy(data: object) -> np.ndarray:
         raise ValueError("the header of an array is not as NumPy writes it")
     dtype, fortran, sides = (part.decode("ascii") for part in found.groups())
     shape = tuple(int(side) for side in sides.split(",") if side.strip())
-    array = _array(data[end:], dtype, shape[::-1] if fortran == "True" else shape)
+    array = read_array(data[end:], dtype, shape[::-1] if fortran == "True" else shape)
     return array.transpose() if fortran == "True" else array
 
 
@@ -354,8 +366,11 @@ def _shape(given: object) -> tuple[int, ...]:
     return tuple(int(n) for n in given)
 
 
-def _array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
-    """Return a read-only array in the byte order of this machine."""
+def read_array(data: object, dtype_text: object, given_shape: object, *, texts: bool = True) -> np.ndarray:
+    """Return an array from its bytes, NumPy's text of its type, and its shape: read-only, in this machine's byte order.
+
+    Raises ValueError or TypeError if they do not fit each other, or the type is neither plain nor (``texts``) a text.
+    """
     dtype, shape = _dtype(dtype_text, texts=texts), _shape(given_shape)
     if not isinstance(data, bytes):
         raise TypeError(f"the data of an array are a {type(data).__name__}")

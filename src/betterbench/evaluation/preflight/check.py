@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -243,6 +243,10 @@ def policy_conventions(
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)
+        offered = getattr(client, "offered", None)
+        if isinstance(offered, Declaration):
+            words = {f.name: getattr(offered, f.name) for f in fields(offered) if f.name != "who"}
+            ours = replace(ours, **{name: word for name, word in words.items() if word is not None})
         theirs = server
     else:
         ours, theirs = declare_space("this side", space), declare_space(policy, action_space(info.action_space))
@@ -303,7 +307,7 @@ def _state(seen: Observation, adapter: Adapter | None) -> tuple[tuple[str, np.nd
     for rule in adapter.states:
         for part in rule.parts:
             one = replace(rule, parts=(part,), scalar=False)
-            values = one.read(seen, ee_offset_m=adapter.ee_offset_m, gripper_opening_m=adapter.gripper_opening_m)
+            values = adapter.state(one, seen)
             key = "/".join(rule.key)
             rows.append((key if len(rule.parts) == 1 else f"{key}: {part}", np.atleast_1d(values)))
     return tuple(rows)

@@ -18,8 +18,10 @@ from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
 from betterbench.interventions import resolve_condition
+from betterbench.policies.adapter import Adapter
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
+from betterbench.policies.presets import NATIVE, preset
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
 from betterbench.scenes import engine_version
 from betterbench.scenes.scene import CONTROL_RATE_HZ
@@ -44,6 +46,7 @@ def open_server(
     chunk: int = DEFAULT_CHUNK,
     batch: int = MAX_BATCH,
     trial: TrialId | None = None,
+    layout: str | None = None,
     api_key: str | None = None,
     made: Policy | None = None,
     deadline: Deadline | None = None,
@@ -57,6 +60,7 @@ def open_server(
         chunk: Actions in one answer of an expert.
         batch: Observations that a policy which takes batches gets at once, at most.
         trial: Trial of clients that name none; without it, an expert finds the trial by the instruction.
+        layout: Preset in which an expert reads requests and answers; None for ours, and openpi's LIBERO layout.
         api_key: Key that clients have to show, or None.
         made: The policy, if it has been made already; the server closes it.
         deadline: How long an answer may take, for the workers of a run, whose records hold the text of an error; None
@@ -64,7 +68,7 @@ def open_server(
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
-        UnknownNameError: If there is no such policy, task or condition.
+        UnknownNameError: If there is no such policy, task, condition or preset.
     """
     if not 1 <= chunk <= MAX_CHUNK:
         raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
@@ -76,11 +80,16 @@ def open_server(
         )
     if trial is not None:
         resolve_condition(trial.task, trial.condition)
+    if layout is not None and not is_privileged(policy):
+        raise InvalidInputError(
+            "--layout", f"{policy} is no expert, and is asked in the layouts native and openpi_libero", "Leave it out"
+        )
     if is_privileged(policy):
         shadows = ShadowSimulations(policy)
+        adapter = None if layout in (None, NATIVE.name) else preset(layout)
         return PolicyServer(
-            lambda: ShadowSession(shadows, chunk, trial),
-            metadata=_shadow_metadata(policy, chunk, trial),
+            lambda: ShadowSession(shadows, chunk, trial, adapter),
+            metadata=_shadow_metadata(policy, chunk, trial, adapter),
             host=host,
             port=port,
             api_key=api_key,
@@ -95,14 +104,18 @@ def open_server(
         raise
 
 
-def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None) -> dict[str, Any]:
+def _shadow_metadata(policy: str, chunk: int, trial: TrialId | None, layout: Adapter | None) -> dict[str, Any]:
     more = {
         "chunk": chunk,
         "trial": str(trial) if trial else "the first training condition whose instruction equals the prompt",
         "step": "without better/step the whole chunk counts as executed, or what observation/state shows of it",
         "episode": NEW_EPISODE,
     }
-    return declare(policy, EE_DELTA, needs_images=False, batch=1, more=more, expert=True)
+    space = EE_DELTA if layout is None else action_space(layout.answer.space)
+    told = declare(policy, space, needs_images=False, batch=1, more=more, expert=True)
+    if layout is not None:
+        told["betterbench"] |= {"preset": layout.name, "layouts": [layout.name]}
+    return told
 
 
 class SessionStore:

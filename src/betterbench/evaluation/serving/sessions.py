@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -14,33 +13,48 @@ from betterbench.episodes import POLICY_BOUNDARY
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations
+from betterbench.geometry import Quaternion, conjugate, from_axis_angle, multiply, to_axis_angle
 from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
 from betterbench.interface.actions import EE_DELTA, action_space
-from betterbench.policies.request import Request, read_request
+from betterbench.policies.adapter import Adapter
+from betterbench.policies.presets import OPENPI_LIBERO
+from betterbench.policies.proprioception import StateRule
+from betterbench.policies.request import Request, read_layout_request, read_request, read_states
 from betterbench.tasks import Condition, TrialId, all_tasks
 
-logger = logging.getLogger(__name__)
+SAME_STATE = 2e-6
+"""Difference up to which two states are the same [m, rad]; clients send them as float32."""
+ASTRAY = 1e-3
+"""Difference above which a client has left the path of the answered actions [m, rad]."""
 
-SAME_PLACE_M = 2e-6
-"""Distance below which two positions of the end effector are the same [m]; clients send them as float32."""
-ASTRAY_M = 1e-3
-"""Distance above which a client has left the path of the answered actions [m]."""
+States = list[tuple[StateRule, np.ndarray]]
+"""The states of a request, each as (size,)."""
 
 
 class ShadowSession:
     """One client of a served expert: finds its trial and its step, and asks the shadow simulation."""
 
-    def __init__(self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None) -> None:
-        """Prepare; ``trial`` is that of a client that names none, or None to find it by the instruction."""
-        self._shadows, self._chunk, self._fixed = shadows, chunk, trial
+    def __init__(
+        self, shadows: ShadowSimulations, chunk: int, trial: TrialId | None, layout: Adapter | None = None
+    ) -> None:
+        """Prepare.
+
+        Args:
+            shadows: The simulations of all clients.
+            chunk: Actions in one answer, at most.
+            trial: Trial of a client that names none, or None to find it by the instruction.
+            layout: Layout of requests and answers; None for ours, and openpi's LIBERO layout.
+        """
+        self._shadows, self._chunk, self._fixed, self._layout = shadows, chunk, trial, layout
         self._counter = Counter()
-        self._origin = np.zeros(3)
+        self._start: tuple[Observation, States] | None = None
         self._chunk_began = 0
-        self._warned = False
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the next actions of the expert."""
-        request = read_request(message)
+        layout = self._layout
+        request = read_request(message) if layout is None else read_layout_request(message, layout)
+        states: States = [] if request.measured else read_states(message, layout or OPENPI_LIBERO)
         if request.start is not None:
             _check_space(request.start, EE_DELTA.name, "an expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
@@ -52,47 +66,79 @@ class ShadowSession:
                 f"{trial}: the client's instruction is {request.instruction!r} and this server's is {instruction!r}. "
                 "They run different versions"
             )
-        if request.step is None and request.observation is not None:
-            step = self._located(request.observation, shadow, step)
+        if states:
+            step = self._located(states, shadow, step, counted=request.step is not None)
         seen = request.observation if request.measured else None
         actions = shadow.actions(step, self._chunk, seen=seen)
         self._counter.answered(step, len(actions))
-        return {"actions": actions}
+        if layout is None:
+            return {"actions": actions}
+        return layout.reply(shadow.in_space(layout.answer.space, step, actions), shadow.observation(step))
 
     def close(self) -> None:
         """Forget the connection; the shadows stay, for a client that connects again."""
 
-    def _located(self, seen: Observation, shadow: ShadowSimulation, step: int) -> int:
-        """Return the control step of a client that sends no step: the end of the last chunk, or an earlier one.
+    def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
+        """Return the control step of a client: the one it sends, the end of the last chunk, or an earlier one of it.
 
-        Many clients execute fewer actions than they were answered. Such a client is at the step of the chunk where the
-        end effector was that it reports, relative to where it was at the start of the episode.
+        Many clients execute fewer actions than they were answered. A client that does not count is at the step of the
+        chunk where the robot was as its state says, relative to the start of the episode.
+
+        Raises PolicyError if the robot was there at none of these steps.
         """
-        if self._counter.begins:
-            self._origin = seen.ee_position - shadow.position(0)
-            self._chunk_began = 0
+        if self._counter.begins or self._start is None:
+            self._start = (shadow.observation(step), states)
+            self._chunk_began = step
             return step
         began, self._chunk_began = self._chunk_began, step
-        gaps = [
-            float(np.abs(seen.ee_position - self._origin - shadow.position(i)).max())
-            for i in range(began + 1, step + 1)
-        ]
-        if not gaps or gaps[-1] <= SAME_PLACE_M:
+        layout = self._layout or OPENPI_LIBERO
+        steps = [step] if counted or step <= began else list(range(began + 1, step + 1))
+        gaps = [state_gap(states, shadow.observation(i), *self._start, layout) for i in steps]
+        if gaps[-1] <= SAME_STATE:
             return step
         nearest = int(np.argmin(gaps))
-        if gaps[nearest] <= SAME_PLACE_M:
-            self._chunk_began = began + 1 + nearest
+        if gaps[nearest] <= SAME_STATE:
+            self._chunk_began = steps[nearest]
             return self._chunk_began
-        if gaps[-1] > ASTRAY_M and not self._warned:
-            self._warned = True
-            logger.warning(
-                "%s step %d: the client's end effector is %.3f m from where the answered actions lead. Either it sends "
-                "no state of its own, or it executes other actions than those answered",
-                shadow.trial,
-                step,
-                gaps[-1],
+        if min(gaps) > ASTRAY:
+            raise PolicyError(
+                f"{shadow.trial} step {step}: the client's robot is not where the answered actions lead (its state "
+                f"differs by {min(gaps):.3g} m or rad). The client has executed other actions than those answered, or "
+                "sends a state that is not its own; a client without a state sends zeros"
             )
         return step
+
+
+def state_gap(states: States, seen: Observation, first: Observation, states_then: States, layout: Adapter) -> float:
+    """Return by how much the states of a client differ from an observation, each relative to the start of the episode.
+
+    The largest difference of all numbers [m, rad]; rotation vectors are compared as rotations.
+
+    Args:
+        states: What the client sends.
+        seen: The observation.
+        first: The observation at the start.
+        states_then: What the client sent at the start.
+        layout: Says what the numbers of a state are.
+    """
+    worst = 0.0
+    then = {rule.key: sent for rule, sent in states_then}
+    for rule, sent in states:
+        now, before = (np.atleast_1d(np.asarray(layout.state(rule, o), dtype=np.float64)) for o in (seen, first))
+        sent_then = then.get(rule.key, sent)
+        for part, at in rule.columns():
+            if part == "ee_axis_angle":
+                theirs = _turn(sent_then[at], sent[at])
+                gap = np.linalg.norm(to_axis_angle(multiply(theirs, conjugate(_turn(before[at], now[at])))))
+            else:
+                gap = np.abs((sent[at] - sent_then[at]) - (now[at] - before[at])).max()
+            worst = max(worst, float(gap))
+    return worst
+
+
+def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
+    """Return the rotation from one rotation vector, (3,), to another, in the base frame."""
+    return multiply(from_axis_angle(now.tolist()), conjugate(from_axis_angle(before.tolist())))
 
 
 class Counter:

@@ -15,8 +15,9 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
 from betterbench.experts import make_expert
+from betterbench.geometry import conjugate, multiply, normalize, to_axis_angle
 from betterbench.interface import Observation
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
 from betterbench.interventions import resolve_condition
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -53,6 +54,7 @@ class ShadowSimulation:
             raise PolicyError(str(problem)) from problem
         self._actions: list[np.ndarray] = []
         self._measured = [_measure(self._state)]
+        self._commanded = [self._scene.controller.state()]
         self._end: Exception | None = None
         self._lock = threading.Lock()
 
@@ -78,9 +80,47 @@ class ShadowSimulation:
             self._advance(step + count, needed=step)
             return np.array(self._actions[step : step + count])
 
-    def position(self, step: int) -> np.ndarray:
-        """Return where the end effector is at a step that has been reached, (3,) in the robot base frame [m]."""
-        return self._measured[step][7:10]
+    def observation(self, step: int) -> Observation:
+        """Return what is measured at a control step, without images; raises what :meth:`actions` raises."""
+        with self._lock:
+            self._advance(step)
+            numbers = self._measured[step]
+        return Observation(
+            instruction=self.condition.instruction.text,
+            step=step,
+            images={},
+            joint_positions=numbers[:7],
+            joint_velocities=numbers[15:],
+            ee_position=numbers[7:10],
+            ee_quaternion=numbers[10:14],
+            gripper_width=float(numbers[14]),
+            depth={},
+            masks={},
+        )
+
+    def in_space(self, space: str, step: int, actions: np.ndarray) -> np.ndarray:
+        """Return actions that have been played from a control step on, (n, 7), as actions of another space, (n, dim).
+
+        They command the same poses and joint angles one step later.
+        """
+        if space == EE_DELTA.name:
+            return actions
+        rows = []
+        for i, action in enumerate(actions.tolist(), start=step):
+            before, after = self._commanded[i], self._commanded[i + 1]
+            if space == EE_POSE.name:
+                numbers = [*after.pose.position, *after.pose.quaternion]
+            elif space == EE_DELTA_MEASURED.name:
+                seen = self._measured[i]
+                turn = multiply(after.pose.quaternion, conjugate(normalize(seen[10:14].tolist())))
+                moved = [*(np.array(after.pose.position) - seen[7:10]), *to_axis_angle(turn)]
+                numbers = (np.array(moved) / EE_DELTA_MEASURED.scale[:-1]).tolist()
+            elif space == JOINT_POSITION.name:
+                numbers = list(after.joints)
+            else:
+                numbers = ((np.array(after.joints) - before.joints) / JOINT_DELTA.scale[:-1]).tolist()
+            rows.append([*numbers, action[-1]])
+        return np.array(rows)
 
     def _advance(self, until: int, *, needed: int | None = None) -> None:
         """Play on until ``until`` actions are known; action ``needed`` has to be among them, or all if it is None."""
@@ -94,12 +134,13 @@ class ShadowSimulation:
             self._state = self._scene.state()
             self._actions.append(action)
             self._measured.append(_measure(self._state))
+            self._commanded.append(self._scene.controller.state())
         if self._end is not None and len(self._actions) < (until if needed is None else needed + 1):
             raise PolicyError(f"{type(self._end).__name__}: {self._end}")
 
     def _compare(self, step: int, seen: Observation) -> None:
         theirs = np.array([*seen.joint_positions, *seen.ee_position, *seen.ee_quaternion, seen.gripper_width])
-        gap = np.abs(theirs - self._measured[step])
+        gap = np.abs(theirs - self._measured[step][:15])
         if gap.max() <= TOLERANCE:
             return
         joint, tool = gap[:7].max(), float(np.linalg.norm(theirs[7:10] - self._measured[step][7:10]))
@@ -111,9 +152,10 @@ class ShadowSimulation:
 
 
 def _measure(state: WorldState) -> np.ndarray:
-    """Return (15,) joint angles, end-effector position and quaternion, and distance of the finger pads."""
+    """Return (22,) joint angles, end-effector position and quaternion, distance of the pads, joint velocities."""
     pose = state.ee_pose
-    return np.array([*state.joint_positions, *pose.position, *pose.quaternion, state.finger_width_m])
+    tool = (*pose.position, *pose.quaternion, state.finger_width_m)
+    return np.array([*state.joint_positions, *tool, *state.joint_velocities])
 
 
 class ShadowSimulations:

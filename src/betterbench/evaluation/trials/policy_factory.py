@@ -10,7 +10,7 @@ from typing import Self
 from betterbench.episodes import AnyPolicy
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, known_policies
+from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, REFUSED, known_policies
 from betterbench.experts import make_expert, parse_address
 from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
@@ -61,7 +61,7 @@ def is_privileged(address: str) -> bool:
 def is_remote(address: str) -> bool:
     """Return whether a policy answers from a server."""
     scheme, separator, _ = address.partition("://")
-    return bool(separator) and scheme in CONNECTED
+    return bool(separator) and scheme in (*CONNECTED, *REFUSED)
 
 
 def is_in_process_model(address: str) -> bool:

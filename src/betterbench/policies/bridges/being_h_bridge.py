@@ -12,7 +12,7 @@ dict`` as Being-H's has. Write a file that makes the policy::
 and serve what it makes, then evaluate it from any machine::
 
     python being_h_bridge.py my_policy:make --port 8000
-    better eval --policy "openpi://HOST:8000?preset=being_h_libero&horizon=16" ...
+    better eval --policy "openpi://HOST:8000?preset=being_h_libero" ...
 
 It listens on this machine only unless ``--host 0.0.0.0`` is given; ``--api-key-env NAME`` asks clients for a key.
 Nothing is unpickled on either side. One question at a time reaches the policy, however many clients are connected.

@@ -1,0 +1,183 @@
+"""Client of servers with ``POST /act``: ``http://host:port/act``; OpenVLA, OpenVLA-OFT, X-VLA and their like.
+
+One request, one answer, a new connection for each, and nothing before the first: such a server declares neither what it
+wants nor what its numbers mean, so the address has to name a preset or an adapter. Facts: OpenVLA and OpenVLA-OFT,
+``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import io
+import socket
+import ssl
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast, get_args
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, PolicyError
+from betterbench.interface import Observation
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
+from betterbench.policies.presets import X_VLA, adapter_of
+from betterbench.policies.remote import ServerClient, describe_remote_policy
+
+_REFUSED = (401, 403)
+_ABSENT = (404, 405)
+_PASSING = (408, 425, 429, 502, 503, 504)
+_KNOCK_S = 2.0
+_LONGEST_ERROR = 500
+
+
+@dataclass(frozen=True, slots=True)
+class HttpAnswer:
+    """The answer to a request: its status, and its body."""
+
+    status: int
+    body: bytes
+
+
+class HttpServer:
+    """Where a server is. Each request has a connection of its own, as those of the clients people know."""
+
+    def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
+        """Find out whether somebody listens; raise OSError if not."""
+        self._host, self._port = address.server()
+        encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
+        self._tls = ssl.create_default_context() if encrypted else None
+        name = f"[{self._host}]" if ":" in self._host else self._host
+        lines = [f"POST {address.path} HTTP/1.1", f"Host: {name}:{self._port}", "Content-Type: application/json"]
+        lines += ["Accept: application/json", "Connection: close"]
+        lines += [] if key is None else [f"Authorization: Bearer {key}"]
+        self._head = "\r\n".join(lines)
+        socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
+
+    def post(self, body: bytes, timeout_s: float) -> HttpAnswer:
+        """Send a body and return the answer, which has to be there whole within a time [s].
+
+        Raises OSError if it is not, or the connection broke, and PolicyError if its body is too large.
+        """
+        end = time.monotonic() + timeout_s
+        head = f"{self._head}\r\nContent-Length: {len(body)}\r\n\r\n".encode("ascii")
+        with contextlib.ExitStack() as stack:
+            connected = stack.enter_context(socket.create_connection((self._host, self._port), max(0.001, timeout_s)))
+            if self._tls is not None:
+                connected = stack.enter_context(self._tls.wrap_socket(connected, server_hostname=self._host))
+            connected.settimeout(max(0.001, end - time.monotonic()))
+            connected.sendall(head + body)
+            source = _Source(connected, end)
+            answer = stack.enter_context(http.client.HTTPResponse(cast("socket.socket", source), method="POST"))
+            try:
+                answer.begin()
+                read = answer.read(MAX_BODY_BYTES + 1)
+            except http.client.HTTPException as error:
+                problem = " ".join(str(error).split())[:100] or type(error).__name__
+                raise ConnectionError(f"the server there does not speak HTTP ({problem})") from error
+        if len(read) <= MAX_BODY_BYTES and answer.length:
+            raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
+        if len(read) > MAX_BODY_BYTES:
+            raise PolicyError(f"the server answered with more than {MAX_BODY_BYTES} bytes.")
+        return HttpAnswer(answer.status, read)
+
+    def close(self) -> None:
+        """There is nothing to close between two requests."""
+
+
+class _Source(io.RawIOBase):
+    """What the parser of the standard library reads from: a socket whose every read ends at one deadline."""
+
+    def __init__(self, connected: socket.socket, end: float) -> None:
+        self._socket, self._end = connected, end
+
+    def makefile(self, _mode: str) -> io.BufferedReader:
+        return io.BufferedReader(self)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - whatever holds bytes
+        left = self._end - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError("no answer in time")
+        self._socket.settimeout(left)
+        return self._socket.recv_into(buffer)
+
+
+class HttpActClient(ServerClient[HttpServer]):
+    """A policy behind ``POST /act``; each environment has a client of its own."""
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
+        super().__init__(address, adapter_of(address), seed=seed)
+        usual: ArrayCoding = "text" if self.adapter.name == X_VLA.name else "map"
+        self._arrays = address.choice("arrays", get_args(ArrayCoding), usual)
+        self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
+        self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
+        self._connection.open()
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64."""
+        body = encode_body(self.adapter.request(observation), arrays=self._arrays, encoded=self._encoded)
+        answer = self._connection.request(lambda server, timeout_s: self._post(server, body, timeout_s))
+        reply = decode_body(answer.body)
+        if isinstance(reply, str):
+            raise PolicyError(
+                f"{self._where} answers {reply[:_LONGEST_ERROR]!r}, with which these servers report any failure. "
+                "Its own output tells more; compare the keys that it reads with the adapter."
+            )
+        if not isinstance(reply, Mapping):
+            # OpenVLA answers with the array itself, OFT with a list of them.
+            names = list(self.adapter.answer.columns)
+            if len(names) > 1 or len(names[0]) > 1:
+                wanted = ", ".join("/".join(name) for name in names)
+                raise PolicyError(f"{self._where} answers an array, and adapter {self.adapter.name} reads {wanted}.")
+            reply = {names[0][0]: _stacked(reply)}
+        elif "error" in reply:
+            raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
+        return self.adapter.actions(reply, observation)
+
+    def _post(self, server: HttpServer, body: bytes, timeout_s: float) -> HttpAnswer:
+        """Send a body and return the answer if it is one; a server that wants something else ends the run."""
+        answer = server.post(body, timeout_s)
+        status, path = answer.status, self._address.path
+        if status == http.client.OK:
+            return answer
+        if status in _REFUSED:
+            raise HandshakeError(
+                f"{self._where} refuses this client (HTTP {status}). "
+                "Give api_key_env=NAME with the variable that holds its key."
+            )
+        if 300 <= status < 400:
+            raise HandshakeError(f"{self._where} redirects (HTTP {status}), which is refused. Give its own address.")
+        if status in _ABSENT:
+            raise HandshakeError(f"{self._where} has no POST {path} (HTTP {status}). Correct the path in the address.")
+        if status in _PASSING:
+            raise ConnectionError(f"the server answered HTTP {status}")
+        try:
+            told = _told(decode_body(answer.body))
+        except PolicyError:
+            told = " ".join(answer.body[:_LONGEST_ERROR].decode("utf-8", "replace").split()) or "no text"
+        raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
+
+    def _dial(self, timeout_s: float) -> HttpServer:
+        return HttpServer(self._address, self._key, timeout_s=timeout_s)
+
+
+def _stacked(reply: object) -> object:
+    """Return a list of arrays as one array; anything else as it is."""
+    if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
+        try:
+            return np.stack([np.asarray(row) for row in reply])
+        except ValueError:
+            return reply
+    return reply
+
+
+def _told(reply: object) -> str:
+    """Return what an answer says went wrong, in one line."""
+    if isinstance(reply, Mapping):
+        reply = reply.get("error", reply.get("detail", reply))
+    return " ".join(str(reply).split())[:_LONGEST_ERROR] or "no text"
