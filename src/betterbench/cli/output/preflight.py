@@ -59,8 +59,8 @@ def _print_proof(proof: ReplayProof) -> None:
     print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
     OUT.print(
         f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper is told the same "
-        f"in {proof.gripper:.0%} of the steps. Executed, the answers end {_length(proof.executed_off_m, 'm')} from where "
-        f"the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
+        f"in {proof.gripper:.0%} of the steps. Executed, the answers end {_length(proof.executed_off_m, 'm')} from "
+        f"where the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
         markup=False,
         soft_wrap=True,
     )
