@@ -23,8 +23,8 @@ from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
-REPRESENTATIVES = ["native", "openpi_droid", "gr00t_new_embodiment", "openpi_libero_object", "being_h_libero_study"]
-"""One preset of each kind; the slow test has them all, with images."""
+REPRESENTATIVES = ["openpi_droid", "being_h_libero_study"]
+"""Joints and another gripper, units, origin and tool point; the slow test has all presets, with images."""
 
 
 def prove(address, *, space=None, observation="state_only"):
@@ -148,7 +148,13 @@ def test_the_preset_of_its_suite_is_right_for_it(tmp_path):
     [
         (Backward, "", ("y",), "frame"),
         (Checkpoint, "&gripper=open_positive", ("gripper",), "polarity"),
-        (Checkpoint, "&units=physical", ("x", "y", "z", "rz"), "units=libero_measured"),
+        pytest.param(
+            Checkpoint,
+            "&units=physical",
+            ("x", "y", "z", "rz"),
+            "units=libero_measured",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_a_cure(session, options, wrong, cure, tmp_path):
@@ -176,8 +182,6 @@ def test_the_doctor_prints_the_factors_and_ends_with_status_2_if_they_are_wrong(
         address = f"{server.address}?{without_images(name, tmp_path)}&units=libero"
         assert main(["doctor", "--policy", address, *scene, *out]) == 2
         captured = capsys.readouterr()
-        assert main(["doctor", "--policy", address, *scene, *out, "--no-proof"]) == 0
-        assert "Replayed" not in capsys.readouterr().out
     text = " ".join(captured.out.split())
     for expected in ("x 26.2 cm 4.00 1.00", "rx 0.00 rad hardly moves", "rz 1.49 rad 5.00 1.00", "Verdict: the conv"):
         assert expected in text
