@@ -24,7 +24,7 @@ from betterbench.tasks import TrialId
 
 OUTLINE = (255, 64, 160)
 TRIAL = TrialId("morning_coffee", "train1", 0)
-SCENE = ("--task", "morning_coffee", "--quality", "fast")
+SCENE = ("--task", "morning_coffee", "--quality", "fast", "--no-proof")
 
 
 class Pushes:

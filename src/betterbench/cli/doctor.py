@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from betterbench.cli.console import OUT, print_json, print_table, say
-from betterbench.errors import BetterError
+from betterbench.errors import BetterError, HandshakeError
 
 
 def doctor_command(
@@ -18,13 +18,15 @@ def doctor_command(
     action_space: str | None = None,
     observation: str = "default",
     quality: str = "standard",
+    proof: bool = True,
     out: Path | None = None,
     json: bool = False,
 ) -> None:
     """Try everything that a run needs, and print the cure for what fails. The exit status is 2 if something fails.
 
     With --policy: compare conventions, ask the policy for answers to one observation, measure how long they take, and
-    draw exactly what the policy is shown and what its answer would do.
+    draw exactly what the policy is shown and what its answer would do. Then replay a demonstration of the trial through
+    the policy: where its answers lead proves the conventions, with a factor per axis.
 
     Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
 
@@ -36,6 +38,7 @@ def doctor_command(
         action_space: Action space of the planned run; the policy's own if not given.
         observation: Observation preset of the planned run: default, official or state_only.
         quality: Render preset: fast, standard or high.
+        proof: Replay a demonstration; up to 100 requests.
         out: PNG file to write; doctor-POLICY.png if not given.
         json: Print one JSON document instead of a table.
     """
@@ -54,11 +57,14 @@ def doctor_command(
         action_space_name=action_space,
         observation=observation,
         quality=quality,
+        proof=proof,
         on_conventions=None if json else print_conventions,
     )
     out = write_preflight_sheet(preflight_view(found), out or Path(f"doctor-{default_folder(policy)}.png"))
     print_preflight(found, json=json)
     say(f"wrote {out}")
+    if found.proof is not None and found.proof.wrong:
+        raise HandshakeError(f"The replayed demonstration says: {found.proof.verdict}")
 
 
 def _check_machine(*, json: bool) -> None:

@@ -90,16 +90,14 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
     """Return the states that a request holds in the layout of an adapter, each as (size,) float64.
 
-    A vector of zeros stands for no state. Raises InvalidInputError if one is malformed; the text names it.
+    Zeros alone stand for no state. Raises InvalidInputError if one is malformed; the text names it.
     """
     found = []
     for rule in layout.states:
         sent = _entry(message, rule.key)
         if sent is not None:
-            numbers = _numbers(sent, "/".join(rule.key), rule.size)
-            if numbers.any():
-                found.append((rule, numbers))
-    return found
+            found.append((rule, _numbers(sent, "/".join(rule.key), rule.size)))
+    return found if any(numbers.any() for _, numbers in found) else []
 
 
 def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:

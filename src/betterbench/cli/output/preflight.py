@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from betterbench.cli.console import OUT, print_json, print_table
 from betterbench.evaluation import Convention, PreflightCheck
+from betterbench.evaluation.preflight.proof import ReplayProof
 from betterbench.evaluation.preflight.view import numbers_text
 
 
@@ -38,3 +39,33 @@ def print_preflight(found: PreflightCheck, *, json: bool) -> None:
     ]
     OUT.print()
     print_table(["asked", "found"], rows)
+    if found.proof is not None:
+        _print_proof(found.proof)
+
+
+def _print_proof(proof: ReplayProof) -> None:
+    """Print what the replayed demonstration says about each axis."""
+    rows = [
+        [
+            axis.name,
+            _length(axis.range, axis.unit),
+            "hardly moves" if axis.factor is None else f"{axis.factor:.2f}",
+            "-" if axis.agreement is None or axis.factor is None else f"{axis.agreement:.2f}",
+            _length(axis.apart, axis.unit),
+        ]
+        for axis in proof.axes
+    ]
+    OUT.print()
+    print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
+    OUT.print(
+        f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper is told the same "
+        f"in {proof.gripper:.0%} of the steps. Executed, the answers end {_length(proof.executed_off_m, 'm')} from "
+        f"where the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _length(value: float, unit: str) -> str:
+    """Return a length [m] in centimeters, or an angle [rad], as text."""
+    return f"{100.0 * value:.1f} cm" if unit == "m" else f"{value:.2f} rad"

@@ -12,12 +12,14 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
+from betterbench.evaluation.preflight.proof import ReplayProof, prove_by_replay
 from betterbench.evaluation.trials.policy_factory import (
     PolicyFactory,
     check_action_space,
     close_policy,
     is_privileged,
     is_remote,
+    make_policy,
 )
 from betterbench.evaluation.trials.policy_thread import name_trial
 from betterbench.experts import make_expert
@@ -80,6 +82,7 @@ class PreflightCheck:
         actions: (horizon, dim) its first answer, in the action space of ``info``.
         first_s: Time of the first request [s].
         latencies_s: Times of the requests after it [s].
+        proof: What a replayed demonstration shows, or None if none was replayed.
     """
 
     policy: str
@@ -94,6 +97,7 @@ class PreflightCheck:
     actions: np.ndarray
     first_s: float
     latencies_s: tuple[float, ...]
+    proof: ReplayProof | None = None
 
     @property
     def p50_s(self) -> float:
@@ -135,6 +139,7 @@ class PreflightCheck:
                 "max": self.max_s,
                 "requests": len(self.latencies_s),
             },
+            "proof": None if self.proof is None else self.proof.to_json(),
         }
 
 
@@ -145,12 +150,14 @@ def run_preflight(
     action_space_name: str | None = None,
     observation: str = "default",
     quality: str = "standard",
+    proof: bool = False,
     on_conventions: Callable[[tuple[Convention, ...]], None] | None = None,
 ) -> PreflightCheck:
     """Ask a policy what it would do at the start of a trial of a run with these presets.
 
-    The action space is the policy's own if None. ``on_conventions`` is called with what both sides declare, before it
-    is compared.
+    The action space is the policy's own if None. With ``proof``, a demonstration of the trial is replayed through a
+    policy that sees observations (:mod:`betterbench.evaluation.preflight.proof`). ``on_conventions`` is called with
+    what both sides declare, before it is compared.
 
     Raises:
         BetterError: If the policy cannot be asked, declares other conventions than the run, or gives a bad answer.
@@ -175,6 +182,14 @@ def run_preflight(
         seen, ask = _first_question(policy, client, scene, trial, spec if info.needs_images else None)
         actions, first_s, latencies_s = _ask_often(ask, space, ahead=info.execution.ahead)
         adapter = _adapter_of(client)
+        proven = None
+        if proof and client is not None:
+            if is_remote(policy):  # a new connection begins a new episode
+                close_policy(client)
+                client = make_policy(policy)
+                name_trial(client, trial)
+            shown = spec if info.needs_images else observation_spec("state_only")
+            proven = prove_by_replay(client, info, trial, space=space, spec=shown, quality=quality_preset(quality))
         return PreflightCheck(
             policy=policy,
             trial=trial,
@@ -188,6 +203,7 @@ def run_preflight(
             actions=actions,
             first_s=first_s,
             latencies_s=latencies_s,
+            proof=proven,
         )
     finally:
         close_policy(client)

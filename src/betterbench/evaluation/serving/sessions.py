@@ -81,8 +81,8 @@ class ShadowSession:
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
         """Return the control step of a client: the one it sends, the end of the last chunk, or an earlier one of it.
 
-        Many clients execute fewer actions than they were answered. A client that does not count is at the step of the
-        chunk where the robot was as its state says, relative to the start of the episode.
+        Many clients execute fewer actions than they were answered, or none when they ask again. A client that does not
+        count is at the step of the chunk where the robot was as its state says, relative to the start of the episode.
 
         Raises PolicyError if the robot was there at none of these steps.
         """
@@ -92,7 +92,7 @@ class ShadowSession:
             return step
         began, self._chunk_began = self._chunk_began, step
         layout = self._layout or OPENPI_LIBERO
-        steps = [step] if counted or step <= began else list(range(began + 1, step + 1))
+        steps = [step] if counted else list(range(min(began, step), step + 1))
         gaps = [state_gap(states, shadow.observation(i), *self._start, layout) for i in steps]
         if gaps[-1] <= SAME_STATE:
             return step

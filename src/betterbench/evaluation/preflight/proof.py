@@ -1,0 +1,353 @@
+"""The replay proof: a demonstration of ours goes out as observations, and the answers have to lead where it went.
+
+At every request the policy is shown what the demonstration saw. Its answers are put one after the other, and the path
+that they describe is compared with the demonstration's, axis by axis. A policy whose actions are read in wrong units,
+a wrong frame or with a wrong sign describes a path that is stretched, turned or mirrored, and the factor of an axis
+says by how much. The answers are also executed in a scene of their own, which shows how far from the demonstration's
+end they lead the end effector.
+
+Paths are those of commanded poses, which the arm follows with a delay of a few control steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.episodes import POLICY_BOUNDARY, Observer
+from betterbench.episodes.chunks import checked_chunk
+from betterbench.experts import make_expert
+from betterbench.geometry import Quaternion, conjugate, multiply, normalize, to_axis_angle
+from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
+from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, ActionSpace
+from betterbench.interventions import resolve_condition
+from betterbench.robots.control import ControllerState
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import Quality
+from betterbench.state import WorldState
+from betterbench.tasks import TrialId
+
+MAX_REQUESTS = 100
+"""Requests of one proof, at most: a demonstration in chunks of five, or the way to the first object step by step."""
+
+LEAST_RANGE = {"m": 0.02, "rad": 0.05}
+"""How far a demonstration has to move along an axis for a factor [m, rad]."""
+
+FOLLOWS = 0.7
+"""Agreement from which on a policy is taken to follow the demonstration: the cosine between its steps and those of the
+demonstration, on each axis."""
+
+PROVEN = 0.02
+"""Largest distance of a factor from 1 that proves the conventions of its axis."""
+
+WRONG = 1.5
+"""Factor from which on, or below the inverse of which, the conventions of an axis are wrong."""
+
+_IDLE_STEPS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class AxisProof:
+    """What the answers say about one axis.
+
+    Attributes:
+        name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
+        unit: "m" or "rad".
+        range: Distance between the extremes of the demonstration's path.
+        factor: How many times as far the answers lead as the demonstration, or None where it hardly moves.
+        agreement: Cosine between the steps of both, -1 to 1; None where one of them does not move.
+        apart: Largest distance of the two paths.
+    """
+
+    name: str
+    unit: str
+    range: float
+    factor: float | None
+    agreement: float | None
+    apart: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayProof:
+    """The result of a replay proof.
+
+    Attributes:
+        steps: Control steps of the demonstration that were replayed.
+        requests: Requests that the policy answered.
+        gripper: Share of the steps in which the gripper is told the same.
+        executed_off_m: Distance of the end effector from where the demonstration led it, after all answers [m].
+    """
+
+    steps: int
+    requests: int
+    axes: tuple[AxisProof, ...]
+    gripper: float
+    executed_off_m: float
+
+    @property
+    def moved(self) -> tuple[AxisProof, ...]:
+        """The axes along which the demonstration moves."""
+        return tuple(axis for axis in self.axes if axis.factor is not None)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the policy does what the demonstration does, in whatever units or direction."""
+        return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether every axis and the gripper agree with the demonstration."""
+        factors = [axis.factor for axis in self.moved if axis.factor is not None]
+        return self.follows and all(abs(f - 1.0) <= PROVEN for f in factors) and self.gripper >= 1.0 - PROVEN
+
+    @property
+    def wrong(self) -> tuple[str, ...]:
+        """The axes, and "gripper", whose conventions the demonstration proves to be wrong."""
+        if not self.follows:
+            return ()
+        names = [axis.name for axis in self.moved if not 1.0 / WRONG < (axis.factor or 0.0) < WRONG]
+        return (*names, *(["gripper"] if self.gripper < 1.0 - FOLLOWS else []))
+
+    @property
+    def verdict(self) -> str:
+        """What the proof says, and what to try if conventions are wrong."""
+        if not self.follows:
+            return "nothing is proven: the policy does not follow the demonstration"
+        if self.is_proven:
+            return "the conventions are proven: the answers lead where the demonstration went"
+        if not self.wrong:
+            return "the answers lead about where the demonstration went"
+        return f"the conventions of {', '.join(self.wrong)} are wrong. {self._cure()}"
+
+    def _cure(self) -> str:
+        told = {axis.name: axis.factor for axis in self.moved if axis.factor is not None}
+        lengths = [f for name, f in told.items() if name in ("x", "y", "z")]
+        if len(lengths) > 1 and max(lengths) - min(lengths) < 0.2 * abs(float(np.mean(lengths))):
+            mean = float(np.mean(lengths))
+            for factor, cure in _KNOWN:
+                if abs(mean / factor - 1.0) < 0.15:
+                    return cure
+        if self.wrong == ("gripper",):
+            return "Its polarity is the other one: give gripper=open_positive, or what fits the policy."
+        return "Give another preset, or correct action_space, units, frame, rotation or gripper."
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            **asdict(self),
+            "follows": self.follows,
+            "proven": self.is_proven,
+            "wrong": list(self.wrong),
+            "verdict": self.verdict,
+        }
+
+
+_KNOWN = (
+    (4.0, "A checkpoint trained on LIBERO moves 0.0125 m per unit: give units=libero_measured, or its suite's preset."),
+    (0.25, "The policy moves 0.05 m per unit, as our demonstrations do: give units=libero."),
+    (20.0, "The policy's units are 0.05 m and not meters: give units=libero."),
+    (80.0, "The policy's units are 0.0125 m and not meters: give units=libero_measured."),
+    (0.05, "The policy answers in meters: give units=physical."),
+    (0.0125, "The policy answers in meters: give units=physical."),
+)
+"""Factors of the translation, and what they mean."""
+
+
+def prove_by_replay(
+    client: Policy,
+    info: PolicyInfo,
+    trial: TrialId,
+    *,
+    space: ActionSpace,
+    spec: ObservationSpec,
+    quality: Quality,
+) -> ReplayProof:
+    """Replay the expert's demonstration of a trial through a policy, and compare where its answers lead.
+
+    Args:
+        client: The policy at the beginning of an episode.
+        info: What it says about itself.
+        trial: The trial of the demonstration.
+        space: The policy's action space.
+        spec: The images it is shown.
+        quality: How they are rendered.
+
+    Raises:
+        BetterError: If the policy fails, or gives a bad answer.
+    """
+    found = resolve_condition(trial.task, trial.condition)
+    scenes = [
+        Scene(found.task, found.condition, seed=trial.seed, action_space=driven, quality=quality)
+        for driven in (EE_DELTA, space)
+    ]
+    demonstration, executed = _Demonstration(scenes[0]), scenes[1]
+    paths, observer = _PATHS.get(space.name, _JointPaths)(space), Observer(spec)
+    same: list[bool] = []
+    requests = 0
+    try:
+        with POLICY_BOUNDARY:
+            instruction = found.condition.instruction.text
+            client.reset(EpisodeStart(instruction, episode_number(trial.seed), space.name))
+        while requests < MAX_REQUESTS and not demonstration.is_over():
+            seen = observer.observe(demonstration.scene, demonstration.state)
+            answer = _ask(client, seen, space)[: info.execution.horizon]
+            requests += 1
+            for action in answer:
+                if demonstration.is_over():
+                    break
+                before = demonstration.moment()
+                told = demonstration.step()
+                paths.add(action, before, demonstration.moment())
+                executed.step(action)
+                if told != 0.0:
+                    same.append(bool(np.sign(action[-1]) == np.sign(told)))
+            paths.mark()
+    finally:
+        observer.close()
+    ends = [np.array(s.ee_pose.position) for s in (executed.state(), demonstration.state)]
+    return ReplayProof(
+        steps=demonstration.state.step,
+        requests=requests,
+        axes=paths.compare(),
+        gripper=float(np.mean(same)) if same else 1.0,
+        executed_off_m=float(np.linalg.norm(ends[0] - ends[1])),
+    )
+
+
+def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
+    """Return the answer of a policy, (horizon, dim); raise InvalidActionError or PolicyError if it is none."""
+    with POLICY_BOUNDARY:
+        answer = np.asarray(client.act(seen))
+    chunk = checked_chunk(answer, space)
+    for action in chunk:
+        space.clip(action)
+    return chunk
+
+
+@dataclass(frozen=True, slots=True)
+class _Moment:
+    """What is commanded and measured at a control step of the demonstration."""
+
+    commanded: ControllerState
+    state: WorldState
+
+
+class _Demonstration:
+    """The expert's episode of a trial, step by step, until it is over and the arm has rested for a while."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.state = scene.reset()
+        self._expert = make_expert("expert", scene)
+        self._limit = scene.task.step_limit(scene.condition)
+        self._idle = 0
+
+    def is_over(self) -> bool:
+        """Whether the expert has come to rest, or the trial has ended."""
+        return self._idle >= _IDLE_STEPS or self.state.step >= self._limit
+
+    def moment(self) -> _Moment:
+        """Return what is commanded and measured now."""
+        return _Moment(self.scene.controller.state(), self.state)
+
+    def step(self) -> float:
+        """Execute the expert's next action and return what it tells the gripper."""
+        action = self.scene.step(np.asarray(self._expert.act_on_state(self.state)))
+        self.state = self.scene.state()
+        self._idle = 0 if np.abs(action[:-1]).max() > 1e-3 else self._idle + 1
+        return float(action[-1])
+
+
+class _Paths:
+    """The path of the demonstration and that of the answers, at the end of each answer."""
+
+    units: tuple[str, ...] = ("m", "m", "m", "rad", "rad", "rad")
+    names: tuple[str, ...] = ("x", "y", "z", "rx", "ry", "rz")
+
+    def __init__(self, space: ActionSpace) -> None:
+        self._space = space
+        self._scale = np.array(space.scale[:-1])
+        self._now = np.zeros((2, len(self.names)))
+        self._marked = [self._now.copy()]
+
+    def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
+        """Add one control step: the action that was answered, and the demonstration before and after it."""
+        raise NotImplementedError
+
+    def mark(self) -> None:
+        """Note where both paths are."""
+        self._marked.append(self._now.copy())
+
+    def compare(self) -> tuple[AxisProof, ...]:
+        """Return what the paths say about each axis."""
+        demonstrated, answered = np.array(self._marked).transpose(1, 2, 0)
+        return tuple(
+            _compare(name, unit, d, a)
+            for name, unit, d, a in zip(self.names, self.units, demonstrated, answered, strict=True)
+        )
+
+
+class _DeltaPaths(_Paths):
+    """Steps of the end effector, added up."""
+
+    def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
+        measured = self._space.name == EE_DELTA_MEASURED.name
+        start = before.state.ee_pose if measured else before.commanded.pose
+        end = after.commanded.pose
+        moved = np.array(end.position) - np.array(start.position)
+        self._now[0] += [*moved, *_turn(start.quaternion, end.quaternion)]
+        self._now[1] += action[:-1] * self._scale
+
+
+class _PosePaths(_Paths):
+    """Poses of the end effector, relative to the demonstration's first one."""
+
+    def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
+        start, end = before.commanded.pose, after.commanded.pose
+        moved = np.array(end.position) - np.array(start.position)
+        self._now[0] += [*moved, *_turn(start.quaternion, end.quaternion)]
+        beyond = action[:3] - np.array(end.position)
+        turned = _turn(end.quaternion, normalize(action[3:7].tolist()))
+        self._now[1] = self._now[0] + [*beyond, *turned]
+
+
+class _JointPaths(_Paths):
+    """Angles of the joints, relative to the demonstration's first ones."""
+
+    units = ("rad",) * 7
+    names = tuple(f"joint{i}" for i in range(1, 8))
+
+    def add(self, action: np.ndarray, before: _Moment, after: _Moment) -> None:
+        end = np.array(after.commanded.joints)
+        self._now[0] += end - np.array(before.commanded.joints)
+        if self._space.is_delta:
+            self._now[1] += action[:-1] * self._scale
+        else:
+            self._now[1] = self._now[0] + (action[:-1] - end)
+
+
+_PATHS: dict[str, type[_Paths]] = {"ee_delta": _DeltaPaths, "ee_delta_measured": _DeltaPaths, "ee_pose": _PosePaths}
+
+
+def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
+    """Return the rotation vector from one rotation to another in the base frame, (3,) [rad]."""
+    return np.array(to_axis_angle(multiply(end, conjugate(start))))
+
+
+def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:
+    """Return what two paths along one axis, each (n,), say about it."""
+    spread = float(np.ptp(demonstrated))
+    steps, answers = np.diff(demonstrated), np.diff(answered)
+    lengths = float(np.linalg.norm(steps) * np.linalg.norm(answers))
+    centered = demonstrated - demonstrated.mean()
+    moves = spread >= LEAST_RANGE[unit]
+    return AxisProof(
+        name=name,
+        unit=unit,
+        range=spread,
+        factor=float(centered @ (answered - answered.mean()) / (centered @ centered)) if moves else None,
+        agreement=float(steps @ answers / lengths) if lengths > 0.0 else None,
+        apart=float(np.abs(answered - demonstrated).max()),
+    )
