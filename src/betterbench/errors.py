@@ -98,6 +98,14 @@ class PolicyUnavailableError(PolicyError):
     """A policy server cannot be reached, however often it is tried; its trials are run again later."""
 
 
+class PolicyProcessError(PolicyError):
+    """The process of a policy cannot load it."""
+
+
+class PolicyKilledError(PolicyError):
+    """The process of a policy was ended from outside; its trial is run again."""
+
+
 class HandshakeError(BetterError):
     """The two sides of a handshake declare different conventions; the text names both."""
 

@@ -15,7 +15,7 @@ from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.observer import Observer
-from betterbench.errors import InvalidActionError, PolicyError, PolicyUnavailableError
+from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
 from betterbench.interface import Execution
 from betterbench.recording import Record, RecordBuilder, Termination
 from betterbench.scenes import Scene
@@ -122,6 +122,7 @@ def episode_steps(
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.
+        PolicyKilledError: If the process of the policy was ended from outside.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -151,7 +152,7 @@ def episode_steps(
                 on_step(state.step)
         if truth.success:
             termination = "success"
-    except PolicyUnavailableError:
+    except (PolicyUnavailableError, PolicyKilledError):
         raise
     except PolicyError as problem:
         termination, error = "policy_error", str(problem)

@@ -27,7 +27,7 @@ class LineJournal:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path = path = path.absolute()
         self._lock = RunLock(path.parent / LOCK_NAME)
         self._handle: int | None = None
         try:

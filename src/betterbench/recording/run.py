@@ -55,6 +55,10 @@ class RunFolder:
     plan: Mapping[str, Any]
     context: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        """Make the path absolute: whoever changes the working directory later does not move the run."""
+        object.__setattr__(self, "path", self.path.absolute())
+
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
         """Create a run, or resume the one in the folder if it has the same plan.
@@ -67,6 +71,7 @@ class RunFolder:
             RecordError: If its ``run.json`` is corrupt.
             InvalidInputError: If plan or context is not JSON.
         """
+        path = path.absolute()
         wanted = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context or {})}
         data = dump_json(wanted)
         wanted = json.loads(data)

@@ -79,7 +79,8 @@ def evaluate(
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
-        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine
+        workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
+            always asked in a process of its own. None for one per processor of this machine
             or of the cluster, or for a single one if each would load the weights of a policy again.
         envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
@@ -176,7 +177,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     address = plan.policy
     if alone or needs_no_thread(address) or is_remote(address):
-        policies = PolicyFactory(address)
+        policies = PolicyFactory(address, apart=True)
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
     with ExitStack() as own:
@@ -185,7 +186,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
         host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
-            return _Asked(info, envs, PolicyFactory(address))
+            return _Asked(info, envs, PolicyFactory(address, apart=True))
         one_worker = not host.takes_batches
         if engine == "ray":
             return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import time
 from collections.abc import Generator, Iterator
@@ -20,16 +21,19 @@ from betterbench.episodes import (
     episode_steps,
     run_episode,
 )
-from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
+from betterbench.errors import HandshakeError, PolicyKilledError, PolicyUnavailableError, PremiseError, StorageError
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Looks
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+logger = logging.getLogger(__name__)
 
 POLICY_TIMEOUT_S = 300.0
 """Deadline of one answer of a policy in this process [s], unless another one is asked for."""
@@ -70,7 +74,7 @@ class RunSettings:
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
         """Return the settings of a plan that is run into a folder."""
         return cls(
-            str(run),
+            str(run.absolute()),
             plan.policy,
             plan.action_space,
             plan.observation,
@@ -95,7 +99,7 @@ class TrialRunner:
         self.settings = settings
         load_sources(settings.task_files)
         self.run = RunFolder.open(Path(settings.run))
-        self.policies = policies or PolicyFactory(settings.asked)
+        self.policies = policies or PolicyFactory(settings.asked, apart=True)
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
@@ -121,15 +125,15 @@ class TrialRunner:
             if needs_no_thread(self.settings.asked):
                 result, ground_truth = self._run_here(scene, trial, context)
             else:
-                result = yield from episode_steps(
-                    scene, context=context, observer=self._shown_by, execution=self.info.execution
-                )
+                result = yield from self._run_asking(scene, context)
             ended = time.perf_counter()
             self._write(scene, result)
             wall |= {**result.wall, "write_s": round(time.perf_counter() - ended, 6)}
             message = result.record.outcome.error
         except (PremiseError, StorageError):
             raise
+        except PolicyKilledError as error:
+            status, message = "error", f"{error}, {MAX_DEATHS} times; run the same command again to retry it"
         except (PolicyUnavailableError, HandshakeError) as error:
             status, message = "error", str(error)
         except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
@@ -158,6 +162,23 @@ class TrialRunner:
         finally:
             if is_privileged(self.settings.policy):
                 close_policy(policy)
+
+    def _run_asking(
+        self, scene: Scene, context: TrialContext
+    ) -> Generator[Question | None, Reply | None, EpisodeResult]:
+        """Run an episode that stops wherever its policy has to answer, again if the policy's process was killed."""
+        for left in reversed(range(MAX_DEATHS)):
+            try:
+                return (
+                    yield from episode_steps(
+                        scene, context=context, observer=self._shown_by, execution=self.info.execution
+                    )
+                )
+            except PolicyKilledError as error:
+                if not left:
+                    raise
+                logger.warning("%s seed %d: %s; it is run again", scene.condition.id, scene.seed, error)
+        raise AssertionError("the last attempt returns or raises")
 
     def _set_up(self, trial: Trial) -> tuple[Scene, TrialContext]:
         found = trial.resolve()
