@@ -131,7 +131,7 @@ def episode_steps(
     )
     builder = RecordBuilder(describe(scene, tracker, context))
     truth = tracker.update(state)
-    _append(builder, scene, state, truth, action=None, applied=None)
+    append_row(builder, scene, state, truth, action=None, applied=None)
     limit = scene.task.step_limit(scene.condition)
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
@@ -147,7 +147,7 @@ def episode_steps(
             clipped += applied.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
-            _append(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
+            append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
             if on_step is not None:
                 on_step(state.step)
         if truth.success:
@@ -177,7 +177,7 @@ def _finished(
     )
 
 
-def _append(
+def append_row(
     builder: RecordBuilder,
     scene: Scene,
     state: WorldState,
@@ -186,6 +186,7 @@ def _append(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
+    """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
     builder.append(
         state,
         **scene.simulator_state(),

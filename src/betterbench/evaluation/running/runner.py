@@ -19,6 +19,7 @@ from betterbench.evaluation.planning.repeat import require_same_policy
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
 from betterbench.evaluation.running.failing_start import FailingStart
+from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, on_disk
@@ -73,6 +74,8 @@ def evaluate(
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
 
+    Trials whose record is missing or damaged are run again.
+
     The policy is asked for its conventions before anything is written. Results do not depend on the number of workers
     and environments, nor on the engine.
 
@@ -126,7 +129,8 @@ def evaluate(
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
-        schedule = Schedule(plan, is_done=journal.is_done, succeeded=run.succeeded)
+            reopen_lost(run, journal)
+        schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.read_brief(t, entry=journal.entry(t)).outcome.success)
         entries = _entries(run, settings, schedule, count, asked=asked, session=session)
         _record(schedule, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
     return run

@@ -27,6 +27,7 @@ from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_po
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.parquet import file_digest
 from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -119,6 +120,7 @@ class TrialRunner:
         message: str | None = None
         wall: dict[str, float] = {}
         ground_truth: dict[str, str] = {}
+        digest: str | None = None
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
@@ -127,7 +129,7 @@ class TrialRunner:
             else:
                 result = yield from self._run_asking(scene, context)
             ended = time.perf_counter()
-            self._write(scene, result)
+            digest = self._write(scene, result)
             wall |= {**result.wall, "write_s": round(time.perf_counter() - ended, 6)}
             message = result.record.outcome.error
         except (PremiseError, StorageError):
@@ -140,7 +142,7 @@ class TrialRunner:
             status, message = "error", f"{type(error).__name__}: {error}"
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
-            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth
+            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth, digest
         )
 
     def close(self) -> None:
@@ -202,11 +204,13 @@ class TrialRunner:
         )
         return scene, context
 
-    def _write(self, scene: Scene, result: EpisodeResult) -> None:
+    def _write(self, scene: Scene, result: EpisodeResult) -> str:
+        """Write the record of a trial and, once, its scene, and return the SHA-256 of the record's file."""
         with on_disk(self.run.path):
-            self.run.write_record(result.record)
+            path = self.run.write_record(result.record)
             if not self.run.scene_path(scene.compiled.content_hash).exists():
                 self.run.store_scene(scene.compiled.content_hash, scene.files())
+            return file_digest(path)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
