@@ -45,7 +45,19 @@ def deep(levels):
 
 HOSTILE = [
     *(None, True, False, -1, 0, 3, 10**400, -(10**25), 1e308, 0.1, float("nan"), float("inf"), "", "1", "300"),
-    *("x" * 100_000, "../../../etc/passwd", "\x1b[31mred", "\ud800", "a\x00b", [], {}, [[]], {"": {}}, deep(150), deep(290)),
+    *(
+        "x" * 100_000,
+        "../../../etc/passwd",
+        "\x1b[31mred",
+        "\ud800",
+        "a\x00b",
+        [],
+        {},
+        [[]],
+        {"": {}},
+        deep(150),
+        deep(290),
+    ),
 ]
 
 
@@ -139,7 +151,9 @@ def mutated_scene(data, draw):
     kinds = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
     with zipfile.ZipFile(BytesIO(data)) as whole, zipfile.ZipFile(buffer, "w", kinds[draw.integers(4)]) as archive:
         for name in whole.namelist():
-            archive.writestr(name if draw.uniform() < 0.7 else f"../{name}", mutated_bytes(whole.read(name)[:5000], draw))
+            archive.writestr(
+                name if draw.uniform() < 0.7 else f"../{name}", mutated_bytes(whole.read(name)[:5000], draw)
+            )
     return buffer.getvalue() if draw.uniform() < 0.5 else mutated_bytes(buffer.getvalue(), draw)
 
 

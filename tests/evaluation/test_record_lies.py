@@ -55,7 +55,9 @@ def shortened(record, rows):
         forces=contacts.forces[: contacts.offsets[rows]].copy(),
     )
     bodies = record.bodies[: int(kept.bodies.max(initial=-1)) + 1]
-    return dataclasses.replace(record, bodies=bodies, contacts=kept, **{n: a[:rows].copy() for n, a in record.arrays().items()})
+    return dataclasses.replace(
+        record, bodies=bodies, contacts=kept, **{n: a[:rows].copy() for n, a in record.arrays().items()}
+    )
 
 
 def flipped(record):
@@ -176,7 +178,10 @@ CHANGES = {
     "two lines swapped": lambda lines: [lines[1], lines[0], *lines[2:]],
     "a figure changed": lambda lines: [lines[0].replace('"worker":', '"worker":1'), *lines[1:]],
     "a record changed": lambda lines: [lines[0], lines[1].replace('"record":"', '"record":"0')[:-1], *lines[2:]],
-    "a link taken out": lambda lines: [lines[0], json.dumps({k: v for k, v in json.loads(lines[1]).items() if k != "link"})],
+    "a link taken out": lambda lines: [
+        lines[0],
+        json.dumps({k: v for k, v in json.loads(lines[1]).items() if k != "link"}),
+    ],
 }
 
 

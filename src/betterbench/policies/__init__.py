@@ -13,7 +13,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Noop", "Random", "Replay", "load_plugin", "source_of"]
 
-_HOMES = {"load_plugin": "plugin", "source_of": "plugin", "Noop": "reference", "Random": "reference", "Replay": "replay"}
+_HOMES = {
+    "load_plugin": "plugin",
+    "source_of": "plugin",
+    "Noop": "reference",
+    "Random": "reference",
+    "Replay": "replay",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -147,9 +147,7 @@ def _seal_span(data: bytes) -> tuple[int, int]:
     """Return where the digest stands; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(
-            f"is damaged or no record. {_PLACE}"
-        )
+        raise RecordError(f"is damaged or no record. {_PLACE}")
     return spans[0]
 
 

@@ -230,5 +230,3 @@ def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
             worker.start(trial)
         for entry in worker.finished(_TURN_S):
             connection.send(entry)
-
-
