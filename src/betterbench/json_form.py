@@ -69,7 +69,7 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """
     try:
         yield
-    except Exception as error:  # noqa: BLE001 - a stranger's form can break any code that reads it
+    except Exception as error:  # a stranger's form can break any code that reads it
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
@@ -100,7 +100,7 @@ def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterEr
             elif not stat.S_ISREG(kind.st_mode):
                 problem = "is no ordinary file"
             elif kind.st_size <= max_bytes:
-                with open(handle, "rb", closefd=False) as stream:  # noqa: PTH123 - of the descriptor that was looked at
+                with open(handle, "rb", closefd=False) as stream:
                     return stream.read()
         finally:
             os.close(handle)

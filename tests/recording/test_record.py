@@ -259,7 +259,7 @@ def test_a_changed_document_is_refused(make_record, tmp_path, change, message) -
 def test_other_parquet_files_are_refused(make_record, tmp_path) -> None:
     path = tmp_path / "r.parquet"
     pq.write_table(pa.table({"a": [1, 2]}), path)
-    with pytest.raises(RecordError, match="is damaged or no record. Name a record of a run"):
+    with pytest.raises(RecordError, match=r"is damaged or no record\. Name a record of a run"):
         read_record(path)
     reseal(pa.table({"a": [1, 2]}, metadata={"other": "x"}), path)
     with pytest.raises(RecordError, match="is a Parquet file but no record"):

@@ -12,7 +12,6 @@ import tyro
 from betterbench.cli.console import OUT, print_json, say
 from betterbench.errors import BetterError, RecordError
 
-
 MOST_FIELDS = 5
 """Fields that are named in the error of a record that does not follow from its actions."""
 

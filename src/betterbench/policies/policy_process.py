@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Sequence
 from multiprocessing import Pipe
-from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
@@ -149,7 +148,7 @@ class _Started:
         life, self._life = os.pipe()
         arguments = f"{address!r}, {theirs.fileno()}, {life}"
         try:
-            self._process = subprocess.Popen(
+            self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
                 [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
                 stdin=subprocess.DEVNULL,
                 pass_fds=(theirs.fileno(), life),
@@ -160,8 +159,7 @@ class _Started:
             os.close(life)
         try:
             message = self.receive()
-            if message[0] != "ready":
-                raise _unloaded(address, _error(*message[1:]))
+            _require_loaded(address, message)
             self.info: PolicyInfo = message[1]
             self.batches, self.source = bool(message[2]), str(message[3])
         except (EOFError, OSError) as error:
@@ -223,11 +221,14 @@ def _error(kind: str, texts: Sequence[str]) -> BetterError:
     return error
 
 
-def _unloaded(address: str, problem: BetterError) -> BetterError:
-    """Return the error of a policy that could not be loaded; those of betterbench say enough."""
+def _require_loaded(address: str, message: tuple[Any, ...]) -> None:
+    """Raise what a process has told instead of that it has loaded its policy; errors of betterbench say enough."""
+    if message[0] == "ready":
+        return
+    problem = _error(*message[1:])
     if type(problem) is not PolicyError:
-        return problem
-    return PolicyProcessError(f"{address}: it cannot be loaded ({problem}). Its traceback stands above.")
+        raise problem
+    raise PolicyProcessError(f"{address}: it cannot be loaded ({problem}). Its traceback stands above.")
 
 
 def exit_text(status: int | None) -> str:

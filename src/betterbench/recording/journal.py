@@ -1,7 +1,7 @@
 """The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
 
-Each line holds the SHA-256 of its record and a link, the SHA-256 of the link before it and of the line itself, so that a
-line that is changed, left out or moved is noticed. Journals of older versions have neither.
+Each line holds the SHA-256 of its record and a link, the SHA-256 of the link before it and of the line itself, so that
+a line that is changed, left out or moved is noticed. Journals of older versions have neither.
 """
 
 from __future__ import annotations
@@ -161,7 +161,8 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
             link = _link(link, fields)
             if told != link:
                 raise RecordError(
-                    f"{where} does not follow from the lines before it: one was changed, left out or moved. {_LINE_CURE}."
+                    f"{where} does not follow from the lines before it: one was changed, left out or moved. "
+                    f"{_LINE_CURE}."
                 )
         entry = JournalEntry(**fields)
         if entry.status == "error":

@@ -154,8 +154,8 @@ def _seal_span(data: bytes) -> tuple[int, int]:
 def read_record(path: Path, *, digest: str | None = None) -> Record:
     """Read a record, bit for bit the one that was written; the file may come from a stranger.
 
-    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version, or if the SHA-256
-    of the file is not ``digest``, where that is known.
+    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version, or if the
+    SHA-256 of the file is not ``digest``, where that is known.
     """
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE)
@@ -206,7 +206,7 @@ def _reading(path: Path) -> Iterator[None]:
             raise RecordError(f"{path}: there is no such record. {AGAIN}.") from None
         text = str(error).removeprefix(f"{path}: ").rstrip(".")
         raise RecordError(f"{path}: {text}.") from error
-    except Exception as error:  # noqa: BLE001 - what native code raises about a damaged file
+    except Exception as error:  # what native code raises about a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(f"{path}: is damaged or no record ({said}). {AGAIN}.") from error
 

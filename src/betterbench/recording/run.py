@@ -230,9 +230,9 @@ class RunFolder:
         """Return how the trial of a line of the journal ended; raises what :meth:`read_record` raises."""
         return self.read_brief(entry.key, entry=entry).outcome
 
-    def succeeded(self, trial: TrialId) -> bool:
-        """Return whether a trial succeeded, from its record; raises what :meth:`read_record` raises."""
-        return self.read_brief(trial).outcome.success
+    def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
+        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
+        return self.read_brief(trial, entry=entry).outcome.success
 
     @staticmethod
     def _digest(entry: JournalEntry | None) -> str | None:

@@ -60,7 +60,7 @@ def read_scene(path: Path) -> dict[str, bytes]:
         if isinstance(error.__cause__, FileNotFoundError):
             raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
         raise
-    except Exception as error:  # noqa: BLE001 - what decompressors raise about a damaged archive
+    except Exception as error:  # what decompressors raise about a damaged archive
         said = (str(error).splitlines() or [type(error).__name__])[0]
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
 

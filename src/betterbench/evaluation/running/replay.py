@@ -1,4 +1,4 @@
-"""Replaying a record: its actions are simulated again, and everything that follows from them is compared bit for bit."""
+"""Replaying a record: its actions are simulated again, and all that follows from them is compared bit for bit."""
 
 from __future__ import annotations
 

@@ -130,9 +130,7 @@ def evaluate(
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
             reopen_lost(run, journal)
-        schedule = Schedule(
-            plan, is_done=journal.is_done, succeeded=lambda t: run.read_brief(t, entry=journal.entry(t)).outcome.success
-        )
+        schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
         entries = _entries(run, settings, schedule, count, asked=asked, session=session)
         _record(schedule, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
     return run

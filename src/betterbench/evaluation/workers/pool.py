@@ -215,7 +215,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
                 connection.send(None)
                 _take_and_send(worker, settings.envs, connection)
         except PolicyProcessError as problem:  # there may be memory for fewer instances
-            logger.error("%s", problem)
+            logger.warning("%s", problem)
             raise SystemExit(1) from None
         except BetterError as problem:
             connection.send(problem)
