@@ -171,8 +171,9 @@ class RunFolder:
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
         """Refuse a journal that lists what the plan does not."""
-        for entry in entries if self._planned is not None else ():
-            trial = self._planned.get(entry.key)  # type: ignore[union-attr] # looked at above
+        planned = self._planned
+        for entry in entries if planned is not None else ():
+            trial = planned.get(entry.key)  # type: ignore[union-attr] # looked at above
             if trial is None or trial.get("variation") != entry.variation:
                 problem = "is not planned" if trial is None else f"is not planned as a trial of {entry.variation}"
                 raise RecordError(
@@ -241,9 +242,10 @@ class RunFolder:
     def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
         """Refuse a record that says something else than where it lies and what is planned there."""
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
-        planned = None if self._planned is None else self._planned.get(trial)
-        if planned is not None:
-            wanted["variation"] = planned.get("variation")
+        if self._planned is not None:
+            if trial not in self._planned:
+                raise RecordError(f"{path}: {trial} is not planned in this run. Name a record of a planned trial.")
+            wanted["variation"] = self._planned[trial].get("variation")
             wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
         for name, value in wanted.items():
             there = getattr(found, name)
@@ -314,12 +316,13 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     listed = plan.get("trials")
     if not isinstance(listed, list):
         return None
-    found = {}
+    found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
-        names = [trial.get(n) for n in ("task", "condition", "seed")] if isinstance(trial, dict) else []
-        if [type(n) for n in names] != [str, str, int]:
+        form = trial if isinstance(trial, dict) else {}
+        task, condition, seed = form.get("task"), form.get("condition"), form.get("seed")
+        if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
             return None  # whoever needs the plan says what is wrong with it
-        found[TrialId(*names)] = trial
+        found[TrialId(task, condition, seed)] = form
     return found
 
 

@@ -87,18 +87,20 @@ def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
     """Return the scene of a record: with the render preset that it or the plan names, else with the one that fits."""
     meta = record.metadata
     named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
-    for name in [named] if named in QUALITIES else list(QUALITIES):
-        scene = Scene(
+    *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES
+
+    def made(quality: str) -> Scene:
+        return Scene(
             found.task,
             found.condition,
             seed=meta.seed,
             action_space=action_space(meta.action_space),
-            quality=quality_preset(name),
+            quality=quality_preset(quality),
             looks=meta.looks,
         )
-        if scene.compiled.content_hash == meta.scene_hash:
-            break
-    return scene
+
+    fitting = (s for s in map(made, others) if s.compiled.content_hash == meta.scene_hash)
+    return next(fitting, None) or made(last)
 
 
 def _run_of(path: Path, record: Record) -> RunFolder | None:
@@ -111,8 +113,9 @@ def _run_of(path: Path, record: Record) -> RunFolder | None:
         return None
     run = RunFolder.open(place.parents[3])
     meta = record.metadata
-    if run.record_path(*place.parts[-3:-1], meta.seed) == place:
-        run.read_record(*place.parts[-3:-1], meta.seed)
+    task, condition = place.parts[-3:-1]
+    if run.record_path(task, condition, meta.seed) == place:
+        run.read_record(task, condition, meta.seed)
         return run
     raise RecordError(
         f"{path}: is the record of {meta.task}/{meta.condition} seed {meta.seed} and does not lie at its place in the "
