@@ -183,7 +183,7 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
         path.write_bytes(bad)
         with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*The same better eval command records"):
             read_record(path)
-    with pytest.raises(RecordError, match="is damaged or no record"):
+    with pytest.raises(RecordError, match=r"is a folder and not a file\. Name a record of a run"):
         read_record(tmp_path)
 
 
