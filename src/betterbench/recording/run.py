@@ -173,7 +173,8 @@ class RunFolder:
         """Refuse a journal that lists what the plan does not."""
         planned = self._planned
         for entry in entries if planned is not None else ():
-            trial = planned.get(entry.key)  # type: ignore[union-attr] # looked at above
+            key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
+            trial = planned.get(key)  # type: ignore[union-attr] # looked at above
             if trial is None or trial.get("variation") != entry.variation:
                 problem = "is not planned" if trial is None else f"is not planned as a trial of {entry.variation}"
                 raise RecordError(
@@ -319,7 +320,8 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     found: dict[TrialId, Mapping[str, Any]] = {}
     for trial in listed:
         form = trial if isinstance(trial, dict) else {}
-        task, condition, seed = form.get("task"), form.get("condition"), form.get("seed")
+        # The condition of a variation has its name; plans of the first versions gave the condition it is derived from.
+        task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
         if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
             return None  # whoever needs the plan says what is wrong with it
         found[TrialId(task, condition, seed)] = form
