@@ -262,13 +262,16 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
 
 
 @pytest.mark.physics
-def test_the_last_trial_of_a_policy_that_crashes_is_told_on_resuming(plugin, tiny_plan, tmp_path):
+def test_the_last_trial_of_a_policy_that_ends_its_process_is_run_on_resuming(plugin, tiny_plan, tmp_path):
+    """With one trial left, two workers are one, in this process."""
     plan = tiny_plan(f"{plugin}:Exits", trials=2)
+    run = evaluate(plan, tmp_path / "run")
+    first, second = run.journal_path.read_text().splitlines()
+    assert json.loads(second)["seed"] == 1
+    run.journal_path.write_text(f"{first}\n")
     run = evaluate(plan, tmp_path / "run", workers=2)
-    kept = [line for line in run.journal_path.read_text().splitlines() if json.loads(line)["seed"] == 0]
-    assert len(kept) == 1
-    run = evaluate(plan, tmp_path / "again", workers=2)
     assert {e.seed: e.status for e in run.entries()} == {0: "done", 1: "done"}
+    assert "exit status 3" in str({e.seed: e.message for e in run.entries()}[1])
 
 
 def test_a_run_folder_stays_where_it_was_when_the_working_directory_changes(tmp_path, monkeypatch):
