@@ -123,14 +123,21 @@ def test_an_honest_record_follows_from_its_actions(quick, tmp_path):
     assert found.fields > 45
 
 
-@pytest.mark.parametrize(("lie", "named"), LIES.values(), ids=LIES.keys())
+QUICK = ("the verdict", "an error", "clipped actions", "the instruction", "what is held", "a force")
+
+
+@pytest.mark.parametrize(
+    ("lie", "named"),
+    [pytest.param(*lie, id=name, marks=() if name in QUICK else pytest.mark.slow) for name, lie in LIES.items()],
+)
 def test_whatever_a_record_says_falsely_is_named(quick, tmp_path, capsys, lie, named):
     write_record(lie(quick), tmp_path / "r.parquet")
-    assert main(["replay", str(tmp_path / "r.parquet"), "--check"]) == 2
-    assert "the replay differs" in " ".join(capsys.readouterr().err.split())
-    found = check_record(tmp_path / "r.parquet")
-    assert not found.identical
-    assert any(re.search(named, text) for text in found.differing), found
+    assert main(["replay", str(tmp_path / "r.parquet"), "--check", "--json"]) == 2
+    said = capsys.readouterr()
+    assert "the replay differs" in " ".join(said.err.split())
+    found = json.loads(said.out)
+    assert not found["identical"]
+    assert any(re.search(named, text) for text in found["differing"]), found
 
 
 def test_an_action_that_cannot_be_executed_is_one_line(quick, tmp_path):
@@ -236,7 +243,13 @@ def steps_short(monkeypatch):
     monkeypatch.setattr(Trial, "resolve", few)
 
 
-@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES.keys())
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(damage, id=name, marks=() if name in ("missing", "turned", "a folder") else pytest.mark.slow)
+        for name, damage in DAMAGES.items()
+    ],
+)
 @pytest.mark.usefixtures("steps_short")
 def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, caplog):
     path = copy.record_path("morning_coffee", "T1", 1)
