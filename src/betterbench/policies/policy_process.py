@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import subprocess
@@ -25,6 +26,8 @@ from betterbench.errors import (
 )
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.policies.asked_process import ERRORS, array_of
+
+logger = logging.getLogger(__name__)
 
 CLOSE_S = 5.0
 """How long a policy may take to close [s]; then its process is ended."""
@@ -128,9 +131,10 @@ class BatchPolicyProcess(PolicyProcess):
         for left in reversed(range(MAX_KILLS)):
             try:
                 return [array_of(plain) for plain in self._ask("act_batch", list(observations))]
-            except PolicyKilledError:
+            except PolicyKilledError as error:
                 if not left:
                     raise
+                logger.warning("%s; the policy is loaded again", error)
         raise AssertionError("the last attempt returns or raises")
 
 
