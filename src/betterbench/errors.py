@@ -98,6 +98,14 @@ class PolicyUnavailableError(PolicyError):
     """A policy server cannot be reached, however often it is tried; its trials are run again later."""
 
 
+class PolicyProcessError(PolicyError):
+    """The process of a policy cannot load it."""
+
+
+class PolicyKilledError(PolicyError):
+    """The process of a policy was ended from outside; its trial is run again."""
+
+
 class HandshakeError(BetterError):
     """The two sides of a handshake declare different conventions; the text names both."""
 
@@ -124,6 +132,19 @@ class WorkerError(BetterError):
 
 class MissingDependencyError(BetterError):
     """A system library or an optional extra is not installed; the text says how to install it."""
+
+
+def system_error_text(problem: OSError) -> str:
+    """Return what the system refused and where, in one line with a cure."""
+    where = "" if problem.filename is None else f"{problem.filename}: "
+    other = "" if problem.filename2 is None else f" (to {problem.filename2})"
+    reason = problem.strerror or str(problem) or type(problem).__name__
+    line = " ".join(f"{where}{reason}{other}".split())
+    shown = line if len(line) <= _MAX_LINE else f"{line[: _MAX_LINE // 2]} ... {line[-_MAX_LINE // 4 :]}"
+    return f"{shown}. Check that the path is right and that you may use it, then run the same command again."
+
+
+_MAX_LINE = 400
 
 
 class PlanningError(BetterError):

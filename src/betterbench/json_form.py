@@ -13,6 +13,9 @@ A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter``
 from __future__ import annotations
 
 import json
+import os
+import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,7 +50,14 @@ def read_form(
         BetterError: Of that class, if a field is missing, unknown or malformed; the text names the first one.
     """
     with form_errors(where, cure, raises):
-        return adapter.validate_json(form if isinstance(form, bytes | str) else json.dumps(form))
+        text = form if isinstance(form, bytes | str) else json.dumps(form)
+        if _HUGE.search(text if isinstance(text, bytes) else text.encode("utf-8", "replace")):
+            raise InvalidInputError("", "holds a number of 20 digits or more", "Give numbers that mean something")
+        return adapter.validate_json(text)
+
+
+_HUGE = re.compile(rb"[\[,:]\s*-?\d{20}")
+"""A number that does not fit into 64 bits; nothing here counts so far, and arithmetic with it breaks in odd places."""
 
 
 @contextmanager
@@ -59,29 +69,44 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
     """
     try:
         yield
-    except (ValidationError, InvalidInputError, TypeError, ValueError, RecursionError) as error:
+    except Exception as error:  # a stranger's form can break any code that reads it
         if isinstance(error, ValidationError):
             field, problem = first_problem(error)
             wrong = InvalidInputError(f"{where}: {field}" if field else where, problem, cure)
         elif isinstance(error, InvalidInputError):  # of the dataclass itself
-            wrong = InvalidInputError(f"{where}: {error.where}", error.problem, f"{error.cure.rstrip('.')}. {cure}")
+            place = f"{where}: {error.where}" if error.where else where
+            wrong = InvalidInputError(place, error.problem, f"{error.cure.rstrip('.')}. {cure}")
+        elif isinstance(error, BetterError):
+            raise
         else:  # of json.dumps
-            wrong = InvalidInputError(where, f"is not JSON ({error})", cure)
+            said = (str(error).splitlines() or [type(error).__name__])[0]
+            wrong = InvalidInputError(where, f"is not JSON ({said})", cure)
         raise _as(raises, wrong) from error
 
 
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
-    """Return the content of a file that must not be larger than a limit.
+    """Return the content of a file that must not be larger than a limit. A pipe or a device is not waited for.
 
     Raises:
-        BetterError: Of the class ``raises``, if it is missing, larger or cannot be read.
+        BetterError: Of the class ``raises``, if it is missing, no ordinary file, larger or cannot be read.
     """
+    problem, cause = f"is larger than {max_bytes} bytes", None
     try:
-        if path.stat().st_size <= max_bytes:
-            return path.read_bytes()
-    except OSError as error:
-        raise _as(raises, InvalidInputError(str(path), f"cannot be read ({error.strerror})", cure)) from error
-    raise _as(raises, InvalidInputError(str(path), f"is larger than {max_bytes} bytes", cure))
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            kind = os.fstat(handle)
+            if stat.S_ISDIR(kind.st_mode):
+                problem = "is a folder and not a file"
+            elif not stat.S_ISREG(kind.st_mode):
+                problem = "is no ordinary file"
+            elif kind.st_size <= max_bytes:
+                with open(handle, "rb", closefd=False) as stream:
+                    return stream.read()
+        finally:
+            os.close(handle)
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        cause, problem = error, f"cannot be read ({getattr(error, 'strerror', None) or error})"
+    raise _as(raises, InvalidInputError(str(path), problem, cure)) from cause
 
 
 def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:

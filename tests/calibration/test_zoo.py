@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from betterbench.calibration import CalibrationPolicy, calibrate, true_label
@@ -55,7 +57,15 @@ def test_the_diagnosis_never_reads_the_truth(tmp_path):
     text = run.journal_path.read_text()
     assert "semantic_feature_collapse" in text
     assert any(label is Label.SEMANTIC_FEATURE_COLLAPSE for _, label, _ in before)
-    run.journal_path.write_text(text.replace("semantic_feature_collapse", "order_violation"))
+    entries = run.entries()
+    run.journal_path.unlink()
+    with run.journal() as journal:
+        for entry in entries:
+            changed = {
+                k: v.replace("semantic_feature_collapse", "order_violation") for k, v in entry.ground_truth.items()
+            }
+            journal.append(dataclasses.replace(entry, ground_truth=changed))
+    assert "semantic_feature_collapse" not in run.journal_path.read_text()
     assert [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials] == before
 
 

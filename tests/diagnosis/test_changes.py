@@ -224,7 +224,7 @@ def test_a_malformed_file_is_one_clear_error(run, spoil, text):
     with pytest.raises(RecordError, match=text) as caught:
         read_stored(run)
     assert "diagnosis.json" in str(caught.value)
-    assert "delete it" in str(caught.value)
+    assert "move it elsewhere" in str(caught.value)
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"\xff\xfe", b"[" * 100_000])

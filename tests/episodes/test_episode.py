@@ -352,10 +352,35 @@ def test_offline_truth_is_live_truth(task_id, name):
     assert truth.success == record.outcome.success
 
 
+def context_of(name):
+    """Returns what a run knows of a variation, without the policy."""
+    found = get_task("morning_coffee").variation(name)
+    operations = tuple(str(i) for i in found.interventions)
+    return {"variation": name, "axis": found.axis.value, "base_condition": found.base, "interventions": operations}
+
+
+@pytest.fixture
+def replayed_as_short(monkeypatch):
+    """Replays records in episodes that are as short as those of this page."""
+    from betterbench.evaluation.running import replay
+
+    ordinary = replay.resolve_condition
+
+    def resolve(task, condition):
+        found = ordinary(task, condition)
+        return dataclasses.replace(found, task=short(found.task, replayed[0]))
+
+    replayed = [40]
+    monkeypatch.setattr(replay, "resolve_condition", resolve)
+    return replayed
+
+
+@pytest.mark.usefixtures("replayed_as_short")
 @pytest.mark.parametrize("name", ["train3", "O1"])
 def test_replaying_recorded_actions_reproduces_every_state(tmp_path, name):
     variation = None if name.startswith("train") else name
-    record = run(Random(), make_scene(name, seed=2), variation=variation)
+    of = {} if variation is None else context_of(name)
+    record = run(Random(), make_scene(name, seed=2), **of)
     write_record(record, tmp_path / "r.parquet")
     check = check_record(tmp_path / "r.parquet")
     assert check.identical
@@ -364,11 +389,12 @@ def test_replaying_recorded_actions_reproduces_every_state(tmp_path, name):
     assert check.notes == ()
 
 
+@pytest.mark.usefixtures("replayed_as_short")
 def test_replay_check_notices_a_changed_action(tmp_path):
     record = run(Random(), make_scene("train3", seed=2))
     actions = record.applied.copy()
     actions[20, 0] = -np.sign(actions[20, 0])
-    write_record(dataclasses.replace(record, applied=actions), tmp_path / "r.parquet")
+    write_record(dataclasses.replace(record, action=actions, applied=actions.copy()), tmp_path / "r.parquet")
     check = check_record(tmp_path / "r.parquet")
     assert not check.identical
     assert check.first_difference == 20
@@ -376,7 +402,8 @@ def test_replay_check_notices_a_changed_action(tmp_path):
 
 
 @pytest.mark.parametrize("space", ["ee_delta_measured", "joint_delta"])
-def test_other_action_spaces_are_replayed_in_their_own_terms(tmp_path, space):
+def test_other_action_spaces_are_replayed_in_their_own_terms(tmp_path, space, replayed_as_short):
+    replayed_as_short[0] = 20
     scene = make_scene("train1", space=space, steps=20)
     policy = Scripted(lambda o: 0.2 * np.sin(0.3 * o.step) * np.ones(scene.action_space.dim))
     record = run(policy, scene)

@@ -42,18 +42,20 @@ class Still:
         return np.array([0.0] * 6 + [-1.0])
 
 class Dies(Still):
-    '''Its process is killed in the middle of one trial, the first time.'''
+    '''The worker that asks it is killed in the middle of one trial, the first time.'''
     def act(self, observation):
         marker = HERE / "died"
         if self.seed == 1 and observation.step == 3 and not marker.exists():
             marker.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(20)
         return super().act(observation)
 
 class AlwaysDies(Still):
     def act(self, observation):
         if self.seed == 1 and not (HERE / "cured").exists():
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(20)
         return super().act(observation)
 
 class Batches:
@@ -87,9 +89,11 @@ class HangingBatches(Batches):
         return super().act_batch(observations)
 
 class NoPlaceInAWorker(Still):
+    '''There is memory for the process that is asked before the run, and for no other.'''
     def __init__(self):
-        if "ray" in sys.modules:
+        if (HERE / "full").exists():
             raise RuntimeError("CUDA out of memory")
+        (HERE / "full").touch()
 
 class NoPlaceInAReplica(Batches):
     def __init__(self):

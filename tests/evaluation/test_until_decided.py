@@ -239,10 +239,10 @@ def test_your_own_loop_gets_the_same_trials(decided, tmp_path):
 
 
 def _store(run: ExternalRun, trial, source: RunFolder) -> None:
-    """Puts the record of another run in the place of a trial, and its line into the journal."""
-    place = run.folder.record_path(trial.task, trial.condition, trial.seed)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_bytes(source.record_path(trial.task, trial.condition, trial.seed).read_bytes())
+    """Puts the record of another run in the place of a trial, as one of its policy, and its line into the journal."""
+    record = source.read_record(trial.task, trial.condition, trial.seed)
+    mine = dataclasses.replace(record.metadata, policy=run.plan.policy)
+    run.folder.write_record(dataclasses.replace(record, metadata=mine))
     with run.folder.journal() as journal:
         journal.append(JournalEntry(trial.task, trial.condition, trial.variation, trial.seed))
 

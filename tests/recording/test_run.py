@@ -87,8 +87,27 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
             journal.append(entry(0))
     assert read_journal(path) == (entry(0),)
     path.write_bytes(path.read_bytes() + path.read_bytes().splitlines()[1] + b"\n")
+    with pytest.raises(RecordError, match="line 3 does not follow from the lines before it"):
+        read_journal(path)
+    lines = [json.loads(line) for line in path.read_bytes().splitlines()]
+    old = [{name: value for name, value in line.items() if name not in ("link", "record")} for line in lines]
+    path.write_text("".join(f"{json.dumps(line)}\n" for line in old), encoding="utf-8")
     with pytest.raises(RecordError, match="line 3 finishes fast_food/R1/0 again, after line 2"):
         read_journal(path)
+
+
+def test_a_finished_trial_whose_record_is_lost_is_run_again(tmp_path) -> None:
+    path = tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        journal.append(entry(0, record="0f" * 32))
+        journal.reopen(entry(0).key, "its record is not there")
+        journal.reopen(entry(1).key, "never finished")
+        assert not journal.is_done(entry(0).key)
+        assert [(e.status, e.message, e.record) for e in read_journal(path)] == [
+            ("error", "its record is not there", None)
+        ]
+        journal.append(entry(0, record="1e" * 32))
+    assert [(e.status, e.record) for e in read_journal(path)] == [("done", "1e" * 32)]
 
 
 def test_a_full_disk_leaves_the_journal_as_it_was(tmp_path, monkeypatch) -> None:

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import form_errors, read_bounded, read_form, strict_form
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
@@ -23,6 +23,9 @@ SOLVED_SHARE = 0.95
 slips. Clauses (b) to (e) have to hold on every single trial; a trial that the expert missed is listed."""
 MOST_SEEDS = 1_000_000
 """Largest seed of a range in a file, so that a hostile file cannot fill the memory."""
+MAX_BYTES = 256 << 20
+"""Largest certificate that is read [byte]."""
+
 PACKAGED = "better60.json"
 FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
@@ -174,10 +177,12 @@ def load_coverage(path: Path) -> Coverage:
 
 def _load(file: Traversable | Path, where: str) -> Coverage:
     cure = "Give a certificate.json of better certify"
-    try:
-        form = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InvalidInputError(where, f"it cannot be read ({error})", cure) from error
+    with form_errors(where, cure):
+        if isinstance(file, Path):
+            text = read_bounded(file, max_bytes=MAX_BYTES, cure=cure).decode("utf-8")
+        else:
+            text = file.read_text(encoding="utf-8")
+        form = json.loads(text)
     if not isinstance(form, dict) or form.get("form") != FORM:
         return Coverage.of(Certificate.from_json(form, where=where))
     coverage = read_form(_COVERAGE, form, where=where, cure=cure)

@@ -15,7 +15,7 @@ from typing import get_type_hints
 import tyro
 
 from betterbench.cli.console import ERR, say
-from betterbench.errors import BetterError
+from betterbench.errors import BetterError, system_error_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +70,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ERR.print("[bold red]error:[/] ", end="")
         say(str(error))
         return EXIT_BAD_INPUT
+    except OSError as problem:
+        # The rule for whatever the system refuses: a path that is missing, too long, a loop or not ours to write.
+        if isinstance(problem, BrokenPipeError):
+            sys.stderr.close()
+            return 0
+        ERR.print("[bold red]error:[/] ", end="")
+        say(system_error_text(problem))
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         say("interrupted; run the same command again to continue where it stopped")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
     return 0
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import PolicyService
-from betterbench.recording import JournalEntry, RunFolder, read_outcome
+from betterbench.recording import JournalEntry, RunFolder
 
 
 @dataclass(slots=True)
@@ -36,7 +36,7 @@ class RunTally:
         if entry.status == "error":
             self.broken += 1
             return
-        outcome = read_outcome(run.record_path(entry.task, entry.condition, entry.seed))
+        outcome = run.outcome(entry)
         self.judged += 1
         self.successes += outcome.success
         self.policy_errors += outcome.termination == "policy_error"

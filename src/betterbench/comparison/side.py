@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -44,7 +45,7 @@ def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Sid
     """
     if len(paths) < 2:
         raise InvalidInputError("runs", f"{len(paths)} is not enough to compare", "Name at least two run folders")
-    places = [path.resolve() for path in paths]
+    places = [os.path.realpath(path) for path in paths]
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
         raise InvalidInputError("runs", f"{twice} is given twice", "Name every run once")

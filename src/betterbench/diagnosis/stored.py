@@ -21,7 +21,7 @@ STORED_SCHEMA_VERSION = 1
 """Version of ``diagnosis.json``; it moves when an older reader would misunderstand a newer file."""
 
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Restore the file, or delete it to store a new one"
+_CURE = "Restore the file, or move it elsewhere to store a new one"
 
 
 @open_form

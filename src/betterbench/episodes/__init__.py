@@ -2,7 +2,7 @@
 
 from betterbench.episodes.answers import POLICY_BOUNDARY, AnyPolicy, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
-from betterbench.episodes.episode import EpisodeResult, Steps, episode_steps, run_episode
+from betterbench.episodes.episode import EpisodeResult, Steps, append_row, episode_steps, run_episode
 from betterbench.episodes.observer import Observer
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "Steps",
     "TrialContext",
     "answer",
+    "append_row",
     "describe",
     "episode_steps",
     "run_episode",

@@ -15,7 +15,7 @@ from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.observer import Observer
-from betterbench.errors import InvalidActionError, PolicyError, PolicyUnavailableError
+from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
 from betterbench.interface import Execution
 from betterbench.recording import Record, RecordBuilder, Termination
 from betterbench.scenes import Scene
@@ -122,6 +122,7 @@ def episode_steps(
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.
+        PolicyKilledError: If the process of the policy was ended from outside.
     """
     began = time.perf_counter()
     state = scene.reset()
@@ -130,7 +131,7 @@ def episode_steps(
     )
     builder = RecordBuilder(describe(scene, tracker, context))
     truth = tracker.update(state)
-    _append(builder, scene, state, truth, action=None, applied=None)
+    append_row(builder, scene, state, truth, action=None, applied=None)
     limit = scene.task.step_limit(scene.condition)
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
@@ -146,12 +147,12 @@ def episode_steps(
             clipped += applied.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
-            _append(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
+            append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
             if on_step is not None:
                 on_step(state.step)
         if truth.success:
             termination = "success"
-    except PolicyUnavailableError:
+    except (PolicyUnavailableError, PolicyKilledError):
         raise
     except PolicyError as problem:
         termination, error = "policy_error", str(problem)
@@ -176,7 +177,7 @@ def _finished(
     )
 
 
-def _append(
+def append_row(
     builder: RecordBuilder,
     scene: Scene,
     state: WorldState,
@@ -185,6 +186,7 @@ def _append(
     action: np.ndarray | None,
     applied: np.ndarray | None,
 ) -> None:
+    """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
     builder.append(
         state,
         **scene.simulator_state(),

@@ -1,9 +1,14 @@
-"""The journal of a run: one line per finished trial. A run is resumed from it and from nothing else."""
+"""The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
+
+Each line holds the SHA-256 of its record and a link, the SHA-256 of the link before it and of the line itself, so that
+a line that is changed, left out or moved is noticed. Journals of older versions have neither.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +17,7 @@ from pydantic import BaseModel, Field, TypeAdapter
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_form
 from betterbench.recording.line_journal import LineJournal, complete_lines
+from betterbench.recording.metadata import dump_json
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
@@ -28,6 +34,7 @@ class JournalEntry:
         message: What broke, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
         ground_truth: What a faulty policy knows of its own episode, by name; no record holds it, no verdict reads it.
+        record: SHA-256 of the file of its record, or None where there is no record or an older version wrote the line.
     """
 
     task: str
@@ -38,6 +45,7 @@ class JournalEntry:
     message: str | None = None
     wall: Mapping[str, float] = field(default_factory=dict)
     ground_truth: Mapping[str, str] = field(default_factory=dict)
+    record: str | None = None
 
     @property
     def key(self) -> TrialId:
@@ -56,10 +64,12 @@ class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     message: str | None
     wall: dict[str, float]
     ground_truth: dict[str, str] = {}
+    record: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    link: str | None = None
 
 
 _LINE = TypeAdapter(_Line)
-_LINE_CURE = "Restore the line, or delete it to run its trial again"
+_LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
 
 
 class Journal(LineJournal):
@@ -72,15 +82,20 @@ class Journal(LineJournal):
 
     def __init__(self, path: Path) -> None:
         self._entries: dict[TrialId, JournalEntry] = {}
+        self._link = ""
         super().__init__(path)
 
     def _take_in(self, lines: list[bytes]) -> None:
-        self._entries = _last_entries(self._path, lines)
+        self._entries, self._link = _last_entries(self._path, lines)
 
     @property
     def entries(self) -> tuple[JournalEntry, ...]:
         """The last entry of every trial, in order of first appearance."""
         return tuple(self._entries.values())
+
+    def entry(self, key: TrialId) -> JournalEntry | None:
+        """Return the last entry of a trial, or None."""
+        return self._entries.get(key)
 
     def is_done(self, key: TrialId) -> bool:
         """Tell whether a trial is finished and must not be run again."""
@@ -96,14 +111,26 @@ class Journal(LineJournal):
             OSError: If the disk is full; the journal is then as it was before.
             ValueError: If the journal is closed.
         """
-        form = asdict(entry)
-        read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
         if self.is_done(entry.key):
             raise RunConflictError(
                 f"{self._path}: {entry.key} is finished already. Ask is_done() before running a trial."
             )
-        self._append_line(form)
-        self._entries[entry.key] = entry
+        self._append(entry)
+
+    def reopen(self, key: TrialId, reason: str) -> None:
+        """Append that a finished trial has to be run again, because its record is not there; raises what append does.
+
+        Nothing happens where the trial is not finished.
+        """
+        if self.is_done(key):
+            self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None))
+
+    def _append(self, entry: JournalEntry) -> None:
+        form = asdict(entry)
+        read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
+        link = _link(self._link, form)
+        self._append_line({**form, "link": link})
+        self._entries[entry.key], self._link = entry, link
 
 
 def read_journal(path: Path) -> tuple[JournalEntry, ...]:
@@ -112,21 +139,37 @@ def read_journal(path: Path) -> tuple[JournalEntry, ...]:
     Returns the last entry of every trial, in order of first appearance. Raises RecordError if a line is corrupt, or a
     trial is finished twice.
     """
-    return tuple(_last_entries(path, complete_lines(path)[0]).values())
+    return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
 
 
-def _last_entries(path: Path, lines: Sequence[bytes]) -> dict[TrialId, JournalEntry]:
+def _link(before: str, form: Mapping[str, object]) -> str:
+    """Return the link of a line from the link before it and its other fields."""
+    return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
+
+
+def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, JournalEntry], str]:
+    """Return the last entry of every trial, and the link of the last line."""
     entries: dict[TrialId, JournalEntry] = {}
     done: dict[TrialId, int] = {}
+    link = ""
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        entry = JournalEntry(**form.model_dump())
-        if entry.key in done:
-            raise RecordError(
-                f"{where} finishes {entry.key} again, after line {done[entry.key]}. Delete one of the two lines."
-            )
-        if entry.status == "done":
+        fields = form.model_dump()
+        told = fields.pop("link")
+        if told is not None or link:
+            link = _link(link, fields)
+            if told != link:
+                raise RecordError(
+                    f"{where} does not follow from the lines before it: one was changed, left out or moved. "
+                    f"{_LINE_CURE}."
+                )
+        entry = JournalEntry(**fields)
+        if entry.status == "error":
+            done.pop(entry.key, None)  # its record was not there any more
+        elif entry.key in done:
+            raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
+        else:
             done[entry.key] = number
         entries[entry.key] = entry
-    return entries
+    return entries, link

@@ -8,9 +8,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from betterbench.errors import RecordError
+from betterbench.json_form import read_bounded
 from betterbench.recording.durable import sync_folder
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import dump_json
+
+MAX_BYTES = 1 << 30
+"""Largest journal that is read; a line takes some 600 bytes."""
 
 logger = logging.getLogger(__name__)
 
@@ -27,7 +32,7 @@ class LineJournal:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path = path = path.absolute()
         self._lock = RunLock(path.parent / LOCK_NAME)
         self._handle: int | None = None
         try:
@@ -87,8 +92,10 @@ class LineJournal:
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
     """Return the complete lines of a file, a missing one being empty, and how many bytes they take."""
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return [], 0
+        data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
+    except RecordError as error:
+        if isinstance(error.__cause__, FileNotFoundError) and not path.is_symlink():
+            return [], 0
+        raise
     length = data.rfind(b"\n") + 1
     return data[:length].split(b"\n")[:-1], length

@@ -22,7 +22,7 @@ def is_locked(path: Path) -> bool:
     A lock that is held on another machine is seen where the file system shares locks.
     """
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
         return False
     try:

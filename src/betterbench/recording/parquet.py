@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording.columns import WIDTH_NAMES, arrow_schema, from_table, split_columns, to_table
 from betterbench.recording.durable import write_durably
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, dump_json
@@ -43,6 +43,9 @@ MAX_UNPACKED_BYTES = 2 << 30
 
 
 _CURE = "Record the trial again"
+
+AGAIN = "The same better eval command records the trial of a damaged or missing record again"
+"""What to do about a record of a run that cannot be read."""
 
 
 @strict_form
@@ -78,11 +81,26 @@ class _VersionOnly(BaseModel):
     metadata: _Version
 
 
-class _OutcomeOnly(BaseModel):
+class _TrialOnly(BaseModel, strict=True):
+    task: str
+    condition: str
+    variation: str | None
+    seed: int
+    policy: str
+    action_space: str
+    scene_hash: str
+
+
+class RecordBrief(BaseModel):
+    """What a record is of, and how its episode ended: what a run compares without reading the columns."""
+
+    metadata: _TrialOnly
     outcome: Outcome
 
 
-_DOCUMENT, _VERSION, _OUTCOME = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(_OutcomeOnly)
+_DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
+
+_PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 
 
 def write_record(record: Record, path: Path) -> None:
@@ -129,18 +147,17 @@ def _seal_span(data: bytes) -> tuple[int, int]:
     """Return where the digest stands; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(
-            "is damaged or no record; choose a file of a run, or delete it and run the same command again"
-        )
+        raise RecordError(f"is damaged or no record. {_PLACE}")
     return spans[0]
 
 
-def read_record(path: Path) -> Record:
+def read_record(path: Path, *, digest: str | None = None) -> Record:
     """Read a record, bit for bit the one that was written; the file may come from a stranger.
 
-    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version.
+    Raises RecordError if it is missing, damaged, not a record, too large or of another schema version, or if the
+    SHA-256 of the file is not ``digest``, where that is known.
     """
-    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path))) as file:
+    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE)
         _check_columns(file, arrow_schema(document.widths))
         arrays, contacts = from_table(file.read(use_threads=False), document.widths, len(document.bodies))
@@ -148,25 +165,34 @@ def read_record(path: Path) -> Record:
         return Record(document.metadata, document.outcome, document.bodies, contacts=contacts, **columns)
 
 
-def read_outcome(path: Path) -> Outcome:
+def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
     """Read how the episode of a record ended, and nothing else, which is fast.
 
     Raises:
         RecordError: As :func:`read_record`, of which it checks less.
     """
-    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path))) as file:
-        return read_form(_OUTCOME, _document_bytes(file), where="metadata", cure=_CURE).outcome
+    return read_brief(path, digest=digest).outcome
 
 
-def _intact(path: Path) -> bytes:
-    """Return the content of a record's file; raise RecordError if it is too large or damaged."""
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record")
-    data = path.read_bytes()
+def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
+    """Read of which trial a record is, and how its episode ended; raises what :func:`read_outcome` raises."""
+    with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
+        return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a record's file, as journals hold it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _intact(path: Path, digest: str | None) -> bytes:
+    """Return the content of a record's file; raise RecordError if it is too large or damaged, or not the one meant."""
+    data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
     # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
     if seal(data) != data:
-        raise RecordError("is damaged (its digest does not fit); delete it and run the same command again")
+        raise RecordError(f"is damaged (its digest does not fit). {AGAIN}")
+    if digest is not None and hashlib.sha256(data).hexdigest() != digest:
+        raise RecordError(f"is not the record that the journal lists for this trial. {AGAIN}")
     return data
 
 
@@ -175,15 +201,14 @@ def _reading(path: Path) -> Iterator[None]:
     """Turn what reading a damaged record, or one of a stranger, can raise into an error that names the file."""
     try:
         yield
-    except FileNotFoundError:
-        raise RecordError(f"{path}: there is no such record. List the folder, or record the trial first.") from None
     except BetterError as error:
-        raise RecordError(f"{path}: {str(error).rstrip('.')}.") from error
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise RecordError(f"{path}: there is no such record. {AGAIN}.") from None
+        text = str(error).removeprefix(f"{path}: ").rstrip(".")
+        raise RecordError(f"{path}: {text}.") from error
+    except Exception as error:  # what native code raises about a damaged file
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        raise RecordError(
-            f"{path}: is damaged or no record ({said}); delete it and run the same command again."
-        ) from error
+        raise RecordError(f"{path}: is damaged or no record ({said}). {AGAIN}.") from error
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:

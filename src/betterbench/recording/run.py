@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,8 +20,8 @@ from betterbench.recording.durable import PART_SUFFIX, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock, is_locked
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.parquet import read_outcome, read_record, write_record
+from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
+from betterbench.recording.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
 from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.trial_id import TrialId
@@ -54,6 +57,12 @@ class RunFolder:
     path: Path
     plan: Mapping[str, Any]
     context: Mapping[str, Any]
+    _planned: Mapping[TrialId, Mapping[str, Any]] | None = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make the path absolute: whoever changes the working directory later does not move the run."""
+        object.__setattr__(self, "path", self.path.absolute())
+        object.__setattr__(self, "_planned", _planned(self.plan))
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
@@ -67,6 +76,7 @@ class RunFolder:
             RecordError: If its ``run.json`` is corrupt.
             InvalidInputError: If plan or context is not JSON.
         """
+        path = path.absolute()
         wanted = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context or {})}
         data = dump_json(wanted)
         wanted = json.loads(data)
@@ -134,12 +144,43 @@ class RunFolder:
         return RunFolder(self.path, form["plan"], form["context"])
 
     def journal(self) -> Journal:
-        """Open the journal for appending, which locks the folder until it is closed; raises what Journal does."""
-        return Journal(self.journal_path)
+        """Open the journal for appending, which locks the folder until it is closed.
+
+        Raises what Journal does, and RecordError if the journal lists what is not planned.
+        """
+        journal = Journal(self.journal_path)
+        try:
+            self._check_entries(journal.entries)
+        except BaseException:
+            journal.close()
+            raise
+        return journal
 
     def entries(self) -> tuple[JournalEntry, ...]:
-        """Read the journal without locking the folder; raise RecordError if the journal is corrupt."""
-        return read_journal(self.journal_path)
+        """Read the journal without locking the folder.
+
+        Raises RecordError if the journal is corrupt or lists what is not planned.
+        """
+        entries = tuple(_known_entries(self.journal_path).values())
+        self._check_entries(entries)
+        return entries
+
+    def entry(self, trial: TrialId) -> JournalEntry | None:
+        """Return the last line of the journal about a trial, or None; raises what :meth:`entries` raises."""
+        return _known_entries(self.journal_path).get(trial)
+
+    def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
+        """Refuse a journal that lists what the plan does not."""
+        planned = self._planned
+        for entry in entries if planned is not None else ():
+            key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
+            trial = planned.get(key)  # type: ignore[union-attr] # looked at above
+            if trial is None or trial.get("variation") != entry.variation:
+                problem = "is not planned" if trial is None else f"is not planned as a trial of {entry.variation}"
+                raise RecordError(
+                    f"{self.journal_path}: {entry.key} {problem}, so the journal or run.json is of another run. "
+                    "Restore both from a copy, or evaluate into a new folder."
+                )
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
         """Return the place of a trial's record.
@@ -166,26 +207,74 @@ class RunFolder:
         return path
 
     def read_record(self, task: str, condition: str, seed: int) -> Record:
-        """Read a trial's record; raise RecordError if it is missing, unreadable or the record of another trial."""
+        """Read a trial's record.
+
+        Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
+        policy or action space, or with other bytes than when it was written.
+        """
+        trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)
-        record = read_record(path)
-        m = record.metadata
-        if (m.task, m.condition, m.seed) != (task, condition, seed):
-            raise RecordError(
-                f"{path}: is the record of {m.task}/{m.condition} seed {m.seed}. "
-                "Put the right file back, or run the trial again."
-            )
+        record = read_record(path, digest=self._digest(self.entry(trial)))
+        self._check_record(path, trial, record.metadata)
         return record
 
-    def succeeded(self, trial: TrialId) -> bool:
-        """Return whether a trial succeeded, from its record; raise RecordError if that is missing or unreadable."""
-        return read_outcome(self.record_path(trial.task, trial.condition, trial.seed)).success
+    def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
+        """Read of which trial a record is and how its episode ended, which is fast; raises what read_record raises.
+
+        With the journal's ``entry`` the journal is not read for it.
+        """
+        path = self.record_path(trial.task, trial.condition, trial.seed)
+        brief = read_brief(path, digest=self._digest(entry or self.entry(trial)))
+        self._check_record(path, trial, brief.metadata)
+        return brief
+
+    def outcome(self, entry: JournalEntry) -> Outcome:
+        """Return how the trial of a line of the journal ended; raises what :meth:`read_record` raises."""
+        return self.read_brief(entry.key, entry=entry).outcome
+
+    def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
+        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
+        return self.read_brief(trial, entry=entry).outcome.success
+
+    @staticmethod
+    def _digest(entry: JournalEntry | None) -> str | None:
+        return entry.record if entry is not None and entry.status == "done" else None
+
+    def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
+        """Refuse a record that says something else than where it lies and what is planned there."""
+        wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
+        if self._planned is not None:
+            if trial not in self._planned:
+                raise RecordError(f"{path}: {trial} is not planned in this run. Name a record of a planned trial.")
+            wanted["variation"] = self._planned[trial].get("variation")
+            wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
+        for name, value in wanted.items():
+            there = getattr(found, name)
+            if there != value:
+                raise RecordError(
+                    f"{path}: is the record of {found.task}/{found.condition} seed {found.seed} of {found.policy}: its "
+                    f"{name} is {there!r} where the run plans {value!r}. {AGAIN}."
+                )
 
     def records(self) -> Iterator[Record]:
         """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""
         for entry in self.entries():
             if entry.status == "done":
                 yield self.read_record(entry.task, entry.condition, entry.seed)
+
+    def set_aside(self, path: Path) -> Path | None:
+        """Move a file of the run that cannot be used to ``RUN/set-aside``, and return its place; None if there is none.
+
+        Nothing is deleted: it may be somebody's only copy.
+        """
+        if not path.exists() and not path.is_symlink():
+            return None
+        folder = self.path / "set-aside"
+        folder.mkdir(exist_ok=True)
+        name = "-".join(path.relative_to(self.path).parts[1:])
+        place = next(p for n in itertools.count() if not (p := folder / f"{n}-{name}").exists())
+        path.rename(place)
+        return place
 
     def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
         """Store a scene once; raises what :func:`~betterbench.recording.scene_archive.write_scene` raises."""
@@ -203,9 +292,40 @@ class RunFolder:
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
-        if not path.resolve().is_relative_to(self.path.resolve()):
+        if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.path)):  # never fails, also on loops
             raise InvalidInputError(str(path), "leads out of the run folder by a link", "Remove the link")
         return path
+
+
+@lru_cache(maxsize=8)
+def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
+    """Return the entries of a journal by trial; size and time of the last change tell whether it is still the same."""
+    del size, changed_ns
+    return {entry.key: entry for entry in read_journal(path)}
+
+
+def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
+    try:
+        known = path.stat()
+    except FileNotFoundError:
+        return {}
+    return _entries_at(path, known.st_size, known.st_mtime_ns)
+
+
+def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
+    """Return the trials of a plan by their id; None for a plan without a list of trials."""
+    listed = plan.get("trials")
+    if not isinstance(listed, list):
+        return None
+    found: dict[TrialId, Mapping[str, Any]] = {}
+    for trial in listed:
+        form = trial if isinstance(trial, dict) else {}
+        # The condition of a variation has its name; plans of the first versions gave the condition it is derived from.
+        task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
+        if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
+            return None  # whoever needs the plan says what is wrong with it
+        found[TrialId(task, condition, seed)] = form
+    return found
 
 
 def _run_json(form: Mapping[str, Any]) -> bytes:

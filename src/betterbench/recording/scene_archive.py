@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import stat
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_bounded
 from betterbench.recording.durable import write_durably
 
 MAX_SCENE_BYTES = 256 * 1024 * 1024
@@ -20,6 +20,7 @@ MAX_SCENE_FILES = 10_000
 
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
 _READ_BLOCK = 1 << 20
+_AGAIN = "The same better eval command stores it again"
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
@@ -52,12 +53,16 @@ def read_scene(path: Path) -> dict[str, bytes]:
     Raises RecordError if the scene is missing, damaged or too large, or a name could leave a folder.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _read_members(path, archive)
-    except FileNotFoundError:
-        raise RecordError(f"{path}: the scene is not stored. Run the trial again to store it.") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, OSError) as error:
-        raise RecordError(f"{path}: is damaged ({error}). Delete it and run the trial again.") from error
+    except RecordError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
+        raise
+    except Exception as error:  # what decompressors raise about a damaged archive
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
 
 
 def _member_problem(name: str) -> str | None:
@@ -80,6 +85,8 @@ def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
     left = MAX_SCENE_BYTES
     for member in members:
         problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            problem = "is compressed in a way that no scene is"
         if problem:
             raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is not a scene of a run.")
         blocks: list[bytes] = []

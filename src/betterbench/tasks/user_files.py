@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.json_form import read_bounded
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
@@ -36,6 +37,8 @@ COMPANION_SUFFIX = ".demonstrations.json"
 
 COPIES = "task_files"
 """Folder inside the folder of a run that holds a copy of each task file."""
+
+_MAX_SOURCE_BYTES = 64 << 20
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -60,12 +63,14 @@ class TaskFile:
         Raises:
             InvalidInputError: If there is no such file, or it is no text in UTF-8.
         """
+        cure = "Give the path of a Python file"
         try:
-            found = Path(path).resolve()
-            return cls(str(found), found.read_text(encoding="utf-8"), _companion_text(found))
-        except (OSError, UnicodeDecodeError) as error:
-            problem = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
-            raise InvalidInputError(f"--task-file {path}", f"{problem}", "Give the path of a Python file") from None
+            found = Path(os.path.realpath(path))
+            text = read_bounded(found, max_bytes=_MAX_SOURCE_BYTES, cure=cure).decode("utf-8")
+            return cls(str(found), text, _companion_text(found))
+        except (InvalidInputError, ValueError) as error:
+            problem = error.problem if isinstance(error, InvalidInputError) else "it is no text in UTF-8"
+            raise InvalidInputError(f"--task-file {path}", problem, cure) from None
 
     @property
     def sha256(self) -> str:
@@ -237,10 +242,13 @@ def companion_of(task: str) -> Companion | None:
 
 
 def _companion_text(path: Path) -> str | None:
+    companion = path.with_suffix(COMPANION_SUFFIX)
     try:
-        return path.with_suffix(COMPANION_SUFFIX).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
+        return read_bounded(companion, max_bytes=_MAX_SOURCE_BYTES, cure="Measure them again").decode("utf-8")
+    except InvalidInputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            return None
+        raise
 
 
 def options_for(tasks: Iterable[str]) -> str:

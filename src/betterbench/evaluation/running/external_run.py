@@ -17,10 +17,11 @@ from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailable
 from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.schedule import Schedule
+from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
-from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference, read_outcome
+from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference
 from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0
@@ -70,6 +71,8 @@ class ExternalRun:
         context = run_context(plan, policy=declared, engine={"name": engine, "workers": 1, "envs": 1})
         with on_disk(out):
             self.folder = same_policy(_opened(out, plan, context), declared, allow_changed=False)
+            with _locked(self.folder) as journal:
+                reopen_lost(self.folder, journal)
         self.plan = plan
         self.start: EpisodeStart | None = None
         self.entry: JournalEntry | None = None
@@ -96,7 +99,7 @@ class ExternalRun:
 
     def outcome(self, trial: Trial) -> Outcome:
         """Return the outcome of a trial that is done; RecordError if its record is missing or unreadable."""
-        return read_outcome(self.folder.record_path(trial.task, trial.condition, trial.seed))
+        return self.folder.read_brief(trial.id).outcome
 
     def play(self, trial: Trial, act: Callable[[Observation], npt.ArrayLike]) -> JournalEntry:
         """Play a whole trial with a callable, and return its journal entry.

@@ -1,18 +1,27 @@
-"""Replaying a record: its actions are simulated again and every state is compared bit for bit."""
+"""Replaying a record: its actions are simulated again, and all that follows from them is compared bit for bit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from betterbench.errors import RecordError
+from betterbench.episodes import TrialContext, append_row, describe
+from betterbench.errors import InvalidActionError, RecordError
 from betterbench.interface.actions import action_space
-from betterbench.interventions import resolve_condition
-from betterbench.recording import Record, read_record
+from betterbench.interventions import ResolvedCondition, resolve_condition
+from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record
 from betterbench.scenes import Scene, engine_version
-from betterbench.tasks import GoalTracker
+from betterbench.scenes.stage import QUALITIES, quality_preset
+from betterbench.tasks import GoalTracker, Truth
+
+VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
+"""Columns that the goal tracker gives."""
+
+_NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
+"""Metadata that follow from what is installed; a difference of versions is a note."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +32,11 @@ class ReplayCheck:
         rows: Rows compared.
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
-        verdict_agrees: Whether the goal tracker gives the same truth again.
+        verdict_agrees: Whether the goal tracker gives the same truth again, and the outcome follows from it.
         notes: What may explain a difference.
+        differing: Fields that do not follow from the actions and the trial, by name, with both values where they are
+            single ones.
+        fields: Number of fields compared.
     """
 
     rows: int
@@ -32,16 +44,26 @@ class ReplayCheck:
     largest_difference: float
     verdict_agrees: bool
     notes: tuple[str, ...]
+    differing: tuple[str, ...] = ()
+    fields: int = 0
 
     @property
     def identical(self) -> bool:
-        """Whether every state and every verdict is the same."""
-        return self.first_difference is None and self.verdict_agrees
+        """Whether every state, every verdict and every other field is the same."""
+        return self.first_difference is None and self.verdict_agrees and not self.differing
 
 
 def check_record(path: Path) -> ReplayCheck:
-    """Simulate a record's actions again and compare; RecordError if the record or its scene cannot be read."""
+    """Simulate a record's actions again and compare all that follows from them and from the trial.
+
+    That is every column, the outcome, and the metadata but for versions. A record in the folder of its run is also
+    compared with the run's plan and journal.
+
+    Raises:
+        RecordError: If the record or its scene cannot be read, or is not the one that plan and journal mean.
+    """
     record = read_record(path)
+    run = _run_of(path, record)
     meta = record.metadata
     notes = []
     if meta.engine.get("mujoco") != engine_version():
@@ -49,32 +71,158 @@ def check_record(path: Path) -> ReplayCheck:
     found = resolve_condition(meta.task, meta.condition)
     if found.task.version != meta.task_version:
         notes.append(f"recorded with version {meta.task_version} of {meta.task}, replayed with {found.task.version}")
-    scene = Scene(
-        found.task, found.condition, seed=meta.seed, action_space=action_space(meta.action_space), looks=meta.looks
-    )
+    scene = _scene(record, found, None if run is None else run.plan.get("quality"))
     if scene.data.qpos.shape[0] != record.qpos.shape[1]:
         raise RecordError(
             f"{path}: the scene has changed since ({', '.join(notes) or 'same versions'}). Record it again."
         )
-    return _compare(scene, record, tuple(notes))
+    try:
+        again, truth, met = _simulate(scene, record, found)
+    except InvalidActionError as problem:
+        raise RecordError(f"{path}: its actions cannot be executed ({problem}). Record it again.") from problem
+    return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, again, truth, met))
 
 
-def _compare(scene: Scene, record: Record, notes: tuple[str, ...]) -> ReplayCheck:
+def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
+    """Return the scene of a record: with the render preset that it or the plan names, else with the one that fits."""
+    meta = record.metadata
+    named = meta.render_quality or (planned.get("name") if isinstance(planned, dict) else None)
+    *others, last = [named] if isinstance(named, str) and named in QUALITIES else QUALITIES
+
+    def made(quality: str) -> Scene:
+        return Scene(
+            found.task,
+            found.condition,
+            seed=meta.seed,
+            action_space=action_space(meta.action_space),
+            quality=quality_preset(quality),
+            looks=meta.looks,
+        )
+
+    fitting = (s for s in map(made, others) if s.compiled.content_hash == meta.scene_hash)
+    return next(fitting, None) or made(last)
+
+
+def _run_of(path: Path, record: Record) -> RunFolder | None:
+    """Return the run in whose folder a record lies, compared with its plan and journal, or None for a record alone.
+
+    Raises RecordError if they differ, or it is not at its place.
+    """
+    place = path.absolute()
+    if len(place.parents) < 4 or not (place.parents[3] / "run.json").is_file():
+        return None
+    run = RunFolder.open(place.parents[3])
+    meta = record.metadata
+    task, condition = place.parts[-3:-1]
+    if run.record_path(task, condition, meta.seed) == place:
+        run.read_record(task, condition, meta.seed)
+        return run
+    raise RecordError(
+        f"{path}: is the record of {meta.task}/{meta.condition} seed {meta.seed} and does not lie at its place in the "
+        "run. Put it there."
+    )
+
+
+def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[Record, Truth, int | None]:
+    """Return what the actions of a record give in a scene, the last truth, and the first row with success, or None."""
+    meta = record.metadata
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
     )
+    of_variation = found.variation is not None
+    context = TrialContext(
+        policy=meta.policy,
+        variation=meta.condition if of_variation else None,
+        axis=found.axis,
+        base_condition=found.base if of_variation else None,
+        interventions=() if found.variation is None else tuple(str(i) for i in found.variation.interventions),
+        camera_preset=meta.camera_preset,
+    )
+    builder = RecordBuilder(describe(scene, tracker, context))
     state = scene.reset()
-    first: int | None = None
-    largest, agrees = 0.0, True
-    for row in range(len(record)):
-        if row:
-            scene.step(record.applied[row])
-            state = scene.state()
+    truth = tracker.update(state)
+    met = 0 if truth.success else None
+    append_row(builder, scene, state, truth, action=None, applied=None)
+    for row in range(1, len(record)):
+        action = record.action[row]
+        applied = scene.step(action)
+        state = scene.state()
         truth = tracker.update(state)
-        agrees = agrees and truth.goal == bool(record.goal[row])
-        agrees = agrees and truth.relations == tuple(bool(p) for p in record.predicates[row])
-        same = np.array_equal(scene.data.qpos, record.qpos[row]) and np.array_equal(scene.data.qvel, record.qvel[row])
-        largest = max(largest, float(np.abs(scene.data.qpos - record.qpos[row]).max()))
-        if not same and first is None:
-            first = row
-    return ReplayCheck(len(record), first, largest, agrees, notes)
+        append_row(builder, scene, state, truth, action=action, applied=applied)
+        met = row if met is None and truth.success else met
+    return builder.finish(termination="step_limit", success=False), truth, met
+
+
+def _outcome(scene: Scene, record: Record, again: Record, truth: Truth, met: int | None) -> Iterator[str]:
+    """Yield what of an outcome does not follow from the actions."""
+    told, steps = record.outcome, record.n_steps
+    limit = scene.task.step_limit(scene.condition)
+    if truth.success:
+        due: tuple[str, ...] = ("success",)
+    else:
+        due = ("step_limit",) if steps >= limit else ("policy_error", "interrupted")
+    if told.termination not in due:
+        yield f"outcome.termination is {told.termination!r} and follows as {' or '.join(map(repr, due))}"
+    broken = told.termination in ("policy_error", "interrupted")
+    error = told.error or ""
+    wanted = Outcome(
+        told.termination,
+        truth.success and not broken,
+        told.error if broken else None,
+        int((again.applied[1:] != record.action[1:]).any(axis=1).sum()),
+        int(told.termination == "policy_error" and error.startswith("InvalidActionError")),
+    )
+    for name in ("success", "error", "clipped_actions", "invalid_actions"):
+        if getattr(told, name) != getattr(wanted, name):
+            yield f"outcome.{name} is {getattr(told, name)!r} and follows as {getattr(wanted, name)!r}"
+    if broken and not error:
+        yield f"outcome.error is missing for {told.termination!r}"
+    if steps > limit or (met is not None and met < steps):
+        yield f"the episode ends after row {steps} and should after row {limit if met is None else met}"
+
+
+def _compare(record: Record, again: Record, notes: tuple[str, ...], *, outcome: Iterator[str]) -> ReplayCheck:
+    differing = list(_metadata(record, again))
+    ends = list(outcome)
+    first: int | None = None
+    for name, ours in again.arrays().items():
+        theirs = record.arrays()[name]
+        if ours.shape != theirs.shape or ours.dtype != theirs.dtype:
+            differing.append(f"{name} has the shape {theirs.shape} and follows as {ours.shape}")
+            continue
+        rows = _rows(ours, theirs)
+        if len(rows):
+            differing.append(f"{name} from row {rows[0]} on")
+            if name not in VERDICTS:
+                first = int(rows[0]) if first is None else min(first, int(rows[0]))
+    same_contacts = record.bodies == again.bodies and all(
+        np.array_equal(getattr(record.contacts, name), getattr(again.contacts, name))
+        for name in ("offsets", "bodies", "forces")
+    )
+    if not same_contacts:
+        differing.append("contacts")
+    verdicts = not ends and all(np.array_equal(getattr(record, n), getattr(again, n)) for n in VERDICTS)
+    largest = float(np.abs(again.qpos - record.qpos).max())
+    count = len(again.arrays()) + 1 + len(fields(record.metadata)) - len(_NOT_DERIVED) + len(fields(record.outcome))
+    return ReplayCheck(len(record), first, largest, verdicts, notes, (*ends, *differing), count)
+
+
+def _rows(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Return the rows in which two columns differ in any bit."""
+    a, b = (np.ascontiguousarray(x).reshape(len(x), -1) for x in (ours, theirs))
+    if a.shape[1] == 0:
+        return np.empty(0, dtype=np.intp)
+    return np.flatnonzero((a.view(np.uint8) != b.view(np.uint8)).any(axis=1))
+
+
+def _metadata(record: Record, again: Record) -> Iterator[str]:
+    """Yield the metadata that do not follow from the trial."""
+    for field in fields(record.metadata):
+        told, due = getattr(record.metadata, field.name), getattr(again.metadata, field.name)
+        if field.name == "render_quality" and record.metadata.camera_preset is not None:
+            continue  # a choice of the run
+        if field.name not in _NOT_DERIVED and told != due:
+            shown = [str(value) if len(str(value)) <= 60 else f"{str(value)[:57]}..." for value in (told, due)]
+            yield f"metadata.{field.name} is {shown[0]} and follows as {shown[1]}"
+    if record.metadata.engine.get("model") != again.metadata.engine.get("model"):
+        yield "metadata.engine.model"

@@ -19,6 +19,7 @@ from betterbench.evaluation.planning.repeat import require_same_policy
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require_ray
 from betterbench.evaluation.running.failing_start import FailingStart
+from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, on_disk
@@ -73,13 +74,16 @@ def evaluate(
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
 
+    Trials whose record is missing or damaged are run again.
+
     The policy is asked for its conventions before anything is written. Results do not depend on the number of workers
     and environments, nor on the engine.
 
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
-        workers: Worker processes; with 1 the trials run in this process. None for one per processor of this machine
+        workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
+            always asked in a process of its own. None for one per processor of this machine
             or of the cluster, or for a single one if each would load the weights of a policy again.
         envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
@@ -125,7 +129,8 @@ def evaluate(
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
-        schedule = Schedule(plan, is_done=journal.is_done, succeeded=run.succeeded)
+            reopen_lost(run, journal)
+        schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
         entries = _entries(run, settings, schedule, count, asked=asked, session=session)
         _record(schedule, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
     return run
@@ -176,7 +181,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     address = plan.policy
     if alone or needs_no_thread(address) or is_remote(address):
-        policies = PolicyFactory(address)
+        policies = PolicyFactory(address, apart=True)
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
     with ExitStack() as own:
@@ -185,7 +190,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
         host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
-            return _Asked(info, envs, PolicyFactory(address))
+            return _Asked(info, envs, PolicyFactory(address, apart=True))
         one_worker = not host.takes_batches
         if engine == "ray":
             return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)

@@ -1,4 +1,7 @@
-"""A host: the process that holds the weights of a policy for all workers of a run and serves them over openpi."""
+"""A host: the process that serves a policy to all workers of a run over openpi.
+
+The policy itself is in yet another process, so that what it does to that one costs no trial but its own.
+"""
 
 from __future__ import annotations
 
@@ -157,7 +160,7 @@ def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, pipe: 
     that prevents it; the process ends when the other end is closed.
     """
     prepare_process()
-    with _errors_sent(pipe), PolicyFactory(policy) as policies:
+    with _errors_sent(pipe), PolicyFactory(policy, apart=True) as policies:
         info, batches = policies.check(*run), policies.takes_batches
         deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)

@@ -13,7 +13,7 @@ import betterbench
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
 from betterbench.evaluation.serving.shadow import ShadowSimulations
-from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy
+from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy, runs_apart
 from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
@@ -21,6 +21,7 @@ from betterbench.interventions import resolve_condition
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
+from betterbench.policies.policy_process import start_policy
 from betterbench.policies.presets import NATIVE, preset
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
 from betterbench.scenes import engine_version
@@ -153,7 +154,9 @@ class SessionStore:
             return PolicySession(self._unused[0].seat(), self._trial, within=within)
         with self._lock:
             policy = self._unused.pop() if self._unused else None
-        policy = policy or self._guarded(make_policy(self._address))
+        if policy is None:
+            apart = self._deadline is not None and runs_apart(self._address)
+            policy = self._guarded(start_policy(self._address) if apart else make_policy(self._address))
         return PolicySession(policy.seat(), self._trial, within=within, on_close=lambda: self._take_back(policy))
 
     def _guarded(self, policy: Policy) -> SharedPolicy:

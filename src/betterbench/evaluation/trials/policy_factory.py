@@ -16,6 +16,7 @@ from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
+from betterbench.policies.policy_process import PolicyProcess, start_policy
 from betterbench.recording import RunFolder
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
@@ -69,6 +70,11 @@ def is_in_process_model(address: str) -> bool:
     return address.startswith("lerobot:")
 
 
+def runs_apart(address: str) -> bool:
+    """Return whether a run asks a policy in a process of its own: it is not ours, and no server holds it already."""
+    return address.startswith("python:") or is_in_process_model(address)
+
+
 def needs_no_thread(address: str) -> bool:
     """Return whether a policy is built in and answers at once, so that the simulation waits for it."""
     return is_privileged(address) or address in PLAIN or address.startswith("replay:")
@@ -77,9 +83,13 @@ def needs_no_thread(address: str) -> bool:
 class PolicyFactory:
     """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
-    def __init__(self, address: str) -> None:
-        """Prepare; nothing is loaded and no server is asked yet."""
+    def __init__(self, address: str, *, apart: bool = False) -> None:
+        """Prepare; nothing is loaded and no server is asked yet.
+
+        With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`).
+        """
         self.address = address
+        self._apart = apart and runs_apart(address)
         self._made: Policy | None = None
         self._info: PolicyInfo | None = None
         self._takes_batches = False
@@ -101,9 +111,9 @@ class PolicyFactory:
                 RunFolder.open(Path(self.address.removeprefix("replay:")))
                 self._info = PolicyInfo(self.address, action_space="", needs_images=False)
             else:
-                self._made = make_policy(self.address)
+                self._made = self._make()
                 self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
-                source = source_of(self.address.removeprefix("python:")) if self.address.startswith("python:") else ""
+                source = self._source()
                 if source:  # a resumed run compares it
                     self._info = replace(self._info, metadata={**self._info.metadata, SOURCE: source})
         return self._info
@@ -138,20 +148,29 @@ class PolicyFactory:
                 seed=trial.seed,
             )
         if self._made is None:
-            self._made = make_policy(self.address)
+            self._made = self._make()
         return self._made
 
     def take(self) -> Policy:
         """Return an instance for the caller alone, who closes it."""
         with self._lock:
             made, self._made = self._made, None
-        return make_policy(self.address) if made is None else made
+        return self._make() if made is None else made
 
     def close(self) -> None:
         """Close an instance that was made and not taken; harmless when closed."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
+
+    def _make(self) -> Policy:
+        return start_policy(self.address) if self._apart else make_policy(self.address)
+
+    def _source(self) -> str:
+        """Return name and fingerprint of the file of a Python policy, or an empty text."""
+        if isinstance(self._made, PolicyProcess):
+            return self._made.source
+        return source_of(self.address.removeprefix("python:")) if self.address.startswith("python:") else ""
 
 
 def check_action_space(address: str, info: PolicyInfo, action_space: str | None) -> None:

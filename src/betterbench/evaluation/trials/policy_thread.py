@@ -69,7 +69,10 @@ class PolicyThread:
         self._inbox.put(None)
 
     def cut(self) -> None:
-        """Close the policy from another thread, which ends its waiting; only our own clients allow that."""
+        """Close the policy from another thread, which ends its waiting.
+
+        Only our own clients allow that, and policies in a process of their own.
+        """
         if self._policy is not None:
             with contextlib.suppress(Exception):
                 close_policy(self._policy)

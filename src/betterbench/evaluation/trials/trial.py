@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import time
 from collections.abc import Generator, Iterator
@@ -20,16 +21,20 @@ from betterbench.episodes import (
     episode_steps,
     run_episode,
 )
-from betterbench.errors import HandshakeError, PolicyUnavailableError, PremiseError, StorageError
+from betterbench.errors import HandshakeError, PolicyKilledError, PolicyUnavailableError, PremiseError, StorageError
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.parquet import file_digest
+from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Looks
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+logger = logging.getLogger(__name__)
 
 POLICY_TIMEOUT_S = 300.0
 """Deadline of one answer of a policy in this process [s], unless another one is asked for."""
@@ -70,7 +75,7 @@ class RunSettings:
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
         """Return the settings of a plan that is run into a folder."""
         return cls(
-            str(run),
+            str(run.absolute()),
             plan.policy,
             plan.action_space,
             plan.observation,
@@ -95,7 +100,7 @@ class TrialRunner:
         self.settings = settings
         load_sources(settings.task_files)
         self.run = RunFolder.open(Path(settings.run))
-        self.policies = policies or PolicyFactory(settings.asked)
+        self.policies = policies or PolicyFactory(settings.asked, apart=True)
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
@@ -115,28 +120,29 @@ class TrialRunner:
         message: str | None = None
         wall: dict[str, float] = {}
         ground_truth: dict[str, str] = {}
+        digest: str | None = None
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
             if needs_no_thread(self.settings.asked):
                 result, ground_truth = self._run_here(scene, trial, context)
             else:
-                result = yield from episode_steps(
-                    scene, context=context, observer=self._shown_by, execution=self.info.execution
-                )
+                result = yield from self._run_asking(scene, context)
             ended = time.perf_counter()
-            self._write(scene, result)
+            digest = self._write(scene, result)
             wall |= {**result.wall, "write_s": round(time.perf_counter() - ended, 6)}
             message = result.record.outcome.error
         except (PremiseError, StorageError):
             raise
+        except PolicyKilledError as error:
+            status, message = "error", f"{error}, {MAX_DEATHS} times; run the same command again to retry it"
         except (PolicyUnavailableError, HandshakeError) as error:
             status, message = "error", str(error)
         except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
             status, message = "error", f"{type(error).__name__}: {error}"
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
-            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth
+            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth, digest
         )
 
     def close(self) -> None:
@@ -158,6 +164,23 @@ class TrialRunner:
         finally:
             if is_privileged(self.settings.policy):
                 close_policy(policy)
+
+    def _run_asking(
+        self, scene: Scene, context: TrialContext
+    ) -> Generator[Question | None, Reply | None, EpisodeResult]:
+        """Run an episode that stops wherever its policy has to answer, again if the policy's process was killed."""
+        for left in reversed(range(MAX_DEATHS)):
+            try:
+                return (
+                    yield from episode_steps(
+                        scene, context=context, observer=self._shown_by, execution=self.info.execution
+                    )
+                )
+            except PolicyKilledError as error:
+                if not left:
+                    raise
+                logger.warning("%s seed %d: %s; it is run again", scene.condition.id, scene.seed, error)
+        raise AssertionError("the last attempt returns or raises")
 
     def _set_up(self, trial: Trial) -> tuple[Scene, TrialContext]:
         found = trial.resolve()
@@ -181,11 +204,13 @@ class TrialRunner:
         )
         return scene, context
 
-    def _write(self, scene: Scene, result: EpisodeResult) -> None:
+    def _write(self, scene: Scene, result: EpisodeResult) -> str:
+        """Write the record of a trial and, once, its scene, and return the SHA-256 of the record's file."""
         with on_disk(self.run.path):
-            self.run.write_record(result.record)
+            path = self.run.write_record(result.record)
             if not self.run.scene_path(scene.compiled.content_hash).exists():
                 self.run.store_scene(scene.compiled.content_hash, scene.files())
+            return file_digest(path)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:

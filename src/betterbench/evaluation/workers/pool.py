@@ -12,10 +12,11 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Self
 
-from betterbench.errors import BetterError, WorkerError
+from betterbench.errors import BetterError, PolicyProcessError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.worker import Worker, even_share
+from betterbench.policies.policy_process import exit_text
 from betterbench.recording import JournalEntry, RetryLedger
 from betterbench.recording.worker_process import prepare_process
 from betterbench.tasks import TrialId
@@ -156,7 +157,7 @@ class WorkerPool:
         if worker.process.is_alive():
             worker.process.kill()
             worker.process.join()
-        how = _exit_text(worker.process.exitcode)
+        how = exit_text(worker.process.exitcode)
         worker.connection.close()
         if not worker.ready:
             self._handle_failed_start(worker, how)
@@ -213,6 +214,9 @@ def work(settings: RunSettings, connection: Connection) -> None:
             with Worker(settings) as worker:
                 connection.send(None)
                 _take_and_send(worker, settings.envs, connection)
+        except PolicyProcessError as problem:  # there may be memory for fewer instances
+            logger.warning("%s", problem)
+            raise SystemExit(1) from None
         except BetterError as problem:
             connection.send(problem)
 
@@ -226,10 +230,3 @@ def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
             worker.start(trial)
         for entry in worker.finished(_TURN_S):
             connection.send(entry)
-
-
-def _exit_text(exitcode: int | None) -> str:
-    if exitcode is None or exitcode >= 0:
-        return f"exit status {exitcode}"
-    name = signal.Signals(-exitcode).name if -exitcode in set(signal.Signals) else f"signal {-exitcode}"
-    return f"{name}, as when memory runs out" if name == "SIGKILL" else name

@@ -16,7 +16,7 @@ from typing import Self
 from betterbench.episodes import Question, Reply
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
@@ -96,6 +96,8 @@ class Worker:
         self._trial_runner = TrialRunner(settings, policies=policies)
         self._threaded = not needs_no_thread(settings.asked)
         self._timed = self._threaded and not is_remote(settings.asked)
+        # Waiting for an answer can be ended where another process gives it.
+        self._cuts = is_remote(settings.asked) or runs_apart(settings.asked)
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
@@ -166,7 +168,7 @@ class Worker:
                 slot.thread.dismiss()
                 threads.append(slot.thread)
                 slot.thread = None
-                if is_remote(self._settings.asked):
+                if self._cuts:
                     threads[-1].cut()
         until = time.perf_counter() + LEAVE_S
         ended = [thread.join(until - time.perf_counter()) for thread in threads]
@@ -252,7 +254,7 @@ class Worker:
             return self._shared.seat()
 
     def _end_overdue(self) -> None:
-        """End the trials whose policy hangs, and replace its thread, which cannot be ended."""
+        """End the trials whose policy hangs, with the process in which it does, and replace its thread."""
         limit = self._settings.policy_timeout_s
         overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
         for slot in overdue:
@@ -265,11 +267,11 @@ class Worker:
         with self._lock:
             shared, self._shared = self._shared, None
         if shared is not None:
-            # Closing waits for the call that hangs.
-            threading.Thread(target=shared.close, name="close policy", daemon=True).start()
+            shared.cut()  # which ends the call that hangs
         for slot in hang:
             if slot.thread is not None:
                 slot.thread.dismiss()
+                slot.thread.cut()
                 slot.thread = None
             if slot.ticket >= 0 and slot.question is not None:
                 self._ask(slot, slot.question)  # it was queued behind the batch that hangs

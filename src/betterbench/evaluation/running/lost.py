@@ -1,0 +1,38 @@
+"""Trials whose record or scene is missing, damaged or not theirs: the command that resumes a run runs them again."""
+
+from __future__ import annotations
+
+import logging
+
+from betterbench.errors import RecordError
+from betterbench.recording import Journal, RunFolder
+
+logger = logging.getLogger(__name__)
+
+
+def reopen_lost(run: RunFolder, journal: Journal) -> int:
+    """Note in the journal which finished trials have to be run again, and return how many they are.
+
+    A file that cannot be used is moved to ``RUN/set-aside`` and never deleted. Raises OSError if that is not possible.
+    """
+    lost = 0
+    sound: set[str] = set()
+    for entry in journal.entries:
+        if entry.status != "done":
+            continue
+        path = run.record_path(entry.task, entry.condition, entry.seed)
+        try:
+            scene = run.read_brief(entry.key, entry=entry).metadata.scene_hash
+            if scene in sound:
+                continue
+            path = run.scene_path(scene)
+            run.load_scene(scene)
+            sound.add(scene)
+        except RecordError as problem:
+            aside = run.set_aside(path)
+            lost += 1
+            logger.warning(
+                "%s is run again: %s%s", entry.key, problem, f" The file is kept as {aside}." if aside else ""
+            )
+            journal.reopen(entry.key, f"run again: {problem}")
+    return lost

@@ -1,0 +1,323 @@
+"""Policies that are not ours are asked in a process of their own: what they do to it costs at most their own trial."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import betterbench
+from betterbench.errors import PolicyError, PolicyKilledError, PolicyProcessError
+from betterbench.evaluation import evaluate
+from betterbench.interface import EpisodeStart, PolicyInfo, episode_number
+from betterbench.policies import policy_process
+from betterbench.policies.policy_process import BatchPolicyProcess, PolicyProcess, start_policy
+from betterbench.recording import RunFolder
+
+STEPS = 12
+
+PLUGIN = """
+import asyncio, os, pathlib, random, resource, signal, sys, threading, time
+import numpy as np
+from betterbench.interface import Execution, PolicyInfo, episode_number
+
+STILL = np.array([0.0] * 6 + [-1.0])
+
+class Unspeakable(Exception):
+    def __str__(self):
+        raise RuntimeError("no words")
+
+class OfMine(PolicyInfo):
+    pass
+
+class Calm:
+    info = PolicyInfo("misbehaving", needs_images=False)
+    def reset(self, start):
+        self.second = start.episode == episode_number(1)
+    def act(self, observation):
+        if observation.step >= STEPS:
+            raise RuntimeError("enough")
+        if self.second and observation.step == 3:
+            self.misbehave()
+        return STILL
+    def misbehave(self):
+        raise RuntimeError("out of memory")
+
+def does(name):
+    def named(method):
+        globals()[name] = type(name, (Calm,), {"misbehave": method})
+        return method
+    return named
+
+does("Exits")(lambda self: os._exit(3))
+does("LeavesSilently")(lambda self: os._exit(0))
+does("Segfaults")(lambda self: os.kill(os.getpid(), signal.SIGSEGV))
+does("Alarmed")(lambda self: (signal.setitimer(signal.ITIMER_REAL, 0.3), time.sleep(20)))
+does("ClosesAll")(lambda self: os.closerange(0, 4096))
+does("Unsayable")(lambda self: (_ for _ in ()).throw(Unspeakable()))
+does("Cancelled")(lambda self: (_ for _ in ()).throw(asyncio.CancelledError("now")))
+does("Interrupts")(lambda self: (_ for _ in ()).throw(KeyboardInterrupt()))
+does("Stops")(lambda self: (_ for _ in ()).throw(GeneratorExit()))
+does("Group")(lambda self: os.killpg(0, signal.SIGABRT))
+does("Recurses")(lambda self: Recurses.misbehave(self))
+
+@does("Elsewhere")
+def elsewhere(self):
+    os.chdir("/")
+    os.environ.clear()
+    np.random.seed(0)
+    random.seed(0)
+    np.seterr(all="raise")
+    sys.path.clear()
+    print("on standard output")
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))
+    threading.Thread(target=time.sleep, args=(3600,)).start()
+
+class Any(Calm):
+    def act(self, observation):
+        if observation.what is not None:
+            globals()[observation.what].misbehave(self)
+        return STILL
+
+class Killed(Calm):
+    def misbehave(self):
+        marker = pathlib.Path(__file__).parent / "killed"
+        if not marker.exists():
+            marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+class Batched:
+    info = OfMine("batched", needs_images=False, metadata={"mine": "yes"})
+    def reset(self, start):
+        pass
+    def act(self, observation):
+        return self.act_batch([observation])[0]
+    def act_batch(self, observations):
+        if "crash" in observations:
+            os._exit(4)
+        if "kill" in observations:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return [np.full(7, len(observations), dtype=np.float32) for o in observations]
+
+class Objects(Calm):
+    def act(self, observation):
+        return observation if isinstance(observation, int) else [object(), object()]
+
+class Large(Calm):
+    def act(self, observation):
+        return np.zeros(10_000_000)
+
+class Unloadable:
+    def __init__(self):
+        raise RuntimeError("CUDA out of memory")
+
+class Gone:
+    def __init__(self):
+        os._exit(9)
+""".replace("STEPS", str(STEPS))
+
+
+@pytest.fixture
+def plugin(tmp_path):
+    (tmp_path / "misbehaving_policy.py").write_text(PLUGIN, encoding="utf-8")
+    return f"python:{tmp_path / 'misbehaving_policy.py'}"
+
+
+@pytest.fixture(autouse=True)
+def no_thread_is_left():
+    yield
+    until = time.monotonic() + 5.0
+    while any(t.name in ("policy", "collector") for t in threading.enumerate()) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert [t.name for t in threading.enumerate() if t.name in ("policy", "collector")] == []
+
+
+START = EpisodeStart("do it", episode_number(1), "ee_delta")
+
+ENDS = {
+    "Calm": "RuntimeError: out of memory",
+    "Exits": r"the process of the policy ended while it was asked \(exit status 3\)",
+    "LeavesSilently": r"ended while it was asked \(exit status 0\)",
+    "Segfaults": r"ended while it was asked \(SIGSEGV\)",
+    "Alarmed": r"ended while it was asked \(SIGALRM\)",
+    "ClosesAll": "ended while it was asked",
+    "Unsayable": "Unspeakable: it cannot be shown as text",
+    "Cancelled": "CancelledError: now",
+    "Interrupts": "KeyboardInterrupt",
+    "Stops": "GeneratorExit",
+    "Group": r"ended while it was asked \(SIGABRT\)",
+    "Recurses": "RecursionError",
+}
+
+
+class Seen:
+    """What stands for an observation here; the policies of this page read its step alone."""
+
+    def __init__(self, step, what=None):
+        self.step, self.what = step, what
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory):
+    """A policy that does what the observation says, in one process for as long as that lives."""
+    file = tmp_path_factory.mktemp("one") / "misbehaving_policy.py"
+    file.write_text(PLUGIN, encoding="utf-8")
+    policy = start_policy(f"python:{file}:Any")
+    yield policy
+    policy.close()
+
+
+KEEPS = ("Calm", "Unsayable", "Cancelled", "Interrupts", "Stops", "Exits", "ClosesAll")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [pytest.param(*end, id=end[0], marks=() if end[0] in KEEPS else pytest.mark.slow) for end in ENDS.items()],
+)
+def test_whatever_a_policy_does_is_an_error_of_one_question(one, name, text):
+    one.reset(START)
+    with pytest.raises(PolicyError, match=text) as raised:
+        one.act(Seen(3, name))
+    assert not isinstance(raised.value, PolicyKilledError)
+    one.reset(START)
+    assert one.act(Seen(3)).tolist() == [0.0] * 6 + [-1.0]
+
+
+def test_what_a_policy_changes_in_its_process_is_not_changed_here(plugin, capfd):
+    before = (Path.cwd(), dict(os.environ), list(sys.path), np.geterr(), signal.getsignal(signal.SIGTERM))
+    policy = start_policy(f"{plugin}:Elsewhere")
+    policy.reset(START)
+    assert policy.act(Seen(3)).shape == (7,)
+    began = time.monotonic()
+    policy.close()
+    assert time.monotonic() - began < 3.0, "its threads do not keep it"
+    assert before == (Path.cwd(), dict(os.environ), list(sys.path), np.geterr(), signal.getsignal(signal.SIGTERM))
+    assert capfd.readouterr().out == ""
+
+
+def test_a_batch_that_ends_its_process_is_told_and_one_that_was_killed_is_asked_again(plugin, monkeypatch):
+    policy = start_policy(f"{plugin}:Batched")
+    assert isinstance(policy, BatchPolicyProcess)
+    assert type(policy.info) is PolicyInfo
+    assert policy.info.metadata == {"mine": "yes"}
+    with pytest.raises(PolicyError, match="exit status 4"):
+        policy.act_batch(["well", "crash"])
+    assert [a.tolist() for a in policy.act_batch(["well", "too"])] == [[2.0] * 7] * 2
+    monkeypatch.setattr(policy_process, "MAX_KILLS", 2)
+    with pytest.raises(PolicyKilledError, match="SIGKILL, as when memory runs out"):
+        policy.act_batch(["kill"])
+    policy.close()
+    with pytest.raises(PolicyError, match="the policy is closed"):
+        policy.act_batch(["well"])
+
+
+def test_answers_arrive_as_arrays_or_as_an_error(plugin):
+    policy = PolicyProcess(f"{plugin}:Objects")
+    assert policy.act(3).tolist() == 3
+    assert policy.act(None).dtype == object
+    assert policy.act(None).shape == (2,)
+    policy.close()
+    policy = PolicyProcess(f"{plugin}:Large")
+    with pytest.raises(PolicyError, match="80000000 bytes is no chunk of actions"):
+        policy.act(Seen(0))
+    policy.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Unloadable", r"cannot be loaded \(RuntimeError: CUDA out of memory\)"),
+        ("Gone", r"its process ended while loading \(exit status 9\)"),
+    ],
+)
+def test_a_policy_that_cannot_be_loaded_is_one_line(plugin, name, text):
+    with pytest.raises(PolicyProcessError, match=text) as raised:
+        start_policy(f"{plugin}:{name}")
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_closing_ends_a_question_that_hangs(plugin):
+    policy = PolicyProcess(f"{plugin}:Alarmed")
+    policy.reset(START)
+    told = []
+
+    def ask():
+        with pytest.raises(PolicyError) as raised:
+            policy.act(Seen(3))
+        told.append(raised.value)
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    time.sleep(0.1)
+    policy.close()
+    thread.join(5.0)
+    assert not thread.is_alive()
+    assert len(told) == 1
+
+
+@pytest.mark.physics
+def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp_path, monkeypatch):
+    """The relative path of a run is meant where the run began."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("Elsewhere", "Killed"):
+        run = evaluate(tiny_plan(f"{plugin}:{name}", trials=3), Path(name))
+        entries = {e.seed: (e.status, e.message) for e in run.entries()}
+        assert entries == dict.fromkeys(range(3), ("done", "RuntimeError: enough"))
+        assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
+        assert len(list(run.records())) == 3
+
+
+@pytest.mark.physics
+def test_the_last_trial_of_a_policy_that_ends_its_process_is_run_on_resuming(plugin, tiny_plan, tmp_path):
+    """With one trial left, two workers are one, in this process."""
+    plan = tiny_plan(f"{plugin}:Exits", trials=2)
+    run = evaluate(plan, tmp_path / "run")
+    first, second = run.journal_path.read_text().splitlines()
+    assert json.loads(second)["seed"] == 1
+    run.journal_path.write_text(f"{first}\n")
+    run = evaluate(plan, tmp_path / "run", workers=2)
+    assert {e.seed: e.status for e in run.entries()} == {0: "done", 1: "done"}
+    assert "exit status 3" in str({e.seed: e.message for e in run.entries()}[1])
+
+
+def test_a_run_folder_stays_where_it_was_when_the_working_directory_changes(tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    run = RunFolder.start(Path("run"), {"policy": "noop"})
+    opened = RunFolder.open(Path("run"))
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    with run.journal():
+        assert run.journal_path == opened.journal_path == tmp_path / "run" / "journal.jsonl"
+    assert (tmp_path / "run" / "journal.jsonl").exists()
+
+
+def test_the_process_of_a_policy_does_not_outlive_a_run_that_was_killed(plugin, tmp_path):
+    code = (
+        "import sys, time; from betterbench.policies.policy_process import start_policy\n"
+        "policy = start_policy(sys.argv[1]); print(policy._running._process.pid, flush=True); time.sleep(60)"
+    )
+    source = str(Path(betterbench.__file__).parents[1])
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code, f"{plugin}:Calm"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": source},
+    )
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait(10.0)
+    parent.stdout.close()
+    until = time.monotonic() + 10.0
+    while Path(f"/proc/{child}").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{child}").exists()
