@@ -7,8 +7,38 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from typing import Protocol, TypeVar
+
+LONGEST_SHOWN = 500
+"""Most characters of a text from outside in a message, unless told otherwise."""
+
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+"""What steers a terminal, hides or reorders letters, or has no encoding; not the tab and the line feed."""
+
+
+def printable(text: str, *, most: int) -> str:
+    """Return a text from outside without escape sequences, and of bounded length; its lines stay.
+
+    What steers a terminal is replaced by U+FFFD, and what is beyond ``most`` characters by their number.
+    """
+    cut = len(text) - most
+    if cut > 0:
+        text = f"{text[:most]}… ({cut} more characters)"
+    return _UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
+    """Return a text from outside as it may stand in a message: :func:`printable`, and on one line."""
+    # A long text is cut before it is split, and with room for the white space that goes.
+    line = " ".join(str(text)[: 4 * most + 1].split())
+    return printable(line, most=most)
+
+
+def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
+    """Return the last line of a stranger's error that says something, as :func:`one_line`: of a traceback, its end."""
+    return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 class BetterError(Exception):

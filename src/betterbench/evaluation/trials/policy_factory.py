@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Self
 
 from betterbench.episodes import AnyPolicy
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import HandshakeError, InvalidInputError, UnknownNameError
+from betterbench.evaluation.planning.manifest import describe_policy
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, known_policies
 from betterbench.experts import make_expert, parse_address
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
 SOURCE = "source file"
@@ -76,9 +77,13 @@ def needs_no_thread(address: str) -> bool:
 class PolicyFactory:
     """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
-    def __init__(self, address: str) -> None:
-        """Prepare; nothing is loaded and no server is asked yet."""
+    def __init__(self, address: str, *, known: PolicyInfo | None = None) -> None:
+        """Prepare; nothing is loaded and no server is asked yet.
+
+        ``known`` is what the server of the policy said when the run began, or None: its clients compare themselves.
+        """
         self.address = address
+        self._known = known
         self._made: Policy | None = None
         self._info: PolicyInfo | None = None
         self._takes_batches = False
@@ -100,7 +105,7 @@ class PolicyFactory:
                 RunFolder.open(Path(self.address.removeprefix("replay:")))
                 self._info = PolicyInfo(self.address, action_space="", needs_images=False)
             else:
-                self._made = make_policy(self.address)
+                self._made = self._make()
                 self._info, self._takes_batches = self._made.info, isinstance(self._made, BatchPolicy)
                 source = source_of(self.address.removeprefix("python:")) if self.address.startswith("python:") else ""
                 if source:  # a resumed run compares it
@@ -135,14 +140,30 @@ class PolicyFactory:
                 seed=trial.seed,
             )
         if self._made is None:
-            self._made = make_policy(self.address)
+            self._made = self._make()
         return self._made
 
     def take(self) -> Policy:
         """Return an instance for the caller alone, who closes it."""
         with self._lock:
             made, self._made = self._made, None
-        return make_policy(self.address) if made is None else made
+        return self._make() if made is None else made
+
+    def _make(self) -> Policy:
+        """Return a new instance; HandshakeError if a server has become another one since the first one was made."""
+        made = make_policy(self.address)
+        if is_remote(self.address):
+            known, self._known = self._known or made.info, self._known or made.info
+            there, here = (describe_policy(self.address, info) for info in (known, made.info))
+            found = first_difference(there, here, "policy")
+            if found is not None:
+                close_policy(made)
+                raise HandshakeError(
+                    f"{self.address}: another policy answers there than when the run began: {found[0]} was {found[1]} "
+                    f"and is {found[2]}. Start the first one and run the same command again, or give "
+                    "--allow-changed-policy to go on with both in one run."
+                )
+        return made
 
     def close(self) -> None:
         """Close an instance that was made and not taken; harmless when closed."""
