@@ -10,7 +10,6 @@ import socket
 import struct
 import threading
 import time
-from dataclasses import replace
 
 import msgpack
 import numpy as np

@@ -37,6 +37,7 @@ class ShadowSession:
         self._origin = np.zeros(3)
         self._chunk_began = 0
         self._warned = False
+        shadows.client_came()
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the next actions of the expert."""
@@ -60,7 +61,8 @@ class ShadowSession:
         return {"actions": actions}
 
     def close(self) -> None:
-        """Forget the connection; the shadows stay, for a client that connects again."""
+        """Forget the connection; a few shadows stay, for clients that connect again."""
+        self._shadows.client_left()
 
     def _located(self, seen: Observation, shadow: ShadowSimulation, step: int) -> int:
         """Return the control step of a client that sends no step: the end of the last chunk, or an earlier one.
