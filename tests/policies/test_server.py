@@ -250,10 +250,12 @@ def test_a_server_that_has_no_descriptor_left_goes_on_when_there_is_one():
                 raise OSError(errno.EMFILE, "Too many open files")
             return super()._take()
 
-    with contextlib.closing(Poor(socket.create_server(("127.0.0.1", 0)), most=1)) as listening:
-        with socket.create_connection(listening.getsockname()):
-            taken, _ = listening.accept()
-            taken.close()
+    with (
+        contextlib.closing(Poor(socket.create_server(("127.0.0.1", 0)), most=1)) as listening,
+        socket.create_connection(listening.getsockname()),
+    ):
+        taken, _ = listening.accept()
+        taken.close()
     assert len(tries) == 3
     with pytest.raises(OSError, match="Bad file"):
         listening.accept()
