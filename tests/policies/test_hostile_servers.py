@@ -75,7 +75,7 @@ class RawServer:
             while b"\r\n\r\n" not in asked:
                 asked += link.recv(4096)
             key = next(line for line in asked.split(b"\r\n") if line.lower().startswith(b"sec-websocket-key"))[19:]
-            token = hashlib.sha1(key.strip() + b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11").digest()
+            token = hashlib.sha1(key.strip() + b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11", usedforsecurity=False).digest()
             link.sendall(
                 b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                 b"Sec-WebSocket-Accept: " + base64.b64encode(token) + b"\r\n\r\n"

@@ -149,8 +149,9 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
             if before.get(name) != told.get(name):
                 was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
                 raise HandshakeError(
-                    f"{self._where} has come back as another one: {one_line(name, most=100)} was {was} and is {now}. Start the first one "
-                    "and run the same command again, or give --allow-changed-policy to go on with both in one run."
+                    f"{self._where} has come back as another one: {one_line(name, most=100)} was {was} and is {now}. "
+                    "Start the first one and run the same command again, or give --allow-changed-policy to go on with "
+                    "both in one run."
                 )
 
     @property

@@ -31,13 +31,20 @@ class Schedule:
         twins = {_name(t.task, t.condition): _name(t.task, str(t.base_condition)) for t in varied}
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
+        self._decisions: Decisions | None = None
+        self._waiting: list[TrialId] = []  # those of the round under way that had not ended when it was last asked
 
     @property
     def decisions(self) -> Decisions | None:
         """What is decided after the last complete round; None for a plan of which everything is run."""
         if self.plan.until_decided is None:
             return None
-        return decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+        while self._waiting and self._is_done(self._waiting[-1]):
+            self._waiting.pop()
+        if self._decisions is None or not self._waiting:
+            self._decisions = decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+            self._waiting = [self._trials[key].id for key in self._decisions.waiting]
+        return self._decisions
 
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the trials of one round after the other, those that are done left out.

@@ -6,7 +6,7 @@ from urllib.parse import parse_qsl
 
 from betterbench.errors import InvalidInputError, one_line
 
-_SECRET = "_env"  # ends the name of each option that names an environment variable
+_VARIABLE = "_env"  # ends the name of each option that names an environment variable
 
 
 def risks_of(address: str) -> tuple[str, ...]:
@@ -19,7 +19,7 @@ def risks_of(address: str) -> tuple[str, ...]:
     elif scheme == "lerobot":
         found.append(f"loads the checkpoint {one_line(target, most=200)}, which can run code")
     for name, value in parse_qsl(query, keep_blank_values=True):
-        if name.endswith(_SECRET):
+        if name.endswith(_VARIABLE):
             server = one_line(target.removeprefix("//"), most=200)
             found.append(f"sends the environment variable {one_line(value, most=100)} to {server}")
     return tuple(found)
