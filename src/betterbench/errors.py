@@ -124,7 +124,8 @@ def require_between(where: str, value: float, least: float, most: float) -> None
             given = one_line(value, most=40)
         except ValueError:  # Python writes no integer of more than 4,300 digits
             given = "the number"
-        raise InvalidInputError(where, f"{given} is out of range", f"Give {least:,} to {most:,}")
+        cure = f"It must be ≥ {least}" if value < least else f"It must be ≥ {least} and ≤ {most}"
+        raise InvalidInputError(where, f"{given} is out of range", cure)
 
 
 class InvalidActionError(BetterError):

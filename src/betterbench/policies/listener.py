@@ -34,14 +34,7 @@ class Listener(socket.socket):
             if self.fileno() < 0:
                 raise OSError(errno.EBADF, "the server has stopped")
         try:
-            while True:
-                try:
-                    taken, peer = self._take()
-                    break
-                except OSError as problem:
-                    if problem.errno not in _PASSING:
-                        raise
-                    time.sleep(_PAUSE_S)
+            taken, peer = self._take_patiently()
         except BaseException:
             self._leave()
             raise
@@ -49,6 +42,15 @@ class Listener(socket.socket):
         for option, value in _KEEPALIVE:
             taken.setsockopt(socket.IPPROTO_TCP, option, value)
         return _Taken(taken, self), peer
+
+    def _take_patiently(self) -> tuple[socket.socket, object]:
+        while True:
+            try:
+                return self._take()
+            except OSError as problem:
+                if problem.errno not in _PASSING:
+                    raise
+                time.sleep(_PAUSE_S)
 
     def _take(self) -> tuple[socket.socket, object]:
         return super().accept()

@@ -7,8 +7,8 @@ memory and time. What comes back from it is pixels or a text, and never an objec
 from __future__ import annotations
 
 import contextlib
+import json
 import os
-import pickle
 import resource
 import select
 import struct
@@ -19,9 +19,10 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
 from betterbench.scenes.stage import quality_preset
@@ -34,7 +35,9 @@ REQUEST_S = 60.0
 """Longest time for a scene to be opened, or an image to be drawn [s]; the first one includes the start."""
 
 _PIXELS, _BROKEN, _MISSING = range(3)
+_QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
+_JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
 _BLOCK = 1 << 16
 
@@ -71,11 +74,12 @@ class LimitedView:
             RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
-        self._ask(dict(files))
+        self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
         """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
-        pixels = self._ask((np.asarray(qpos, dtype=np.float64), camera, jitter))
+        numbers = np.asarray(qpos, dtype=np.float64).tobytes()
+        pixels = self._ask({"camera": camera, "jitter": jitter.to_json()}, numbers)
         if len(pixels) != 3 * self._size**2:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
@@ -89,11 +93,11 @@ class LimitedView:
                 with contextlib.suppress(OSError):
                     pipe.close()
 
-    def _ask(self, request: object) -> bytes:
+    def _ask(self, request: Mapping[str, object], data: bytes) -> bytes:
         end = time.monotonic() + REQUEST_S
-        data = pickle.dumps(request)
+        text = json.dumps(request).encode()
         try:
-            self._write(_HEADER.pack(_PIXELS, len(data)) + data, end)
+            self._write(_QUESTION.pack(len(text), len(data)) + text + data, end)
             kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
             if size > max(3 * self._size**2, 4 * _LONGEST_REASON):
                 raise self._refused("it answered too much")
@@ -102,8 +106,8 @@ class LimitedView:
             raise self._refused("its process crashed, or took too much memory") from None
         if kind == _PIXELS:
             return answer
-        text = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
-        raise (MissingDependencyError if kind == _MISSING else RecordError)(text)
+        reason = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
+        raise (MissingDependencyError if kind == _MISSING else RecordError)(reason)
 
     def _write(self, data: bytes, end: float) -> None:
         pipe, left = _opened(self._process.stdin), memoryview(data)
@@ -139,25 +143,29 @@ def _opened(pipe: object) -> BinaryIO:
     return pipe  # type: ignore[return-value]
 
 
-def serve(quality: str, size: int) -> None:
+def draw_for_parent(quality: str, size: int) -> None:
     """Answer on standard output what comes on standard input, until that ends; the main function of the process."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what else is printed must not stand among the answers
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     view: StoredView | None = None
-    while header := sys.stdin.buffer.read(_HEADER.size):
-        request = pickle.loads(sys.stdin.buffer.read(_HEADER.unpack(header)[1]))  # noqa: S301 - from our own parent
+    asked = sys.stdin.buffer
+    while header := asked.read(_QUESTION.size):
+        text, data = (asked.read(size) for size in _QUESTION.unpack(header))
+        request: dict[str, Any] = json.loads(text)
         used = time.process_time()
         resource.setrlimit(resource.RLIMIT_CPU, (int(used + REQUEST_S) + 1, resource.RLIM_INFINITY))
         try:
-            if isinstance(request, dict):
+            if "files" in request:
                 if view is not None:
                     view.close()
-                view = StoredView(load_model(request), quality_preset(quality), width=size, height=size)
+                model = load_model(_split(request["files"], data))
+                view = StoredView(model, quality_preset(quality), width=size, height=size)
                 kind, answer = _PIXELS, b""
             else:
-                kind, answer = _PIXELS, _pixels(view, *request)
+                jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
+                kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request["camera"], jitter)
         except MissingDependencyError as problem:
             kind, answer = _MISSING, str(problem).encode()
         except BetterError as problem:
@@ -167,6 +175,15 @@ def serve(quality: str, size: int) -> None:
         answer = answer if kind == _PIXELS else answer[:_LONGEST_REASON]
         answers.write(_HEADER.pack(kind, len(answer)) + answer)
         answers.flush()
+
+
+def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
+    """Return the files that stand one after the other in some bytes."""
+    files, at = dict[str, bytes](), 0
+    for name, size in sizes.items():
+        files[name] = data[at : at + size]
+        at += size
+    return files
 
 
 def _pixels(view: StoredView | None, qpos: np.ndarray, camera: str, jitter: ViewJitter) -> bytes:
@@ -179,4 +196,4 @@ def _pixels(view: StoredView | None, qpos: np.ndarray, camera: str, jitter: View
 
 
 if __name__ == "__main__":
-    serve(sys.argv[1], int(sys.argv[2]))
+    draw_for_parent(sys.argv[1], int(sys.argv[2]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.statistics import Decisions, Question, decide
@@ -44,7 +45,8 @@ class Schedule:
         if self._decisions is None or not self._waiting:
             self._decisions = decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
             self._waiting = [self._trials[key].id for key in self._decisions.waiting]
-        return self._decisions
+        waiting = tuple(key for key in self._decisions.waiting if not self._is_done(self._trials[key].id))
+        return replace(self._decisions, waiting=waiting)
 
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the trials of one round after the other, those that are done left out.
