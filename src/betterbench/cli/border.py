@@ -19,7 +19,6 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "envs": (1, 256),
     "films": (0, 10_000),
     "policy_timeout": (0.001, 604_800),
-    "port": (0, 65_535),
     "replica_gpus": (0, 64),
     "replicas": (1, 256),
     "seed": (0, 2**31 - 1),
@@ -27,7 +26,8 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "trials": (1, 10_000),
     "workers": (1, 256),
 }
-"""Least and largest value of each number that a verb takes, by the name of its option."""
+"""Least and largest value of each number that a verb takes, by the name of its option; ports are checked where they are
+bound."""
 
 
 def guarded(function: Callable[..., None]) -> Callable[..., None]:
