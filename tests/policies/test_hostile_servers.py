@@ -18,6 +18,7 @@ import zmq
 from websockets.sync.server import serve
 
 from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
@@ -257,3 +258,25 @@ def test_texts_from_outside_keep_their_words_and_lose_what_steers():
     assert last_line("one\ntwo\x1b\n\n") == "two\ufffd"
     assert last_line(" \n") == ""
     assert one_line("naïve 机器人 é") == "naïve 机器人 é"
+
+
+def test_every_client_of_a_run_asks_the_policy_that_the_run_began_with():
+    checkpoints = iter(["one", "one", "two", "two"])
+
+    def talk(link):
+        link.send(msgpack.packb({"checkpoint": next(checkpoints)}))
+        list(link)
+
+    with websocket_server(talk) as port:
+        address = f"openpi://127.0.0.1:{port}?preset=native&timeout=5"
+        with PolicyFactory(address) as run:
+            known = run.info
+            close_policy(run.take())
+            close_policy(run.take())
+            with pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."):
+                run.take()
+        with (
+            PolicyFactory(address, known=known) as worker,
+            pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."),
+        ):
+            worker.check()
