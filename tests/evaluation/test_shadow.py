@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import weakref
 
 import numpy as np
 import pytest
@@ -121,6 +122,7 @@ def test_the_end_of_the_trial_is_an_end():
 def test_shadows_are_kept_by_trial_and_forgotten_in_order(monkeypatch):
     monkeypatch.setattr("betterbench.evaluation.serving.shadow.KEPT", 2)
     shadows = ShadowSimulations("expert")
+    shadows.client_came()
     names = [dataclasses.replace(TRIAL, seed=seed) for seed in range(3)]
     first, second = shadows.of(names[0]), shadows.of(names[1])
     assert shadows.of(names[0]) is first
@@ -128,6 +130,19 @@ def test_shadows_are_kept_by_trial_and_forgotten_in_order(monkeypatch):
     assert shadows.of(names[0]) is first
     assert shadows.of(names[1]) is not second
     assert KEPT >= 32
+
+
+def test_shadows_of_clients_that_have_left_are_given_back(monkeypatch):
+    monkeypatch.setattr("betterbench.evaluation.serving.shadow.SPARE", 1)
+    shadows = ShadowSimulations("expert")
+    for _ in range(2):
+        shadows.client_came()
+    trials = [dataclasses.replace(TRIAL, seed=seed) for seed in range(3)]
+    kept = [weakref.ref(shadows.of(trial)) for trial in trials]
+    assert all(ref() is not None for ref in kept)
+    for left in (2, 1):
+        shadows.client_left()
+        assert [ref() is not None for ref in kept] == [i >= 3 - left for i in range(3)]
 
 
 def test_two_trials_at_once_do_not_disturb_each_other(local):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import http.client
 import socket
 import threading
+import time
 
 import msgpack
 import numpy as np
@@ -14,6 +17,7 @@ from websockets.sync.client import connect
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.policies.batching import BatchCollector
+from betterbench.policies.listener import Listener
 from betterbench.policies.server import PolicyServer
 
 PATIENCE_S = 20
@@ -170,6 +174,91 @@ def test_a_client_that_breaks_off_is_forgotten(server):
     with client(server) as other:
         other.recv(timeout=PATIENCE_S)
         assert ask(other, number=1)["answered"] == 1
+
+
+def test_pages_of_other_sites_are_refused(server):
+    for origin in ("https://evil.example", "null", f"http://evil.example:{server.port}", "http://127.0.0.1:1"):
+        with pytest.raises(InvalidStatus) as refused, client(server, origin=origin):
+            pass
+        assert refused.value.response.status_code == 403
+    with client(server, origin=f"http://127.0.0.1:{server.port}") as link:
+        link.recv(timeout=PATIENCE_S)
+
+
+def until(check):
+    end = time.monotonic() + PATIENCE_S
+    while not check() and time.monotonic() < end:
+        time.sleep(0.01)
+    return check()
+
+
+def test_an_idle_client_has_no_session_and_is_sent_away(monkeypatch):
+    made = []
+
+    def make():
+        made.append(Echo())
+        return made[-1]
+
+    with PolicyServer(make, metadata={}, port=0) as server:
+        with client(server) as idle, client(server) as asking:
+            idle.recv(timeout=PATIENCE_S), asking.recv(timeout=PATIENCE_S)
+            assert ask(asking, number=1)["answered"] == 1
+            assert len(made) == 1
+        monkeypatch.setattr("betterbench.policies.server.IDLE_S", 0.05)
+        with client(server) as idle:
+            idle.recv(timeout=PATIENCE_S)
+            with pytest.raises(ConnectionClosed) as closed:
+                idle.recv(timeout=PATIENCE_S)
+            assert closed.value.rcvd.code == 1001
+
+
+def test_more_clients_than_allowed_are_sent_away_and_those_inside_stay():
+    with PolicyServer(Echo, metadata={}, port=0, clients=2) as server, contextlib.ExitStack() as stack:
+        one, two = (stack.enter_context(client(server)) for _ in range(2))
+        one.recv(timeout=PATIENCE_S), two.recv(timeout=PATIENCE_S)
+        for _ in range(3):
+            with pytest.raises(InvalidStatus) as refused, client(server):
+                pass
+            assert refused.value.response.status_code == 503
+        assert ask(one, number=1)["answered"] == 1
+        two.close()
+        assert until(lambda: not server._full())
+        with client(server) as three:
+            three.recv(timeout=PATIENCE_S)
+            assert ask(three, number=1)["answered"] == 1
+
+
+def test_those_who_say_nothing_are_taken_in_turns_and_the_server_can_still_stop():
+    with PolicyServer(Echo, metadata={}, port=0, clients=1) as server, contextlib.ExitStack() as stack:
+        for _ in range(60):
+            stack.enter_context(socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S))
+        threads = [t for t in threading.enumerate() if t is not threading.current_thread()]
+        assert len(threads) < 2 * 40
+        stack.close()
+        with client(server) as link:
+            link.recv(timeout=PATIENCE_S)
+            assert ask(link, number=1)["answered"] == 1
+
+
+def test_a_server_that_has_no_descriptor_left_goes_on_when_there_is_one():
+    tries = []
+
+    class Poor(Listener):
+        def _take(self):
+            tries.append(1)
+            if len(tries) < 3:
+                raise OSError(errno.EMFILE, "Too many open files")
+            return super()._take()
+
+    with (
+        contextlib.closing(Poor(socket.create_server(("127.0.0.1", 0)), most=1)) as listening,
+        socket.create_connection(listening.getsockname()),
+    ):
+        taken, _ = listening.accept()
+        taken.close()
+    assert len(tries) == 3
+    with pytest.raises(OSError, match="Bad file"):
+        listening.accept()
 
 
 def test_what_waits_is_answered_together_and_nothing_waits_for_company():

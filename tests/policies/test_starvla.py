@@ -291,7 +291,7 @@ def test_a_server_that_comes_back_is_asked_again_and_another_one_is_not(client):
         assert policy.act(seen()).shape == (8, 7)
         assert policy.figures["policy_reconnects"] == 1
     other = msgpack.packb({"action_chunk_size": 4})
-    with Server(port=port, metadata=other), pytest.raises(HandshakeError, match="came back with other metadata"):
+    with Server(port=port, metadata=other), pytest.raises(HandshakeError, match="has come back as another one"):
         policy.act(seen())
 
 

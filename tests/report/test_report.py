@@ -135,6 +135,17 @@ def test_no_name_of_a_stranger_becomes_markup(tmp_path, field):
     assert "7*7" in page
 
 
+def test_a_name_of_a_megabyte_makes_no_large_page_and_steers_nothing(tmp_path):
+    plain = write_report([diagnosis([trial(), trial(variation=None)])], tmp_path / "plain")
+    long = "\x1b[31m\u202e" + "x" * 1_000_000
+    named = [trial(instruction=long, first_attempt=long), trial(variation=None)]
+    page = write_report([diagnosis(named, policy=long, findings=[long])], tmp_path / "long")
+    sizes = [sum(p.stat().st_size for p in f.parent.rglob("*") if p.is_file()) for f in (plain, page)]
+    assert sizes[1] - sizes[0] < 3_000_000
+    for path in tmp_path.joinpath("long").rglob("*.*"):
+        assert not {"\x1b", "\u202e"} & set(path.read_text(encoding="utf-8")), path
+
+
 def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
     trials = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
     trials += [trial(variation="R1", seed=i) for i in range(6)]

@@ -2,24 +2,74 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
+
+from betterbench.errors import UNPRINTABLE, one_line, printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-OUT = Console(highlight=False, emoji=False)
-ERR = Console(stderr=True, highlight=False, emoji=False)
+LONGEST_MESSAGE = 20_000
+"""Most characters of one message or cell; what is longer comes from outside."""
+
+
+class Terminal(Console):
+    """Prints texts without what steers a terminal, because names and messages may come from a stranger's file."""
+
+    def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
+        """Print as rich does, with texts made printable."""
+        super().print(*(_printable(o) if isinstance(o, str) else o for o in objects), **options)
+
+
+OUT = Terminal(highlight=False, emoji=False)
+ERR = Terminal(stderr=True, highlight=False, emoji=False)
+
+_documents: list[TextIO] = []  # where the JSON document of the verb goes, while nothing else may go there
+
+
+@contextmanager
+def document_alone() -> Iterator[None]:
+    """Keep standard output for :func:`print_json`; what anything else prints, policies too, goes to standard error."""
+    out = sys.stdout
+    out.flush()
+    with ExitStack() as stack:
+        document = out
+        with contextlib.suppress(OSError):  # standard output is closed
+            kept = os.dup(1)
+            stack.callback(os.close, kept)
+            if _number_of(out) == 1:
+                document = open(kept, "w", encoding=out.encoding, errors=out.errors, closefd=False)  # noqa: SIM115
+                stack.callback(document.close)
+            os.dup2(2, 1)
+            stack.callback(os.dup2, kept, 1)
+        _documents.append(document)
+        stack.callback(_documents.pop)
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+
+
+def _number_of(stream: TextIO) -> int | None:
+    """Return the file descriptor of a stream; None if it is no file, as in a test or a notebook."""
+    try:
+        return stream.fileno()
+    except (OSError, ValueError):
+        return None
 
 
 def print_json(document: object) -> None:
-    """Print one JSON document on standard output."""
-    sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, sort_keys=False) + "\n")
+    """Print one JSON document on standard output; what steers a terminal is written by its number, as JSON can."""
+    out = _documents[-1] if _documents else sys.stdout
+    text = json.dumps(document, indent=2, ensure_ascii=False, sort_keys=False)
+    out.write(UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
+    out.flush()
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
@@ -30,13 +80,17 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
     for i, column in enumerate(columns):
         table.add_column(column, overflow="fold", no_wrap=i == 0)
     for row in rows:
-        table.add_row(*(cell.replace("[", "\\[") for cell in row))
+        table.add_row(*(_printable(cell).replace("[", "\\[") for cell in row))
     OUT.print(table)
 
 
 def say(text: str) -> None:
     """Print a message on standard error."""
     ERR.print(text, markup=False)
+
+
+def _printable(text: str) -> str:
+    return printable(text, most=LONGEST_MESSAGE)
 
 
 @contextmanager
@@ -62,4 +116,4 @@ def progress_bar(what: str, total: int, *, estimate: bool = True) -> Iterator[tu
         TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=ERR, disable=not ERR.is_terminal) as bar:
-        yield bar, bar.add_task(what, total=total, note="")
+        yield bar, bar.add_task(one_line(what, most=100), total=total, note="")

@@ -90,6 +90,7 @@ def evaluate_command(
     uncertified: bool = False,
     allow_other_versions: bool = False,
     allow_changed_policy: bool = False,
+    trust: bool = False,
     json: bool = False,
 ) -> None:
     """Evaluate a policy. The same command resumes an unfinished run.
@@ -112,6 +113,7 @@ def evaluate_command(
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run although versions differ that results depend on.
+        trust: With --from, let the policy that the run names execute code or send the key that its address names.
         allow_changed_policy: Resume although the policy declares something else than when the run began.
         json: Print one JSON document at the end.
     """
@@ -121,7 +123,7 @@ def evaluate_command(
         _refuse_changed(
             ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
         )
-    plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions)
+    plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
     if not uncertified:
         require_certified(plan, certificate)
     most = "" if plan.until_decided is None else "At most "
@@ -140,20 +142,24 @@ def evaluate_command(
     _print_counts(run, plan, json=json)
 
 
-def _plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool) -> Plan:
+def _plan(
+    policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool, trust: bool
+) -> Plan:
     """Return the plan of the options, or that of the run to repeat."""
     from betterbench.evaluation import make_plan
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
 
-    if allow_other_versions and from_run is None:
-        raise InvalidInputError(
-            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
-        )
+    for option, given in (("--allow-other-versions", allow_other_versions), ("--trust", trust)):
+        if given and from_run is None:
+            raise InvalidInputError(option, "it needs a run to repeat", "Give --from too, or leave it out")
     of_suite = suite_tasks(chosen.suite)  # also where --tasks names others, so that a mistyped suite is reported
     if from_run is not None:
         _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")
-        return repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions)
+        plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions, trust=trust)
+        if policy is None:
+            say(f"The policy that {from_run} names: {plan.policy}")
+        return plan
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
     options = asdict(chosen)

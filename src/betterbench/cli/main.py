@@ -14,8 +14,9 @@ from typing import get_type_hints
 
 import tyro
 
-from betterbench.cli.console import ERR, say
-from betterbench.errors import BetterError, system_error_text
+from betterbench.cli.border import guarded
+from betterbench.cli.console import ERR, LONGEST_MESSAGE, say
+from betterbench.errors import BetterError, printable, system_error_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,7 @@ class Verb:
         """Import the function."""
         module, _, name = self.function.partition(":")
         function: Callable[..., None] = getattr(importlib.import_module(f"betterbench.cli.{module}"), name)
-        return _with_task_files(function) if self.takes_tasks else function
+        return guarded(_with_task_files(function) if self.takes_tasks else function)
 
 
 VERBS: dict[str, Verb] = {
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(level=logging.WARNING, handlers=[_log_handler()])
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         if given and given[0] in VERBS:
@@ -82,6 +83,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say("interrupted; run the same command again to continue where it stopped")
         return EXIT_INTERRUPTED
     return 0
+
+
+def _log_handler() -> logging.Handler:
+    """Return what writes log messages to standard error, without what steers a terminal."""
+
+    class Printable(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return printable(super().format(record), most=LONGEST_MESSAGE)
+
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(Printable("%(message)s"))
+    return handler
 
 
 def _show_overview(given: Sequence[str]) -> None:

@@ -29,6 +29,7 @@ def serve_command(
     chunk: int | None = None,
     layout: str | None = None,
     batch: int | None = None,
+    clients: int | None = None,
     task: str | None = None,
     condition: str | None = None,
     seed: int | None = None,
@@ -50,6 +51,7 @@ def serve_command(
         layout: Preset in which an expert reads requests and answers, to try a client or an adapter; the layouts native
             and openpi_libero if not given.
         batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
+        clients: Clients that are served at once, at most; 128 if not given. Further ones are told to come back later.
         task: Task of clients that name none.
         condition: Condition of that task; its first training condition if not given.
         seed: Seed of that trial; 0 if not given.
@@ -58,6 +60,7 @@ def serve_command(
     from betterbench.evaluation import open_server
     from betterbench.evaluation.serving.server import DEFAULT_CHUNK
     from betterbench.policies.batching import MAX_BATCH
+    from betterbench.policies.server import MAX_CLIENTS
 
     trial = chosen_trial(task, condition, seed)
     key = _key(api_key_env)
@@ -69,6 +72,7 @@ def serve_command(
         port=port,
         chunk=DEFAULT_CHUNK if chunk is None else chunk,
         batch=MAX_BATCH if batch is None else batch,
+        clients=MAX_CLIENTS if clients is None else clients,
         trial=trial,
         layout=layout,
         api_key=key,

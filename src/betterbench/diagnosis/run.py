@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -74,8 +75,10 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
     for trial in plan:
         entry = entries.get(trial)
+        if entry is None or entry.status != "done":
+            continue
         path = run.record_path(trial.task, trial.condition, trial.seed)
-        if entry is not None and entry.status == "done" and path.exists():
+        if path.exists():
             record = run.read_record(trial.task, trial.condition, trial.seed)
             versions.add(record.metadata)
             trials.readings[trial] = read_trial(record, path=path.relative_to(run.path).as_posix())
@@ -159,8 +162,8 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
     where = f"{run.path / 'run.json'}: plan"
     plan = read_form(_PLAN, run.plan, where=where, cure="Restore the file, or start the run again", raises=RecordError)
     trials = tuple(TrialId(t.task, t.variation or t.condition, t.seed) for t in plan.trials)
-    if len(set(trials)) < len(trials):
-        twice = next(trial for i, trial in enumerate(trials) if trial in trials[:i])
+    twice = next((trial for trial, times in Counter(trials).items() if times > 1), None)
+    if twice is not None:
         raise RecordError(f"{where}: {twice} is planned twice. Remove one of the two.")
     return plan.policy, trials, plan.until_decided
 

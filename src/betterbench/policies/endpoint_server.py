@@ -6,14 +6,12 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, last_line
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.request_client import RequestClient
 
 ERROR_REPLY = b"ERROR"
 """What these servers answer when they cannot even say what went wrong."""
-
-_LONGEST_ERROR = 500
 
 
 class EndpointServer:
@@ -73,8 +71,7 @@ class EndpointServer:
             raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
         reply = self._decode(answer, endpoint)
         if isinstance(reply, Mapping) and "error" in reply:
-            lines = [line.strip() for line in str(reply["error"]).splitlines() if line.strip()]
-            raise PolicyError(f"{self._where} reports an error: {lines[-1][:_LONGEST_ERROR] if lines else 'no text'}")
+            raise PolicyError(f"{self._where} reports an error: {last_line(str(reply['error'])) or 'no text'}")
         return reply
 
     def close(self) -> None:

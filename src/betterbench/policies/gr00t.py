@@ -77,7 +77,6 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         if self.adapter.constants:
             raise address.error(f"adapter {self.adapter.name} has constants, and GR00T knows none", "Remove them")
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
-        self._known: Modalities | None = None
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities
         if self.modalities.prefixed and "layout" not in address.options:
@@ -89,10 +88,11 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
     def _dial(self, timeout_s: float) -> Gr00tServer:
         server = Gr00tServer(self._address, self.adapter, self._key, timeout_s=timeout_s)
-        if self._known is not None and server.modalities != self._known:
+        try:
+            self._require_same(server.modalities.to_json())
+        except HandshakeError:
             server.close()
-            raise HandshakeError(f"{self._where} came back with other modalities. Start the run again.")
-        self._known = server.modalities
+            raise
         return server
 
     def act(self, observation: Observation) -> np.ndarray:

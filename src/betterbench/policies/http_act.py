@@ -19,7 +19,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import Observation
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
@@ -30,7 +30,7 @@ _REFUSED = (401, 403)
 _ABSENT = (404, 405)
 _PASSING = (408, 425, 429, 502, 503, 504)
 _KNOCK_S = 2.0
-_LONGEST_ERROR = 500
+_LONGEST_BODY_SHOWN = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class HttpServer:
                 answer.begin()
                 read = answer.read(MAX_BODY_BYTES + 1)
             except http.client.HTTPException as error:
-                problem = " ".join(str(error).split())[:100] or type(error).__name__
+                problem = one_line(error, most=100) or type(error).__name__
                 raise ConnectionError(f"the server there does not speak HTTP ({problem})") from error
         if len(read) <= MAX_BODY_BYTES and answer.length:
             raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
@@ -125,7 +125,7 @@ class HttpActClient(ServerClient[HttpServer]):
         reply = decode_body(answer.body)
         if isinstance(reply, str):
             raise PolicyError(
-                f"{self._where} answers {reply[:_LONGEST_ERROR]!r}, with which these servers report any failure. "
+                f"{self._where} answers {one_line(reply)!r}, with which these servers report any failure. "
                 "Its own output tells more; compare the keys that it reads with the adapter."
             )
         if not isinstance(reply, Mapping):
@@ -159,7 +159,7 @@ class HttpActClient(ServerClient[HttpServer]):
         try:
             told = _told(decode_body(answer.body))
         except PolicyError:
-            told = " ".join(answer.body[:_LONGEST_ERROR].decode("utf-8", "replace").split()) or "no text"
+            told = one_line(answer.body[:_LONGEST_BODY_SHOWN].decode("utf-8", "replace")) or "no text"
         raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
 
     def _dial(self, timeout_s: float) -> HttpServer:
@@ -180,4 +180,4 @@ def _told(reply: object) -> str:
     """Return what an answer says went wrong, in one line."""
     if isinstance(reply, Mapping):
         reply = reply.get("error", reply.get("detail", reply))
-    return " ".join(str(reply).split())[:_LONGEST_ERROR] or "no text"
+    return one_line(reply) or "no text"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import PolicyError
+from betterbench.errors import PolicyError, last_line, printable
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
@@ -82,8 +82,12 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         def exchange(connection: WebSocket, timeout_s: float) -> Mapping[Any, Any]:
             end = time.monotonic() + timeout_s
+            # The protocol numbers neither questions nor answers.
+            connection.refuse_unasked()
             connection.send(frame, timeout_s)
-            return self._read(connection.receive(end - time.monotonic()))
+            answer = connection.receive(end - time.monotonic())
+            connection.mark_end_of_answer()
+            return self._read(answer)
 
         reply = self._connection.request(exchange)
         actions = self.adapter.actions(reply, observation)
@@ -122,6 +126,7 @@ class OpenpiClient(ServerClient[WebSocket]):
             columns = theirs.action_dim if adapter.answer.as_is else None
             theirs = replace(theirs, preset=adapter.name, action_dim=columns)
         compare_declarations(declare_adapter("this side", adapter), theirs)
+        self._require_same(metadata)
         self._chosen = self.adapter = adapter
         self.server = theirs
         self._metadata = {str(k): v for k, v in metadata.items()}
@@ -130,9 +135,8 @@ class OpenpiClient(ServerClient[WebSocket]):
         """Return the map in a frame; raise PolicyError if it is an error of the server's, or no map."""
         if isinstance(frame, str):
             if self._within:
-                raise PolicyError(frame[:_LONGEST_REASON])
-            lines = [line.strip() for line in frame.splitlines() if line.strip()]
-            raise PolicyError(f"{self._where} reports an error: {lines[-1][:500] if lines else 'without a text'}")
+                raise PolicyError(printable(frame, most=_LONGEST_REASON))
+            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'without a text'}")
         value = decode_openpi(frame)
         if not isinstance(value, Mapping):
             raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Generic
 
-from betterbench.errors import HandshakeError
+from betterbench.errors import HandshakeError, one_line, printable
 from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
@@ -45,7 +45,7 @@ def describe_remote_policy(
             "Write ?preset=NAME or ?adapter=FILE to say so yourself."
         )
     for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
-        metadata[f"server: {str(name)[:100]}"] = plain_text(value)
+        metadata[f"server: {one_line(str(name)[:100])}"] = plain_text(value)
     return PolicyInfo(
         str(address),
         action_space=adapter.answer.space,
@@ -61,10 +61,12 @@ def plain_text(value: object) -> str:
         text = value if isinstance(value, str) else json.dumps(value, default=str)
     except TypeError:  # a map with keys that are not texts
         text = str(value)
-    if len(text) <= _LONGEST_TEXT:
+    whole = printable(text, most=_LONGEST_TEXT)
+    if whole == text:
         return text
-    # The digest tells a resumed run that something beyond the cut has changed.
-    return f"{text[:_LONGEST_TEXT]}... (sha256 {hashlib.sha256(text.encode('utf-8', 'surrogatepass')).hexdigest()})"
+    # The digest tells a resumed run that something beyond the cut, or that cannot be printed, has changed.
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
 
 
 def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
@@ -132,10 +134,27 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
         self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
         self.adapter, self.server = adapter, Declaration(self._where)
         self._connection = PolicyConnection(self._where, self._dial, ConnectionLimits.of(address, seed=seed))
+        self._declared: dict[str, str] | None = None  # at the first handshake
 
     def _dial(self, timeout_s: float) -> Connection:
         """Connect and compare conventions within a time [s]; after a restart of the server it is done again."""
         raise NotImplementedError
+
+    def _require_same(self, declared: Mapping[Any, Any]) -> None:
+        """Compare what the server declares with what it declared first.
+
+        Raises HandshakeError, with both values, if it has come back as another one: two checkpoints would share a run.
+        """
+        told = {str(name): plain_text(value) for name, value in declared.items()}
+        before, self._declared = self._declared or told, self._declared or told
+        for name in sorted(before.keys() | told.keys()):
+            if before.get(name) != told.get(name):
+                was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
+                raise HandshakeError(
+                    f"{self._where} has come back as another one: {one_line(name, most=100)} was {was} and is {now}. "
+                    "Start the first one and run the same command again, or give --allow-changed-policy to go on with "
+                    "both in one run."
+                )
 
     @property
     def figures(self) -> dict[str, float]:

@@ -15,14 +15,15 @@ from betterbench.policies.wire import MAX_FRAME_BYTES
 
 _KNOCK_S = 2.0
 _GLANCE_S = 0.1
+_SETTLE_S = 0.002
 
 
 class RequestClient:
-    """A REQ socket to one server.
+    """A socket to one server, which sees a REQ socket: an empty frame, then the question.
 
-    A REQ socket that has sent may only receive: when an answer is lost it can never send again. Whoever gets an OSError
-    from it therefore closes it and makes another one; a late answer to the old one then has nobody to go to and cannot
-    be taken for the answer to the next question.
+    A REQ socket itself throws away what comes unasked, if it is there in time, and says nothing. This one refuses it.
+    Whoever gets an OSError from it closes it and makes another one; a late answer to the old one then has nobody to go
+    to and cannot be taken for the answer to the next question.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
@@ -34,12 +35,13 @@ class RequestClient:
             raise ConnectionError(f"nobody listens on {self.where}: {error}") from error
         self._busy, self._ended = threading.Lock(), threading.Event()
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
-        self._socket = self._context.socket(zmq.REQ)
+        self._socket = self._context.socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
         self._socket.setsockopt(zmq.IPV6, int(":" in host))
         # Tells at once when the server goes away, which ZeroMQ would hide until the deadline.
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._answered_at = 0.0
         self._poller = zmq.Poller()
         self._poller.register(self._socket, zmq.POLLIN)
         self._poller.register(self._monitor, zmq.POLLIN)
@@ -52,21 +54,26 @@ class RequestClient:
     def ask(self, frame: bytes, timeout_s: float) -> bytes:
         """Send a frame and return the answer.
 
-        Raises OSError if no answer came in time, or the server went away, PolicyError if the answer is not a single
-        frame.
+        Raises OSError if no answer came in time, the server went away or has sent something unasked, PolicyError if
+        the answer is not a single frame.
         """
         deadline = time.monotonic() + timeout_s
         with self._busy:
             try:
-                self._socket.send(frame)
+                # A second answer comes right after the first one, and would be taken for that to this question.
+                settled = self._answered_at + _SETTLE_S - time.monotonic()
+                if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
+                    raise ConnectionError("it sent an answer that nobody asked for")
+                self._socket.send_multipart([b"", frame])
                 self._wait(deadline, timeout_s)
-                parts = self._socket.recv_multipart()
+                empty, *parts = self._socket.recv_multipart()
+                self._answered_at = time.monotonic()
             except zmq.ZMQError as error:
                 raise ConnectionError(str(error)) from error
             finally:
                 if self._ended.is_set():
                     self._destroy()
-        if len(parts) != 1:
+        if empty or len(parts) != 1:
             raise PolicyError(f"policy server {self.where} answered with {len(parts)} frames. Send one.")
         return parts[0]
 

@@ -8,11 +8,9 @@ harms nobody else. Facts of the protocol: openpi's ``websocket_policy_server.py`
 from __future__ import annotations
 
 import contextlib
-import errno
 import hmac
 import http
 import logging
-import socket
 import threading
 import time
 import traceback
@@ -25,17 +23,29 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.listener import listen
 from betterbench.policies.websocket import quiet_logger
-from betterbench.policies.wire import MAX_FRAME_BYTES, decode_openpi, encode_openpi
+from betterbench.policies.wire import decode_openpi, encode_openpi
 
 logger = logging.getLogger(__name__)
 
 DEFAULT_PORT = 8000
 """The port of openpi's own server."""
 LOOPBACK = "127.0.0.1"
+MAX_CLIENTS = 128
+"""Clients that are served at once unless told otherwise. A connection takes four file descriptors and two threads, and
+a process has 1,024 descriptors on most machines."""
+MAX_REQUEST_BYTES = 64 * 1024 * 1024
+"""Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
+IDLE_S = 3600.0
+"""How long a client may be silent before its connection is closed and what it holds is given back [s]."""
 
+_AWAY_CODE = 1001
 _ERROR_CODE = 1011
+_FULL_CODE = 1013
 _CLOSE_TIMEOUT_S = 2.0
+_GREETED_AT_ONCE = 32
+_QUEUED = 2
 
 
 class Session(Protocol):
@@ -62,22 +72,27 @@ class PolicyServer:
         host: str = LOOPBACK,
         port: int = DEFAULT_PORT,
         api_key: str | None = None,
+        clients: int | None = MAX_CLIENTS,
         on_stop: Callable[[], None] | None = None,
     ) -> None:
         """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
 
-        ``on_stop`` is called once when all connections have ended. Raises InvalidInputError if it cannot listen there.
+        A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
+        None without a limit. ``on_stop`` is called once when all connections have ended. Raises InvalidInputError if it
+        cannot listen there.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
+        self._clients = clients
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: dict[ServerConnection, threading.Thread] = {}
         self._thread: threading.Thread | None = None
         self._server: Server = serve(
             self._converse,
-            sock=_listen(host, port),
+            sock=listen(host, port, most=None if clients is None else clients + _GREETED_AT_ONCE),
             compression=None,
-            max_size=MAX_FRAME_BYTES,
+            max_size=MAX_REQUEST_BYTES,
+            max_queue=_QUEUED,
             process_request=self._admit,
             # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
             ping_interval=None,
@@ -86,6 +101,11 @@ class PolicyServer:
         )
         self.host = host
         self.port = int(self._server.socket.getsockname()[1])
+
+    @property
+    def _own_origins(self) -> set[str]:
+        hosts = (self.client_host, LOOPBACK, "localhost", "[::1]")
+        return {f"http://{host}:{self.port}" for host in hosts}
 
     @property
     def client_host(self) -> str:
@@ -116,7 +136,7 @@ class PolicyServer:
             left = list(self._open.items())
         for connection, _ in left:
             with contextlib.suppress(Exception):
-                connection.close(1001)
+                connection.close(_AWAY_CODE)
         for _, worker in left:
             worker.join(_CLOSE_TIMEOUT_S)
         if self._on_stop is not None:
@@ -135,11 +155,23 @@ class PolicyServer:
         """Answer health checks, and send strangers away."""
         if request.path == "/healthz":
             return connection.respond(http.HTTPStatus.OK, "OK\n")
+        # A browser lets any page that its user visits open a websocket to this machine, and says which page it was.
+        if not set(request.headers.get_all("Origin")) <= self._own_origins:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
         if self._api_key is not None:
             shown = request.headers.get("Authorization", "")
             if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server wants an Api-Key.\n")
+        if self._full():
+            return connection.respond(
+                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has as many clients as it may.\n"
+            )
         return None
+
+    def _full(self, more: int = 1) -> bool:
+        """Tell whether so many more clients would be too many."""
+        with self._lock:
+            return self._clients is not None and len(self._open) + more > self._clients
 
     def _converse(self, connection: ServerConnection) -> None:
         """Talk to one client until it leaves."""
@@ -150,9 +182,13 @@ class PolicyServer:
         answered, session = 0, None
         timing: dict[str, float] = {}
         try:
+            if self._full(0):
+                connection.close(_FULL_CODE, "This server has as many clients as it may.")
+                return
             connection.send(self._greeting)
-            session = self._make_session()  # may load weights, which the deadline of a dial is not made for
-            for frame in connection:
+            while (frame := _next_frame(connection)) is not None:
+                # May load weights, which the deadline of a dial is not made for, and which an idle client needs not.
+                session = session or self._make_session()
                 began = time.perf_counter()
                 reply = self._reply(session, frame)
                 reply["server_timing"] = {"infer_ms": 1000.0 * (time.perf_counter() - began)} | timing
@@ -189,25 +225,13 @@ class PolicyServer:
         return dict(session.answer(request))
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket; raise InvalidInputError if it cannot be had."""
-    if not 0 <= port <= 65535:
-        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
+def _next_frame(connection: ServerConnection) -> str | bytes | None:
+    """Return the next frame of a client; None if it has been silent for too long, whose connection is closed."""
     try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((host, port), family=family)
-    except OSError as problem:
-        if problem.errno == errno.EADDRINUSE:
-            raise InvalidInputError(
-                "--port", f"{port} is in use on {host}", "Give another one, or 0 for any free one"
-            ) from None
-        if problem.errno == errno.EACCES:
-            raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
-        raise InvalidInputError(
-            "--host",
-            f"{host!r} is not an interface of this machine ({problem.strerror})",
-            "127.0.0.1 is this machine alone",
-        ) from None
+        return connection.recv(timeout=IDLE_S)
+    except TimeoutError:
+        connection.close(_AWAY_CODE, "This client was silent for too long.")
+        return None
 
 
 def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket

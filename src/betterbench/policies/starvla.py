@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import PolicyError, last_line, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import set_entry
 from betterbench.policies.address import PolicyAddress
@@ -31,7 +31,6 @@ ExampleLayout = Literal["payload", "flat"]
 
 _IMAGES = "image"
 _MOST_STRAYS = 64
-_LONGEST_ERROR = 500
 
 
 class StarVlaClient(ServerClient[WebSocket]):
@@ -41,7 +40,6 @@ class StarVlaClient(ServerClient[WebSocket]):
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)
         self._layout = address.choice("layout", get_args(ExampleLayout), "payload")
         self._metadata: Mapping[Any, Any] = {}
-        self._dialed = False
         self._lock = threading.Lock()
         self._sequence = 0
         self._answered: deque[str] = deque(maxlen=_MOST_STRAYS)
@@ -98,7 +96,7 @@ class StarVlaClient(ServerClient[WebSocket]):
                 return self._data(reply)
             if reply.get("request_id") not in self._answered:
                 raise PolicyError(
-                    f"{self._where} answered request {identifier} with {str(reply.get('request_id'))[:40]!r}."
+                    f"{self._where} answered request {identifier} with {one_line(reply.get('request_id'), most=40)!r}."
                 )
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
@@ -108,7 +106,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         if reply.get("status") != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
             told = error.get("message") if isinstance(error, Mapping) else error
-            text = " ".join(str(told or "no text").split())[:_LONGEST_ERROR]
+            text = one_line(told or "no text")
             hint = " An older server wants layout=flat." if "'examples'" in text and self._layout == "payload" else ""
             raise PolicyError(f"{self._where} reports an error: {text}{hint}")
         return data
@@ -124,7 +122,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         arrays = {}
         for name in names:
             if name not in data:
-                there = ", ".join(sorted(str(key)[:40] for key in data)[:20]) or "nothing"
+                there = ", ".join(sorted(one_line(key, most=40) for key in data)[:20]) or "nothing"
                 raise PolicyError(f"{self._where}: the reply has no {name!r}. It has: {there}.")
             try:
                 array = np.asarray(data[name])
@@ -144,17 +142,14 @@ class StarVlaClient(ServerClient[WebSocket]):
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
         with connection.greeting("it took the connection and sent no metadata; is it a starVLA server?"):
             metadata = self._read(connection.receive(end - time.monotonic()))
-            if self._dialed and encode_openpi(metadata) != encode_openpi(self._metadata):
-                raise HandshakeError(f"{self._where} came back with other metadata. Start the run again.")
-            self._metadata, self._dialed = metadata, True
+            self._require_same(metadata)
+            self._metadata = metadata
         return connection
 
     def _read(self, frame: bytes | str) -> Mapping[Any, Any]:
         """Return the map in a frame; raise PolicyError if it is an error of the server's, or no map."""
         if isinstance(frame, str):
-            lines = [line.strip() for line in frame.splitlines() if line.strip()]
-            text = lines[-1][:_LONGEST_ERROR] if lines else "no text"
-            raise PolicyError(f"{self._where} reports an error: {text}")
+            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'no text'}")
         value = decode_openpi(frame)
         if not isinstance(value, Mapping):
             raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 import betterbench
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
@@ -130,6 +130,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
         compare_declarations(ours, theirs)
+        self._require_same(hello)
         self.adapter, self.server, self.offered, self._hello = adapter, theirs, ours, hello
 
     def _begin_episode(self, connection: WebSocket, timeout_s: float) -> None:
@@ -169,8 +170,8 @@ class VlaEvalClient(ServerClient[WebSocket]):
             if not isinstance(kind, str) or not isinstance(number, int):
                 raise PolicyError(f"{self._where} sent a message without a type or without a number.")
             if kind == "error":
-                text = " ".join(str(payload.get("error", "without a text")).split())
-                raise PolicyError(f"{self._where} reports an error: {text[:500]}")
+                text = one_line(payload.get("error", "without a text"))
+                raise PolicyError(f"{self._where} reports an error: {text}")
             if kind == expected and number == sent:
                 return payload
             if number >= sent:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import socket
-import struct
+import threading
 from collections.abc import Iterator
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.wire import MAX_FRAME_BYTES
 
 _CLOSE_TIMEOUT_S = 1.0
+_GRACE_S = 1.0
+_PONG_S = 1.0
 _REFUSED = (401, 403)
 _TOO_LARGE = 1009
 
@@ -38,10 +39,17 @@ class WebSocket:
         self._where = f"policy server {address.scheme}://{name}:{port}"
         self._max_bytes = max_bytes
         self._stack = contextlib.ExitStack()
+        self._mark: threading.Event | None = None  # set when the server has confirmed that it said all it had to say
+        self._pongs = True
+        raw: socket.socket | None = None
         try:
+            # With a socket of our own the library follows no redirect: what is sent is for the server that was named.
+            raw = socket.create_connection((host, port), timeout_s)
+            raw.settimeout(None)
             self._socket: ClientConnection = self._stack.enter_context(
                 connect(
                     f"{scheme}://{name}:{port}",
+                    sock=raw,
                     compression=None,
                     max_size=max_bytes,
                     additional_headers={} if key is None else {"Authorization": f"Api-Key {key}"},
@@ -53,41 +61,48 @@ class WebSocket:
                     logger=quiet_logger(),
                 )
             )
-        except InvalidStatus as error:
-            status = error.response.status_code
-            if status in _REFUSED:
-                raise HandshakeError(
-                    f"{self._where} refuses this client (HTTP {status}). "
-                    "Give api_key_env=NAME with the variable that holds its key."
-                ) from error
-            raise ConnectionError(f"the server answered HTTP {status}") from error
-        except (InvalidURI, UnicodeError) as error:
-            raise HandshakeError(f"{self._where} is not an address of a websocket ({error}).") from error
-        except (WebSocketException, EOFError, AssertionError) as error:
-            # One who talks before we have asked can trip an assertion of the library's.
-            raise ConnectionError(f"the server there is not a websocket server ({error})") from error
+        except (WebSocketException, ValueError, EOFError, AssertionError) as error:
+            if raw is not None:
+                raw.close()
+            raise self._not_connected(error) from error
 
     def send(self, message: bytes, timeout_s: float) -> None:
-        """Send one binary message; raise OSError if the connection broke, or no bytes were taken until the deadline."""
-        # A server that stops reading fills the buffers, and a blocking send knows no deadline of its own.
-        seconds = max(0.001, timeout_s)
-        limit = struct.pack("ll", math.floor(seconds), math.floor(1e6 * (seconds % 1.0)))
-        try:
-            self._socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        """Send one binary message; raise OSError if the connection broke, or it was not taken until the deadline."""
+        with self._cut_after(timeout_s, "the server takes no more bytes"):
             self._socket.send(message)
-        except ConnectionClosed as error:
-            if isinstance(error.__cause__, BlockingIOError):
-                raise TimeoutError("the server takes no more bytes") from error
-            raise self._broken(error) from error
 
     def receive(self, timeout_s: float) -> bytes | str:
         """Return the next message; raise OSError if none comes in time, PolicyError if it is too large."""
+        seconds = max(0.0, timeout_s)
         try:
-            return self._socket.recv(timeout=max(0.0, timeout_s))
+            with self._cut_after(seconds + _GRACE_S, "no answer in time"):
+                return self._socket.recv(timeout=seconds)
         except TimeoutError as error:
             raise TimeoutError("no answer in time") from error
-        except ConnectionClosed as error:
-            raise self._broken(error) from error
+
+    def mark_end_of_answer(self) -> None:
+        """Note that the last question is answered, and ask the server, without waiting, to confirm it by a pong.
+
+        Frames arrive in the order in which they were sent, so what it said before its pong lies here by then.
+        """
+        if self._pongs:
+            with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server takes no more bytes"):
+                self._mark = self._socket.ping()
+
+    def refuse_unasked(self) -> None:
+        """Raise ConnectionError if the server has said something since its last answer.
+
+        A second answer to one question would be taken for the answer to the next, and shift all that follow. A server
+        that confirms nothing is waited for once.
+        """
+        mark, self._mark = self._mark, None
+        if mark is not None and not mark.wait(_PONG_S):
+            self._pongs = False
+        try:
+            self.receive(0.0)
+        except TimeoutError:
+            return
+        raise ConnectionError("it sent an answer that nobody asked for")
 
     @contextlib.contextmanager
     def greeting(self, silence: str) -> Iterator[None]:
@@ -103,8 +118,63 @@ class WebSocket:
 
     def close(self) -> None:
         """End the connection; nothing is raised."""
-        with contextlib.suppress(OSError, ConnectionClosed):
+        with (
+            contextlib.suppress(OSError, PolicyError),
+            self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
+        ):
             self._stack.close()
+
+    @contextlib.contextmanager
+    def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
+        """Break the connection if what is done meanwhile takes longer, and raise TimeoutError with a text.
+
+        The library has one lock for all that is sent, its answers to pings included, and waits for it without a
+        deadline. A server that sends pings and reads nothing holds it for ever.
+
+        Raises:
+            OSError: Also if the connection is broken, PolicyError if this side broke it for a message too large.
+        """
+        late = threading.Event()
+
+        def cut() -> None:
+            late.set()
+            # Not the method of an encrypted socket, which would wait for the other side.
+            with contextlib.suppress(OSError):
+                socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
+
+        timer = threading.Timer(max(0.001, timeout_s), cut)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        except ConnectionClosed as error:
+            if late.is_set():
+                raise TimeoutError(what) from error
+            raise self._broken(error) from error
+        finally:
+            timer.cancel()
+
+    def _not_connected(self, error: Exception) -> Exception:
+        """Return the error of a connection that did not come about."""
+        answer = error if isinstance(error, InvalidStatus) else error.__context__
+        if isinstance(answer, InvalidStatus):
+            status = answer.response.status_code
+            if status in _REFUSED:
+                return HandshakeError(
+                    f"{self._where} refuses this client (HTTP {status}). "
+                    "Give api_key_env=NAME with the variable that holds its key."
+                )
+            if 300 <= status < 400:
+                elsewhere = one_line(answer.response.headers.get("Location", "no address"), most=200)
+                return HandshakeError(
+                    f"{self._where} sends this client elsewhere (HTTP {status}, {elsewhere}). Redirects are not "
+                    "followed: give the address of the server itself."
+                )
+            return ConnectionError(f"the server answered HTTP {status}")
+        if isinstance(error, (InvalidURI, UnicodeError)):
+            return HandshakeError(f"{self._where} is not an address of a websocket ({error}).")
+        # One who talks before we have asked can trip an assertion of the library's.
+        return ConnectionError(f"the server there is not a websocket server ({error})")
 
     def _broken(self, error: ConnectionClosed) -> OSError:
         """Return the error of a broken connection.
@@ -115,7 +185,7 @@ class WebSocket:
             raise PolicyError(f"{self._where} sent a message of more than {self._max_bytes} bytes.") from error
         if error.rcvd is None:
             return ConnectionError("the connection was dropped")
-        reason = " ".join(error.rcvd.reason.split())[:120]
+        reason = one_line(error.rcvd.reason, most=120)
         return ConnectionError(f"the server closed the connection with code {error.rcvd.code} {reason}".strip())
 
 

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from betterbench.errors import printable
+from betterbench.report.html import LONGEST_TEXT
 from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
@@ -201,6 +203,7 @@ class _Pen:
 
     def text(self, x: float, y: float, text: str, style: str = "", full: str = "") -> None:
         """Write a text; ``full`` is shown on hovering where the text was cut."""
+        text, full = (printable(t, most=LONGEST_TEXT) for t in (text, full))
         hint = f"<title>{escape(full)}</title>" if full and full != text else ""
         self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{escape(text)}{hint}</text>')
 

@@ -7,6 +7,12 @@ from importlib import resources
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from betterbench.errors import printable
+
+LONGEST_TEXT = 2000
+"""Most characters of one text in a page, a figure or a table."""
 
 
 def environment() -> Environment:
@@ -14,6 +20,7 @@ def environment() -> Environment:
     return Environment(
         loader=PackageLoader("betterbench.report", "templates"),
         autoescape=True,
+        finalize=_bounded,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -25,11 +32,16 @@ def asset(name: str) -> str:
     return resources.files("betterbench.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
-def data_uri(data: bytes | str, media_type: str) -> str:
+def _bounded(value: object) -> object:
+    """Return what stands in a page: a text from outside is bounded, for it may stand there a thousand times."""
+    return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def data_uri(data: bytes | str, media_type: str) -> Markup:
     """Return data as a URI, so that a page needs no other file."""
     if isinstance(data, str):
         data, media_type = data.encode(), f"{media_type};charset=utf-8"
-    return f"data:{media_type};base64,{b64encode(data).decode('ascii')}"
+    return Markup(f"data:{media_type};base64,{b64encode(data).decode('ascii')}")  # noqa: S704 - Base64 needs no escaping
 
 
 def write(path: Path, data: bytes | str) -> Path:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from betterbench.errors import printable
+from betterbench.report.html import LONGEST_TEXT
 from betterbench.report.paper import PaperTable
 from betterbench.report.table import Scalar, Table
 from betterbench.report.wording import Figure
@@ -41,7 +43,7 @@ _LONG_TABLE = 40
 
 def escape(text: str) -> str:
     """Return a text that LaTeX prints as it is; control characters become spaces."""
-    return "".join(_ESCAPES.get(c, c if c.isprintable() else " ") for c in text)
+    return "".join(_ESCAPES.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
 
 
 def table_to_latex(table: Table) -> str:

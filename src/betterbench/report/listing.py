@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import printable
 from betterbench.report.film import film_key
+from betterbench.report.html import LONGEST_TEXT
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 
 
@@ -23,6 +25,7 @@ class StringTable:
         """Return the number of a text, a new one if need be."""
         if text is None:
             return -1
+        text = printable(text, most=LONGEST_TEXT)
         if text not in self._numbers:
             self._numbers[text] = len(self.texts)
             self.texts.append(text)

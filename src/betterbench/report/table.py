@@ -6,6 +6,9 @@ import csv
 import io
 from dataclasses import dataclass
 
+from betterbench.errors import printable
+from betterbench.report.html import LONGEST_TEXT
+
 Scalar = str | int | float | bool | None
 """What a cell of a plain table holds; None is an empty cell."""
 
@@ -48,5 +51,6 @@ def _cell(value: Scalar) -> str:
 
 
 def _guard(text: str) -> str:
-    """Return a text that no spreadsheet takes for a formula."""
+    """Return a text of bounded length that no spreadsheet takes for a formula."""
+    text = printable(text, most=LONGEST_TEXT)
     return f"'{text}" if text.lstrip(" ").startswith(_FORMULA_STARTS) else text

@@ -13,8 +13,7 @@ from PIL import Image
 
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record, RunFolder
-from betterbench.scenes import StoredView, load_model
-from betterbench.scenes.stage import quality_preset
+from betterbench.scenes.limited import LimitedView
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +46,11 @@ def render_shots(
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
     images: dict[Shot, bytes] = {}
-    for scene_hash in dict.fromkeys(r.metadata.scene_hash for r in records.values()):
-        view = StoredView(load_model(run.load_scene(scene_hash)), quality_preset(quality), width=size, height=size)
-        try:
+    if not records:
+        return images
+    with LimitedView(quality=quality, size=size) as view:
+        for scene_hash in dict.fromkeys(r.metadata.scene_hash for r in records.values()):
+            view.open(run.load_scene(scene_hash))
             for shot in shots:
                 record = records[shot.task, shot.condition, shot.seed]
                 if record.metadata.scene_hash != scene_hash:
@@ -57,8 +58,6 @@ def render_shots(
                 images[shot] = _jpeg(_image(view, record, camera, shot.time_s))
                 if on_progress is not None:
                     on_progress(len(images), len(shots))
-        finally:
-            view.close()
     return images
 
 
@@ -83,21 +82,16 @@ def write_video(
     path = out or run.video_path(task, condition, seed, camera=camera)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
-    view = StoredView(
-        load_model(run.load_scene(record.metadata.scene_hash)), quality_preset("standard"), width=size, height=size
-    )
-    try:
+    with LimitedView(quality="standard", size=size) as view:
+        view.open(run.load_scene(record.metadata.scene_hash))
         with av.open(str(part), "w", format="mp4") as container:
             stream = container.add_stream("libx264", rate=round(record.metadata.control_rate_hz))
             stream.width = stream.height = size
             stream.pix_fmt = "yuv420p"
             for row in range(len(record)):
-                rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter).rgb
-                frame = av.VideoFrame.from_ndarray(np.asarray(rgb), format="rgb24")
-                container.mux(stream.encode(frame))
+                rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
             container.mux(stream.encode(None))
-    finally:
-        view.close()
     part.replace(path)
     return path
 
@@ -114,12 +108,9 @@ def probe_encoder() -> str:
     return f"H.264 ({len(buffer.getvalue())} bytes written)"
 
 
-def _image(view: StoredView, record: Record, camera: str, time_s: float) -> np.ndarray:
+def _image(view: LimitedView, record: Record, camera: str, time_s: float) -> np.ndarray:
     row = int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
-    rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter).rgb
-    if rgb is None:
-        raise AssertionError("colors were asked for")
-    return rgb
+    return view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
 
 
 def _jpeg(rgb: np.ndarray) -> bytes:

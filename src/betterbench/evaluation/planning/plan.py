@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field
 
 import betterbench
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, require_between
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import action_space as action_space_named
 from betterbench.interventions import ResolvedCondition, resolve_condition
@@ -33,6 +33,12 @@ from betterbench.tasks import (
 from betterbench.tasks.user_files import origins_of
 
 PLAN_VERSION = 1
+
+MAX_TRIALS = 10_000
+"""Most trials per variation: 1.2 million trials of the whole suite, which take weeks."""
+
+MAX_SEED = 2**31 - 1
+"""Largest first seed: clients and servers of other protocols hold it in 32 bits."""
 
 
 @strict_form
@@ -83,7 +89,8 @@ class Plan:
         planned = {t.id for t in self.trials}
         varied = [t for t in self.trials if t.variation is not None]
         pairs = {(t.task, name) for t in varied for name in (t.condition, str(t.base_condition))}
-        wanted = {TrialId(task, name, t.seed) for task, name in pairs for t in varied}
+        seeds = {t.seed for t in varied}
+        wanted = {TrialId(task, name, seed) for task, name in pairs for seed in seeds}
         if not varied or not wanted <= planned:
             what = "a variation" if not varied else str(min(wanted - planned, key=str))
             raise InvalidInputError(
@@ -138,10 +145,8 @@ def make_plan(
         InvalidInputError: If a number is out of range or nothing is left to run.
         UnknownNameError: If a name is unknown.
     """
-    if trials < 1:
-        raise InvalidInputError("--trials", f"{trials} is out of range", "It must be ≥ 1")
-    if seed < 0:
-        raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
+    require_between("--trials", trials, 1, MAX_TRIALS)
+    require_between("--seed", seed, 0, MAX_SEED)
     rule = StoppingRule() if until_decided else None
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
@@ -170,8 +175,7 @@ def make_plan(
 
 def named_trial(task: str, condition: str | None = None, seed: int = 0) -> TrialId:
     """Return the id of a trial that exists; its condition is the first training condition if None."""
-    if seed < 0:
-        raise InvalidInputError("--seed", f"{seed} is out of range", "It must be ≥ 0")
+    require_between("--seed", seed, 0, MAX_SEED)
     trial = TrialId(task, condition or get_task(task).training[0].name, seed)
     resolve_condition(trial.task, trial.condition)
     return trial

@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.trust import require_trust
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
@@ -56,12 +57,15 @@ class _Plan:
 _PLAN = TypeAdapter(_Plan)
 
 
-def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions: bool = False) -> Plan:
+def repeated_plan(
+    path: Path, *, policy: str | None = None, allow_other_versions: bool = False, trust: bool = False
+) -> Plan:
     """Return the plan of a run, to repeat its trials, seeds and conventions with its policy or with another one.
 
-    ``path`` is ``run.json`` of the run, or its folder.
+    ``path`` is ``run.json`` of the run, or its folder. With ``trust``, the run's own policy may run code or send a key.
 
     Raises:
+        InvalidInputError: If the run's own policy would run code or send a key, unless that is trusted.
         RecordError: If the file is not that of a run, or its plan is malformed.
         RunConflictError: If versions or conventions differ that results depend on, unless that is allowed.
         UnknownNameError: If a task, condition, preset or action space is unknown here.
@@ -69,6 +73,8 @@ def repeated_plan(path: Path, *, policy: str | None = None, allow_other_versions
     run = _open(path)
     where = run.path / "run.json"
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
+    if policy is None and not trust:
+        require_trust(stored.policy, where=str(where))
     plan = Plan(
         policy or stored.policy,
         stored.trials,

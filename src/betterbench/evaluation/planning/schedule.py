@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.statistics import Decisions, Question, decide
@@ -31,13 +32,21 @@ class Schedule:
         twins = {_name(t.task, t.condition): _name(t.task, str(t.base_condition)) for t in varied}
         self._questions = [Question(condition, twin) for condition, twin in twins.items()]
         self._seeds = sorted({t.seed for t in varied})
+        self._decisions: Decisions | None = None
+        self._waiting: list[TrialId] = []  # those of the round under way that had not ended when it was last asked
 
     @property
     def decisions(self) -> Decisions | None:
         """What is decided after the last complete round; None for a plan of which everything is run."""
         if self.plan.until_decided is None:
             return None
-        return decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+        while self._waiting and self._is_done(self._waiting[-1]):
+            self._waiting.pop()
+        if self._decisions is None or not self._waiting:
+            self._decisions = decide(self._questions, self._seeds, self._outcome, rule=self.plan.until_decided)
+            self._waiting = [self._trials[key].id for key in self._decisions.waiting]
+        waiting = tuple(key for key in self._decisions.waiting if not self._is_done(self._trials[key].id))
+        return replace(self._decisions, waiting=waiting)
 
     def rounds(self) -> Iterator[list[Trial]]:
         """Yield the trials of one round after the other, those that are done left out.

@@ -120,7 +120,8 @@ def evaluate(
         settings = RunSettings.of(
             plan, out, envs=envs or fair_envs(asked.envs, count), policy_timeout_s=policy_timeout_s
         )
-        settings = replace(settings, served_at=asked.host.address if asked.host else None)
+        known = asked.info if is_remote(plan.policy) else None
+        settings = replace(settings, served_at=asked.host.address if asked.host else None, known=known)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)

@@ -11,6 +11,7 @@ from typing import Any
 
 import betterbench
 from betterbench.errors import InvalidInputError
+from betterbench.evaluation.serving.memory import return_memory
 from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
 from betterbench.evaluation.serving.shadow import ShadowSimulations
 from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy, runs_apart
@@ -23,7 +24,7 @@ from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
 from betterbench.policies.policy_process import start_policy
 from betterbench.policies.presets import NATIVE, preset
-from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, PolicyServer
+from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.scenes import engine_version
 from betterbench.scenes.scene import CONTROL_RATE_HZ
 from betterbench.tasks import TrialId
@@ -34,6 +35,9 @@ WHOLE_CHUNKS = Execution()
 DEFAULT_CHUNK = 8
 """Actions in one answer of an expert: openpi's own policies for one arm answer 5 to 16, at 10 to 20 Hz."""
 MAX_CHUNK = 256
+MOST_CLIENTS = 10_000
+KEPT_INSTANCES = 1
+"""Instances of a policy that wait for a next client after theirs has left; further ones are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
 """How a server notices that an episode begins; the protocol has no message for that."""
@@ -46,6 +50,7 @@ def open_server(
     port: int = DEFAULT_PORT,
     chunk: int = DEFAULT_CHUNK,
     batch: int = MAX_BATCH,
+    clients: int = MAX_CLIENTS,
     trial: TrialId | None = None,
     layout: str | None = None,
     api_key: str | None = None,
@@ -60,6 +65,7 @@ def open_server(
         port: Port to listen on; 0 for any free one.
         chunk: Actions in one answer of an expert.
         batch: Observations that a policy which takes batches gets at once, at most.
+        clients: Clients that are served at once, at most; the workers of a run are not counted.
         trial: Trial of clients that name none; without it, an expert finds the trial by the instruction.
         layout: Preset in which an expert reads requests and answers; None for ours, and openpi's LIBERO layout.
         api_key: Key that clients have to show, or None.
@@ -75,6 +81,8 @@ def open_server(
         raise InvalidInputError("--chunk", f"{chunk} is out of range", f"Give 1 to {MAX_CHUNK}")
     if not 1 <= batch <= 1024:
         raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
+    if not 1 <= clients <= MOST_CLIENTS:
+        raise InvalidInputError("--clients", f"{clients} is out of range", f"Give 1 to {MOST_CLIENTS}")
     if policy.startswith("replay:"):
         raise InvalidInputError(
             f"policy {policy}", "a replay plays one known trial, so it cannot be served", "Evaluate it directly"
@@ -94,11 +102,18 @@ def open_server(
             host=host,
             port=port,
             api_key=api_key,
+            clients=clients,
         )
     store = SessionStore(policy, made or make_policy(policy), batch=batch, trial=trial, deadline=deadline)
     try:
         return PolicyServer(
-            store.session, metadata=store.metadata, host=host, port=port, api_key=api_key, on_stop=store.close
+            store.session,
+            metadata=store.metadata,
+            host=host,
+            port=port,
+            api_key=api_key,
+            clients=clients if deadline is None else None,
+            on_stop=store.close,
         )
     except BaseException:
         store.close()
@@ -123,7 +138,8 @@ class SessionStore:
     """The instances of a policy: one for all connections if it takes batches, else one for each at a time.
 
     An instance whose connection has ended serves the next one, so that weights are not loaded again for a client that
-    connects again. A new connection always begins with a reset.
+    connects again. Of several that wait, all but :data:`KEPT_INSTANCES` are closed. A new connection always begins with
+    a reset.
     """
 
     def __init__(
@@ -164,10 +180,11 @@ class SessionStore:
 
     def _take_back(self, policy: SharedPolicy) -> None:
         with self._lock:
-            if not self._closed:
+            if not self._closed and len(self._unused) < KEPT_INSTANCES:
                 self._unused.append(policy)
                 return
         policy.close(timeout_s=_CLOSE_S)
+        return_memory()
 
     def close(self) -> None:
         """Free what no session uses; sessions free the rest when they end."""

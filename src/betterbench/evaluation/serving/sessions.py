@@ -49,6 +49,7 @@ class ShadowSession:
         self._counter = Counter()
         self._start: tuple[Observation, States] | None = None
         self._chunk_began = 0
+        shadows.client_came()
 
     def answer(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the next actions of the expert."""
@@ -76,7 +77,8 @@ class ShadowSession:
         return layout.reply(shadow.in_space(layout.answer.space, step, actions), shadow.observation(step))
 
     def close(self) -> None:
-        """Forget the connection; the shadows stay, for a client that connects again."""
+        """Forget the connection; a few shadows stay, for clients that connect again."""
+        self._shadows.client_left()
 
     def _located(self, states: States, shadow: ShadowSimulation, step: int, *, counted: bool) -> int:
         """Return the control step of a client: the one it sends, the end of the last chunk, or an earlier one of it.

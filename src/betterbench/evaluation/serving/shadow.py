@@ -14,6 +14,7 @@ from collections import OrderedDict
 import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
+from betterbench.evaluation.serving.memory import return_memory
 from betterbench.experts import make_expert
 from betterbench.geometry import conjugate, multiply, normalize, to_axis_angle
 from betterbench.interface import Observation
@@ -27,7 +28,10 @@ from betterbench.tasks import TrialId
 TOLERANCE = 1e-6
 """Largest difference between client and shadow: joint angles [rad], end effector [m] and distance of the pads [m]."""
 KEPT = 64
-"""Simulations that a server keeps at once. For further clients the oldest ones are dropped, and simulated again."""
+"""Simulations that a server keeps at once, of 20 MB each. For further clients the oldest ones are dropped, and
+simulated again."""
+SPARE = 4
+"""Simulations that are kept beyond one for each client, for those that connect again."""
 
 
 class ShadowSimulation:
@@ -164,6 +168,7 @@ class ShadowSimulations:
     def __init__(self, policy: str) -> None:
         self._policy = policy
         self._kept: OrderedDict[TrialId, ShadowSimulation] = OrderedDict()
+        self._clients = 0
         # Building a scene fills caches that all scenes share.
         self._lock = threading.Lock()
 
@@ -174,6 +179,26 @@ class ShadowSimulations:
             if shadow is None:
                 shadow = self._kept[trial] = ShadowSimulation(self._policy, trial)
             self._kept.move_to_end(trial)
-            while len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
+            self._drop_oldest()
             return shadow
+
+    def client_came(self) -> None:
+        """Note that a client has connected."""
+        with self._lock:
+            self._clients += 1
+
+    def client_left(self) -> None:
+        """Note that a client has left, and drop what is kept beyond what the others need."""
+        with self._lock:
+            self._clients -= 1
+            dropped = self._drop_oldest()
+        if dropped:
+            return_memory()
+
+    def _drop_oldest(self) -> bool:
+        """Drop simulations that are too many, and tell whether there were any; the caller holds the lock."""
+        most = min(KEPT, self._clients + SPARE)
+        dropped = len(self._kept) > most
+        while len(self._kept) > most:
+            self._kept.popitem(last=False)
+        return dropped

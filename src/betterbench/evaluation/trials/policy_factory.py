@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Self
 
 from betterbench.episodes import AnyPolicy
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import HandshakeError, InvalidInputError, UnknownNameError
+from betterbench.evaluation.planning.manifest import describe_policy
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, REFUSED, known_policies
 from betterbench.experts import make_expert, parse_address
@@ -17,7 +18,7 @@ from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_s
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
 from betterbench.policies.policy_process import PolicyProcess, start_policy
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
 SOURCE = "source file"
@@ -83,13 +84,15 @@ def needs_no_thread(address: str) -> bool:
 class PolicyFactory:
     """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
-    def __init__(self, address: str, *, apart: bool = False) -> None:
+    def __init__(self, address: str, *, apart: bool = False, known: PolicyInfo | None = None) -> None:
         """Prepare; nothing is loaded and no server is asked yet.
 
-        With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`).
+        With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`). ``known`` is
+        what the server of the policy said when the run began, or None: its clients compare themselves.
         """
         self.address = address
         self._apart = apart and runs_apart(address)
+        self._known = known
         self._made: Policy | None = None
         self._info: PolicyInfo | None = None
         self._takes_batches = False
@@ -157,14 +160,27 @@ class PolicyFactory:
             made, self._made = self._made, None
         return self._make() if made is None else made
 
+    def _make(self) -> Policy:
+        """Return a new instance; HandshakeError if a server has become another one since the first one was made."""
+        made = start_policy(self.address) if self._apart else make_policy(self.address)
+        if is_remote(self.address):
+            known, self._known = self._known or made.info, self._known or made.info
+            there, here = (describe_policy(self.address, info) for info in (known, made.info))
+            found = first_difference(there, here, "policy")
+            if found is not None:
+                close_policy(made)
+                raise HandshakeError(
+                    f"{self.address}: another policy answers there than when the run began: {found[0]} was {found[1]} "
+                    f"and is {found[2]}. Start the first one and run the same command again, or give "
+                    "--allow-changed-policy to go on with both in one run."
+                )
+        return made
+
     def close(self) -> None:
         """Close an instance that was made and not taken; harmless when closed."""
         made, self._made = self._made, None
         if made is not None:
             close_policy(made)
-
-    def _make(self) -> Policy:
-        return start_policy(self.address) if self._apart else make_policy(self.address)
 
     def _source(self) -> str:
         """Return name and fingerprint of the file of a Python policy, or an empty text."""

@@ -57,6 +57,7 @@ class RunSettings:
         served_at: Address of the process that holds the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
         looks: Looks of objects and rooms.
+        known: What the server of the policy said when the run began; None where there is no server, or the run's own.
     """
 
     run: str
@@ -70,6 +71,7 @@ class RunSettings:
     served_at: str | None = None
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
     looks: Looks = "seen"
+    known: PolicyInfo | None = None
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
@@ -100,7 +102,7 @@ class TrialRunner:
         self.settings = settings
         load_sources(settings.task_files)
         self.run = RunFolder.open(Path(settings.run))
-        self.policies = policies or PolicyFactory(settings.asked, apart=True)
+        self.policies = policies or PolicyFactory(settings.asked, apart=True, known=settings.known)
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)

@@ -108,7 +108,13 @@ class Bridge:
     def listen(self, host: str, port: int) -> Server:
         """Return a server that is bound; ``serve_forever`` runs it and ``shutdown`` ends it."""
         return serve(
-            self._converse, host, port, compression=None, max_size=MAX_FRAME_BYTES, process_request=self._admit
+            self._converse,
+            host,
+            port,
+            compression=None,
+            max_size=MAX_FRAME_BYTES,
+            process_request=self._admit,
+            origins=[None],  # no page in a browser
         )
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:

@@ -1,0 +1,58 @@
+"""The border of the command line: bounds of all numbers, and a standard output that holds the JSON document alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, get_type_hints
+
+from betterbench.cli.console import document_alone
+from betterbench.errors import require_between
+
+LIMITS: Mapping[str, tuple[float, float]] = {
+    "alpha": (1e-9, 1.0),
+    "batch": (1, 1024),
+    "chunk": (1, 256),
+    "clients": (1, 10_000),
+    "demonstrations": (1, 100_000),
+    "envs": (1, 256),
+    "films": (0, 10_000),
+    "policy_timeout": (0.001, 604_800),
+    "replica_gpus": (0, 64),
+    "replicas": (1, 256),
+    "seed": (0, 2**31 - 1),
+    "size": (16, 4096),
+    "trials": (1, 10_000),
+    "workers": (1, 256),
+}
+"""Least and largest value of each number that a verb takes, by the name of its option; ports are checked where they are
+bound."""
+
+
+def guarded(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a verb that checks its numbers first, and prints nothing but its document with ``--json``."""
+
+    def verb(*args: object, **options: object) -> None:
+        for name, value in _numbers(options):
+            if name in LIMITS:
+                require_between(f"--{name.replace('_', '-')}", value, *LIMITS[name])
+        if options.get("json") is True:
+            with document_alone():
+                function(*args, **options)
+        else:
+            function(*args, **options)
+
+    verb.__doc__ = function.__doc__
+    verb.__annotations__ = get_type_hints(function, include_extras=True)
+    vars(verb)["__signature__"] = inspect.signature(function)
+    return verb
+
+
+def _numbers(options: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield the options that are numbers, and those of groups of options."""
+    for name, value in options.items():
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            yield from _numbers({field.name: getattr(value, field.name) for field in dataclasses.fields(value)})
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield name, value

@@ -1,0 +1,42 @@
+"""Trust in a policy that a file names: what evaluating it would do on this machine, and the yes that this needs."""
+
+from __future__ import annotations
+
+from urllib.parse import parse_qsl
+
+from betterbench.errors import InvalidInputError, one_line
+
+_VARIABLE = "_env"  # ends the name of each option that names an environment variable
+
+
+def risks_of(address: str) -> tuple[str, ...]:
+    """Return what evaluating a policy would do that only its owner may allow: run code, or send a secret."""
+    found = []
+    scheme, _, rest = address.partition(":")
+    target, _, query = rest.partition("?")
+    if scheme == "python":
+        found.append(f"runs the Python code of {one_line(target, most=200)}")
+    elif scheme == "lerobot":
+        found.append(f"loads the checkpoint {one_line(target, most=200)}, which can run code")
+    for name, value in parse_qsl(query, keep_blank_values=True):
+        if name.endswith(_VARIABLE):
+            server = one_line(target.removeprefix("//"), most=200)
+            found.append(f"sends the environment variable {one_line(value, most=100)} to {server}")
+    return tuple(found)
+
+
+def require_trust(address: str, *, where: str) -> None:
+    """Check that a policy which a file names runs no code and sends no secret.
+
+    ``where`` is the file, for the error.
+
+    Raises:
+        InvalidInputError: If it does one of them; the text says which.
+    """
+    risks = risks_of(address)
+    if risks:
+        raise InvalidInputError(
+            where,
+            f"its policy {one_line(address)} {' and '.join(risks)}",
+            "Give --trust if you trust whoever wrote this file, or --policy to evaluate another policy",
+        )

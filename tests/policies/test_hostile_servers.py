@@ -1,0 +1,282 @@
+"""Servers that attack their client: floods, answers given twice, redirects, texts that steer a terminal."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import http.server
+import socket
+import struct
+import threading
+import time
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+from websockets.sync.server import serve
+
+from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.connect import connect
+from betterbench.policies.request_client import RequestClient
+from betterbench.policies.websocket import WebSocket
+
+PATIENCE_S = 20.0
+
+
+def seen(step=0):
+    return Observation("go", step, {}, np.zeros(7), np.zeros(7), np.zeros(3), np.array([1.0, 0, 0, 0]), 0.04, {}, {})
+
+
+def frame(opcode, payload, *, fin=True):
+    length = bytes([len(payload)]) if len(payload) < 126 else b"\x7e" + struct.pack("!H", len(payload))
+    return bytes([(0x80 if fin else 0) | opcode]) + length + payload
+
+
+class RawServer:
+    """Accepts websockets by hand, and then does what it is told with each socket, in a thread."""
+
+    def __init__(self, behave):
+        self._behave, self.port, self._links = behave, 0, []
+        self._over = threading.Event()
+
+    def __enter__(self):
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.port = self._listening.getsockname()[1]
+        self._threads = [threading.Thread(target=self._accept, daemon=True)]
+        self._threads[0].start()
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._listening.shutdown(socket.SHUT_RDWR)
+        self._listening.close()
+        for link in self._links:
+            with contextlib.suppress(OSError):
+                link.shutdown(socket.SHUT_RDWR)
+        for thread in self._threads:
+            thread.join(PATIENCE_S)
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                self._threads.append(
+                    threading.Thread(target=self._talk, args=(self._listening.accept()[0],), daemon=True)
+                )
+                self._threads[-1].start()
+
+    def _talk(self, link):
+        with link, contextlib.suppress(OSError):
+            asked = b""
+            while b"\r\n\r\n" not in asked:
+                asked += link.recv(4096)
+            key = next(line for line in asked.split(b"\r\n") if line.lower().startswith(b"sec-websocket-key"))[19:]
+            token = hashlib.sha1(key.strip() + b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11", usedforsecurity=False).digest()
+            link.sendall(
+                b"HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                b"Sec-WebSocket-Accept: " + base64.b64encode(token) + b"\r\n\r\n"
+            )
+            self._links.append(link)
+            while not self._over.is_set():
+                self._behave(link)
+
+
+def pings(link):
+    link.sendall(frame(9, b"x" * 100) * 500)  # and reads no pong
+
+
+def fragments(link):
+    link.sendall(frame(0, b"", fin=False) * 500)
+
+
+@pytest.mark.parametrize("flood", [pings, fragments])
+def test_a_flood_hangs_nobody_past_a_deadline(flood):
+    with RawServer(flood) as server:
+        link = WebSocket(PolicyAddress.parse(f"openpi://127.0.0.1:{server.port}"), timeout_s=2.0)
+        time.sleep(1.5)  # until nobody takes our pongs any more
+        began = time.monotonic()
+        with pytest.raises((OSError, PolicyError)):
+            link.receive(0.3)
+        with pytest.raises((OSError, PolicyError)):
+            link.send(b"x" * 100_000_000, 0.3)
+        link.close()
+        assert time.monotonic() - began < 6.0
+
+
+def numbered(value):
+    array = np.full((1, 7), value)
+    form = {b"__ndarray__": True, b"data": array.tobytes(), b"dtype": "<f8", b"shape": [1, 7]}
+    return msgpack.packb({"actions": form})
+
+
+@contextlib.contextmanager
+def websocket_server(talk, **options):
+    with serve(talk, "127.0.0.1", 0, compression=None, **options) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield server.socket.getsockname()[1]
+        server.shutdown()
+        thread.join()
+
+
+def steps_of(link):
+    for message in link:
+        yield float(msgpack.unpackb(message)["better/step"])
+
+
+def test_an_answer_sent_twice_shifts_no_other():
+    def talk(link):
+        link.send(msgpack.packb({}))
+        for step in steps_of(link):
+            link.send(numbered(step / 100))
+            link.send(numbered(step / 100))
+
+    with websocket_server(talk) as port:
+        with contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=1")) as policy:
+            policy.reset(EpisodeStart("go", 1, "ee_delta"))
+            assert [round(100 * float(policy.act(seen(i))[0, 0])) for i in range(5)] == [0, 1, 2, 3, 4]
+            assert policy.figures["policy_reconnects"] == 4
+        with contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy:
+            policy.reset(EpisodeStart("go", 1, "ee_delta"))
+            policy.act(seen(0))
+            with pytest.raises(PolicyError, match="nobody asked for"):
+                policy.act(seen(1))
+
+
+def test_an_answer_sent_twice_over_zeromq_is_refused():
+    context = zmq.Context()
+    server = context.socket(zmq.ROUTER)
+    port = server.bind_to_random_port("tcp://127.0.0.1")
+
+    def talk():
+        for _ in range(2):
+            who, empty, question = server.recv_multipart()
+            for _ in range(2):
+                server.send_multipart([who, empty, question])
+
+    thread = threading.Thread(target=talk, daemon=True)
+    thread.start()
+    client = RequestClient("127.0.0.1", port, timeout_s=5.0)
+    assert client.ask(b"one", 5.0) == b"one"
+    with pytest.raises(ConnectionError, match="nobody asked for"):
+        client.ask(b"two", 5.0)
+    client.close()
+    again = RequestClient("127.0.0.1", port, timeout_s=5.0)
+    assert again.ask(b"three", 5.0) == b"three"
+    again.close()
+    thread.join(PATIENCE_S)
+    server.close(linger=0)
+    context.term()
+
+
+class Redirecting(http.server.BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    target = ""
+
+    def do_GET(self):
+        self.send_response(302)
+        self.send_header("Location", self.target)
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.mark.parametrize("scheme", ["ws", "http"])
+def test_a_redirect_is_refused_and_what_it_names_is_not_asked(scheme):
+    visited = []
+
+    def talk(link):
+        visited.append(link)
+
+    with websocket_server(talk) as elsewhere:
+        handler = type("To", (Redirecting,), {"target": f"{scheme}://127.0.0.1:{elsewhere}/"})
+        here = http.server.HTTPServer(("127.0.0.1", 0), handler)
+        thread = threading.Thread(target=here.serve_forever, daemon=True)
+        thread.start()
+        began = time.monotonic()
+        with pytest.raises(HandshakeError, match=r"elsewhere \(HTTP 302, .*Redirects are not followed"):
+            connect(f"openpi://127.0.0.1:{here.server_port}?preset=native&patience=5")
+        here.shutdown()
+        thread.join()
+        here.server_close()
+    assert not visited
+    assert time.monotonic() - began < 4.0
+
+
+def test_a_server_that_comes_back_as_another_one_is_noticed():
+    checkpoints = iter(["one", "one", "two"])
+
+    def talk(link):
+        link.send(msgpack.packb({"checkpoint": next(checkpoints)}))
+        for step in steps_of(link):
+            link.send(numbered(step / 100))
+            return  # which ends the connection
+
+    with (
+        websocket_server(talk) as port,
+        contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=2")) as policy,
+    ):
+        policy.reset(EpisodeStart("go", 1, "ee_delta"))
+        policy.act(seen(0))
+        policy.act(seen(1))
+        with pytest.raises(HandshakeError, match=r"checkpoint was one and is two.*--allow-changed-policy"):
+            policy.act(seen(2))
+
+
+def test_the_error_of_a_server_is_one_line_that_steers_no_terminal():
+    def talk(link):
+        link.send(msgpack.packb({"name\x1b[2J": "x\x1b]0;pwned\x07"}))
+        for _ in steps_of(link):
+            link.send("Traceback\n  \x1b[31mred\u202e" + "x" * 100_000 + "\n\n")
+
+    with (
+        websocket_server(talk) as port,
+        contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy,
+    ):
+        assert all(text.isprintable() for item in policy.info.metadata.items() for text in item)
+        policy.reset(EpisodeStart("go", 1, "ee_delta"))
+        with pytest.raises(BetterError, match=r"reports an error: .\[31mred") as raised:
+            policy.act(seen(0))
+    assert "\x1b" not in str(raised.value)
+    assert "\u202e" not in str(raised.value)
+    assert len(str(raised.value)) < 700
+
+
+def test_texts_from_outside_keep_their_words_and_lose_what_steers():
+    assert printable("a\tb\nc", most=10) == "a\tb\nc"
+    assert printable("\x1b[31m\x9b\x7f\u202e\udc80", most=100) == "\ufffd[31m" + "\ufffd" * 4
+    assert printable("x" * 12, most=10) == "x" * 10 + "… (2 more characters)"
+    assert one_line("  a \n b\r\n") == "a b"
+    assert len(one_line("x y " * 1_000_000)) < 600
+    assert last_line("one\ntwo\x1b\n\n") == "two\ufffd"
+    assert last_line(" \n") == ""
+    assert one_line("naïve 机器人 é") == "naïve 机器人 é"
+
+
+def test_every_client_of_a_run_asks_the_policy_that_the_run_began_with():
+    checkpoints = iter(["one", "one", "two", "two"])
+
+    def talk(link):
+        link.send(msgpack.packb({"checkpoint": next(checkpoints)}))
+        list(link)
+
+    with websocket_server(talk) as port:
+        address = f"openpi://127.0.0.1:{port}?preset=native&timeout=5"
+        with PolicyFactory(address) as run:
+            known = run.info
+            close_policy(run.take())
+            close_policy(run.take())
+            with pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."):
+                run.take()
+        with (
+            PolicyFactory(address, known=known) as worker,
+            pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."),
+        ):
+            worker.check()
