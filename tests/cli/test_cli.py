@@ -122,6 +122,21 @@ def test_another_plan_in_the_same_folder_is_refused(capsys, small_run):
     assert "plan" in err
 
 
+@pytest.mark.parametrize("options", [(), ("--check",), ("--twin",)])
+def test_nothing_that_is_no_record_is_called_damaged_or_to_be_deleted(capsys, small_run, tmp_path, options):
+    (tmp_path / "thesis.parquet").write_bytes(b"years of work")
+    for path in (small_run, small_run / "records", tmp_path / "thesis.parquet", tmp_path):
+        status, out, err = run(capsys, "replay", str(path), *options)
+        said = err.replace("\n", " ")
+        assert status == 2
+        assert not out
+        assert "delete" not in said.lower()
+        assert "RUN/records/TASK/CONDITION/SEED.parquet" in said or "morning_coffee" in said
+        if path.is_dir():
+            assert "is a folder" in said
+            assert "damaged" not in said
+
+
 def test_replay_checks_bit_for_bit(capsys, small_run):
     record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     status, out, _ = run(capsys, "replay", str(record), "--check", "--json")

@@ -9,7 +9,7 @@ from betterbench.cli.console import progress_bar, say
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import MissingDependencyError
 from betterbench.evaluation import Shot, render_shots
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
@@ -18,12 +18,15 @@ SOLVED_FILMS = 2
 """Largest number of solved trials per run that are shown as film strips: they look much alike."""
 
 
-def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: int) -> Path:
+def build_report(
+    runs: Sequence[RunFolder], out: Path, *, names: Sequence[str] = (), latex: bool, films: int
+) -> Path:
     """Diagnose runs, render the moments that show their failures, and return the page that was written.
 
     The ``films`` trials that are shown as film strips, at most, are shared by the runs.
     """
-    diagnoses = [diagnose_run(run) for run in runs]
+    called = run_names(runs, names)
+    diagnoses = [diagnose_run(run).named(name) for run, name in zip(runs, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
