@@ -31,9 +31,10 @@ def report_command(
         latex: Write LaTeX tables too.
         films: Largest number of trials to show as film strips; 0 for none.
     """
-    from betterbench.cli.output.page import build_report
+    from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.recording import RunFolder
 
     runs = [RunFolder.open(path) for path in run]
-    page = build_report(runs, out or runs[0].report_path, names=name, latex=latex, films=films)
-    OUT.print(str(page), markup=False)
+    page, verdicts = build_report(runs, out or runs[0].report_path, names=name, latex=latex, films=films)
+    OUT.print(str(page), markup=False, soft_wrap=True)
+    print_verdicts(verdicts)

@@ -32,7 +32,7 @@ def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str
 
 
 def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
-    """Return names that tell runs apart: a folder is added where two are alike, and a number where that is not enough."""
+    """Return names that tell runs apart: with the folder where two are alike, and a number where that is not enough."""
     counts = Counter(names)
     named = [
         name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
