@@ -23,7 +23,7 @@ def demo_command(
         out: Folder of the runs and the report.
         trials: Trials per variation.
         workers: Worker processes; one per processor if not given.
-        films: Largest number of film strips in the report.
+        films: Largest number of films in the report; other failures get one image. 0 renders nothing.
     """
     from betterbench.cli.evaluate import default_folder, run_with_bar
     from betterbench.cli.output.page import build_report, print_verdicts

@@ -29,7 +29,7 @@ def report_command(
         name: Name of a run on the page, once per run and in their order; that of its policy if not given.
         out: Folder of the report; RUN/report if not given.
         latex: Write LaTeX tables too.
-        films: Largest number of trials to show as film strips; 0 for none.
+        films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
     """
     from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.recording import RunFolder
