@@ -144,6 +144,7 @@ def render_page(
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
     numbers = {shown.film.key: shown.number for shown in films}
+    matrices, unfilled = _matrices(diagnoses)
     return pages.get_template("page.html.jinja").render(
         diagnoses=diagnoses,
         headlines=headlines,
@@ -162,9 +163,10 @@ def render_page(
         instructions={(d.policy, t.key): t.instruction for d in diagnoses for t in d.trials},
         opening=_opening(headlines[0], films) if len(diagnoses) == 1 else None,
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
-        training_notes=_training_notes(diagnoses, headlines),
+        training_note=_training_note(diagnoses, headlines),
         trust=dict(trust or {}),
-        matrices=_matrices(diagnoses),
+        matrices=matrices,
+        unfilled=unfilled,
         legend=list(LEGEND.values()),
         labels=LEGEND,
         families=FAMILIES,
@@ -186,10 +188,19 @@ def render_page(
     )
 
 
-def _matrices(diagnoses: Sequence[RunDiagnosis]) -> list[Matrix]:
-    """Return the diagnostic matrices that the runs fill, the short ones first."""
+def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
+    """Return the diagnostic matrices that the runs fill, the short ones first, and a sentence about each other one."""
     made = [matrices_of(diagnosis) for diagnosis in diagnoses]
-    return [m for m in (*(short for short, _ in made), *(long for _, long in made)) if m.measured]
+    every = (*(short for short, _ in made), *(long for _, long in made))
+    empty: dict[str, list[str]] = {}
+    for matrix in every:
+        if not matrix.measured:
+            empty.setdefault(matrix.title, []).append(matrix.policy)
+    unfilled = []
+    for title, policies in empty.items():
+        whose = "" if len(policies) == len(diagnoses) else f" of {listed(policies)}"
+        unfilled.append(f"{title}: no trial{whose} fills a cell.")
+    return [matrix for matrix in every if matrix.measured], unfilled
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
@@ -247,18 +258,22 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
     )
 
 
-def _training_notes(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> list[str]:
-    """Return why the trials of training are not as many everywhere, one sentence per run in which they are not."""
-    notes = []
+def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
+    """Return why the trials of training are not as many everywhere, or an empty text where they are."""
+    all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
         twins, every = twin_figure(diagnosis.even(), lambda _: True), headline.training
-        if not every.missing and not twins.missing and twins.n != every.n:
-            whose = "" if len(diagnoses) == 1 else f" of {diagnosis.policy}"
-            notes.append(
-                f"Here it counts all {every.n} training trials{whose}; beside variations, in charts and tasks, it is the "
-                f"{twins.n} of them that are twins of a variation, since only these differ from it by nothing else."
-            )
-    return notes
+        if every.missing or twins.missing or twins.n == every.n:
+            continue
+        whose = "" if len(diagnoses) == 1 else f" of {diagnosis.policy}"
+        all_of.append(f"{every.n}{whose}")
+        twins_of.append(f"{twins.n}{whose}")
+    if not all_of:
+        return ""
+    return (
+        f"Here it counts every training trial ({listed(all_of)}); beside variations it counts their twins alone "
+        f"({listed(twins_of)}), which differ from them by nothing but the variation."
+    )
 
 
 def _along(figure: Figure, value: float) -> str:

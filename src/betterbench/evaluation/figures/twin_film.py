@@ -23,6 +23,9 @@ OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 """Colors of the path while the gripper is told to be open and to be closed."""
 
 _PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
+_CONTROLS = 0.14
+"""Room below the images for the controls of a player, which hide what is there while a film stands still."""
+
 _HOLD_S = 1.0
 """How long the film stays on the start image with the whole path, and on the last state [s of the film]."""
 
@@ -226,7 +229,7 @@ class _Side:
 
 
 class _Layout:
-    """Places images side by side: heading and instruction above each, its outcome below, one clock."""
+    """Places images side by side: heading, instruction and outcome above each, the clock in its corner."""
 
     def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
         self._size, self._pad = size, max(8, size // 30)
@@ -234,8 +237,9 @@ class _Layout:
         self._font, self._small = ImageFont.load_default(max(11, size / 22)), ImageFont.load_default(max(10, size / 26))
         self._row = round(1.3 * max(11, size / 22))
         self._texts = [wrap_text(said, self._font, size) for _, said in panels]
-        self._top = self._pad + self._row * (1 + max(map(len, self._texts))) + self._pad // 2
-        height = self._top + size + 2 * self._row + self._pad
+        self._ends = self._pad + self._row * (1 + max(map(len, self._texts)))
+        self._top = self._ends + self._row + self._pad // 2
+        height = self._top + size + round(_CONTROLS * size)
         width = self._pad + (size + self._pad) * len(panels)
         self._extent = width + width % 2, height + height % 2
 
@@ -243,15 +247,16 @@ class _Layout:
         """Return one frame."""
         sheet = Image.new("RGB", self._extent, _PAPER)
         pen = ImageDraw.Draw(sheet)
-        below = self._top + self._size + self._pad // 2
         for i, ((panel, _), lines, image) in enumerate(zip(self._panels, self._texts, images, strict=True)):
             x = self._pad + i * (self._size + self._pad)
             pen.text((x, self._pad), panel.heading, fill=_SOFT, font=self._small)
             for j, line in enumerate(lines, 1):
                 pen.text((x, self._pad + j * self._row), line, fill=_INK, font=self._font)
             sheet.paste(image, (x, self._top))
-            pen.text((x, below), panel.ended, fill=_INK, font=self._font)
-        pen.text((self._pad, below + self._row), clock, fill=_SOFT, font=self._small)
+            pen.text((x, self._ends), panel.ended, fill=CLOSED, font=self._font)
+            wide = self._small.getlength(clock)
+            pen.rectangle((x, self._top, x + wide + self._pad, self._top + self._row), fill=_PAPER)
+            pen.text((x + self._pad // 2, self._top + 1), clock, fill=_INK, font=self._small)
         return sheet
 
 
