@@ -87,9 +87,9 @@ class RunFolder:
         if holds_more(wanted["plan"], existing.plan):
             existing = existing._grown(wanted["plan"])
         if holds_more(existing.plan, wanted["plan"]):
-            there, asked = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
+            stored, fewer = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
             raise RunConflictError(
-                f"{path}: the run in this folder has {there} trials, and this command asks for {asked} of them. Give "
+                f"{path}: the run in this folder has {stored} trials, and this command asks for {fewer} of them. Give "
                 "as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
             )
         difference = first_difference(existing.plan, wanted["plan"], "plan")

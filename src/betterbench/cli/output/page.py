@@ -127,7 +127,7 @@ def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagno
     """Return the start image with the path of each trial, and of its twin if the run has its record."""
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     twins = [t.twin_key for t in failed if t.twin_key in recorded]
-    wanted = list(dict.fromkeys([*(t.key for t in failed), *(key for key in twins if key is not None)]))
+    wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
     places = {key: _shot(key, 0.0) for key in wanted}
     with progress_bar(f"paths of {diagnosis.policy}", len(wanted)) as (bar, task):
         images = render_paths(
@@ -149,7 +149,7 @@ def _thumbnails(run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thum
         if name not in chosen or (trial.twin_key in recorded and chosen[name].twin_key not in recorded):
             chosen[name] = trial
     twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
-    wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins]) if key is not None]
+    wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
     with progress_bar("scenes of the variations", len(wanted)) as (bar, task):
         images = render_shots(
             run, wanted, size=THUMBNAIL_PX, on_progress=lambda done, _: bar.update(task, completed=done)
