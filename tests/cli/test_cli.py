@@ -9,7 +9,7 @@ import re
 import pytest
 
 from betterbench.cli.main import VERBS, main
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, read_record
 from betterbench.tasks import all_tasks
 
 
@@ -197,6 +197,36 @@ def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
     status, _, _ = run(capsys, "replay", str(record), "--out", str(out), "--size", "64")
     assert status == 0
     assert out.read_bytes()[4:8] == b"ftyp"
+
+
+@pytest.mark.render
+def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
+    """The command of the report: both start images with their paths first, then as many frames as the longer trial."""
+    import av
+    import numpy as np
+
+    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
+    out = tmp_path / "twin.mp4"
+    status, _, err = run(capsys, "replay", str(record), "--twin", "--size", "96", "--out", str(out))
+    assert status == 0
+    assert "alone" not in err
+    with av.open(str(out)) as film:
+        images = [frame.to_ndarray(format="rgb24").astype(int) for frame in film.decode(video=0)]
+    wide = images[0].shape[1]
+    assert wide > 2 * 96
+    trial = read_record(record)
+    twin = RunFolder.open(small_run).read_record("morning_coffee", str(trial.metadata.base_condition), 0)
+    lasting_s = (max(len(trial), len(twin)) - 1) / twin.metadata.control_rate_hz
+    assert abs(len(images) / 10 - 2.0 - lasting_s) < 0.5
+    for half in (images[0][:, : wide // 2], images[0][:, wide // 2 :]):
+        red, green, blue = half[half.shape[0] // 2 - 30 : half.shape[0] // 2 + 40].transpose(2, 0, 1)
+        assert np.count_nonzero((blue > red + 70) & (blue > green + 30)) > 20, "no path of an open gripper"
+    status, _, err = run(capsys, "replay", str(record), "--twin", "--size", "65", "--out", str(out))
+    assert status == 2
+    assert "--size" in err
+    status, _, err = run(capsys, "replay", str(record), "--twin", "--check")
+    assert status == 2
+    assert "Give one of the two" in err.replace("\n", " ")
 
 
 @pytest.mark.render
