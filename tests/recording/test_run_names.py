@@ -28,6 +28,16 @@ def test_two_checkpoints_of_one_server_are_told_apart_by_their_folders():
 
 def test_a_declared_name_does_not_hide_whose_run_it_is():
     assert run_names([run("a", "expert"), run("b", "python:my.py:Mine", "expert")]) == ("expert", "python:my.py:Mine")
+    assert run_names([run("a", "python:my.py:Mine", "mine"), run("b", "openpi://h", "mine")]) == (
+        "python:my.py:Mine",
+        "openpi://h",
+    )
+
+
+@pytest.mark.parametrize("built_in", ["noop", "Expert", "random", "zoo:lexical", "probe:replay"])
+def test_a_policy_derived_from_a_built_in_one_is_not_called_by_its_name(built_in):
+    assert run_names([run("a", "python:my.py:Mine", built_in)]) == ("python:my.py:Mine",)
+    assert run_names([run("a", built_in, built_in)]) == (built_in,)
 
 
 def test_names_of_strangers_are_one_line_of_bounded_length():

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from betterbench.errors import InvalidInputError
 from betterbench.recording.run import RunFolder
+
+_BUILT_IN = re.compile(r"expert|noop|random|(zoo|probe|replay):.*", re.IGNORECASE)
+"""Names of built-in policies: a class derived from one may declare them, and is called by its address all the same."""
 
 MOST_CHARACTERS = 80
 """Longest name of a run; a longer one is cut, so that a page or a table stays readable."""
@@ -44,9 +48,9 @@ def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str,
 
 def _declared(run: RunFolder) -> str:
     """Return the name that the policy of a run declared, or its address."""
-    policy = run.context.get("policy")
-    name = policy.get("name") if isinstance(policy, dict) else None
-    return _shown(name) or _shown(run.plan.get("policy", "policy"))
+    policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
+    name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
+    return address if not name or _BUILT_IN.fullmatch(name) else name
 
 
 def _shown(name: object) -> str:
