@@ -6,15 +6,18 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from chromium import COMMAND, browser
-from factory import run_of
+from factory import draw_frame, film_of, run_of
 
+from betterbench.report import trials_worth_showing
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.tasks import suite_tasks
@@ -116,6 +119,63 @@ def test_a_trial_opens_and_shows_its_time_line(chromium, page, size):
         ".map(e => e.getBoundingClientRect().right))"
     )
     assert widest <= size[0]
+
+
+def test_failures_come_first_in_the_list(chromium, page, run):
+    chromium.open(page, *LAPTOP)
+    swatches = chromium.value("[...document.querySelectorAll('#list .outcome .swatch')].map(s => s.className)")
+    assert len(swatches) == 60
+    assert set(swatches) == {"swatch reasoning"}
+    texts = chromium.value("[...document.querySelectorAll('#list .trial .cell:nth-child(3)')].map(s => s.textContent)")
+    assert not [text for text in texts if "/train" in text]
+
+
+def test_several_runs_show_a_picture_on_the_first_screen(chromium, tmp_path):
+    runs = [run_of(policy) for policy in ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")]
+    image = draw_frame(np.random.default_rng(0), size=64)
+    films = {s.key: film_of(s, lambda: image) for run in runs for s in trials_worth_showing(run, 8)}
+    page = write_report(runs, tmp_path, films=films)
+    for size in (LAPTOP, PHONE):
+        chromium.open(page, *size)
+        boxes = chromium.value(
+            "[...document.querySelectorAll('#verdict a.seen img')].map(i => [i.getBoundingClientRect().bottom, "
+            "i.getBoundingClientRect().right, i.naturalWidth])"
+        )
+        assert len(boxes) == 6  # three policies fail, each beside its twin
+        assert all(right <= size[0] and width for _, right, width in boxes)
+        if size == LAPTOP:
+            assert min(bottom for bottom, *_ in boxes) <= size[1]
+    assert chromium.complaints() == []
+
+
+def test_navigation_and_names_are_whole_on_a_phone(chromium, tmp_path):
+    """No link is cut off or hidden by scrolling, and "zoo:lexical" stands on one line wherever it does."""
+    page = write_report([run_of("zoo:lexical"), run_of("zoo:progress-cue")], tmp_path)
+    chromium.open(page, *PHONE)
+    rights = chromium.value(
+        "[...document.querySelectorAll('nav a, nav button')].map(e => e.getBoundingClientRect().right)"
+    )
+    assert max(rights) <= PHONE[0]
+    for place in ("", "task=fast_food", "task=morning_coffee", "tables", "trials"):
+        chromium.value(f"location.hash = '{place}'; 1")
+        tall = chromium.value(
+            """[...document.querySelectorAll('span.policy:not(.long)')].filter(e => e.offsetParent)
+               .filter(e => e.getClientRects().length > 1).map(e => e.textContent)"""
+        )
+        assert tall == [], place
+
+
+def test_stills_stand_where_a_film_does_not_play(chromium, tmp_path):
+    run = run_of("zoo:lexical")
+    showing = trials_worth_showing(run, 1)[0]
+    image = draw_frame(np.random.default_rng(0), size=64)
+    film = replace(film_of(showing, lambda: image), clip=b"this is no film")
+    page = write_report([run], tmp_path, films={film.key: film})
+    chromium.open(page, *LAPTOP)
+    chromium.value("location.hash = 'film-0'; new Promise(done => setTimeout(done, 500))")
+    shown = "(s => [...document.querySelectorAll(s)].filter(e => e.getBoundingClientRect().height > 0).length)"
+    assert chromium.value(f"{shown}('#film-0 video')") == 0
+    assert chromium.value(f"{shown}('#film-0 .strip img')") >= len(showing.times_s)
 
 
 def test_charts_are_saved_as_svg_and_png(chromium, page):

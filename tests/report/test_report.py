@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import html
 import io
+import json
 import re
 import sys
 import time
+from base64 import b64encode
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -22,7 +25,14 @@ from tests.diagnosis.small_matrix import matrix
 from betterbench.diagnosis import Label, standing
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
-from betterbench.report.headline import headline_of
+from betterbench.report.charts import gap_chart
+from betterbench.report.film import failures_in_question
+from betterbench.report.headline import headline_of, verdict_line
+from betterbench.report.matrices import matrices_of
+from betterbench.report.media import Media, Thumbnails
+from betterbench.report.page import _along
+from betterbench.report.wording import Figure
+from betterbench.tasks import get_task
 
 HOSTILE = "<script>alert('x')</script>\"'&{{7*7}}"
 
@@ -211,6 +221,140 @@ def test_every_kind_of_failure_is_shown_before_any_is_shown_twice(runs):
         shown = trials_worth_showing(run, 100)
         pairs = [(t.task, t.variation, t.label) for t in run.trials if t.variation]
         assert len(shown) == len(set(pairs))
+
+
+def test_with_repeats_every_failure_has_its_turn(runs):
+    """A pair of variation and label is not shown twice before every other was shown once."""
+    run = runs[1]
+    shown = [s.trial for s in trials_worth_showing(run, len(run.trials), repeats=True)]
+    by_key = {t.key: t for t in run.trials}
+    assert sorted(shown) == sorted(t.key for t in run.trials if t.variation)
+    pairs = [(by_key[key].variation, by_key[key].task, by_key[key].label) for key in shown]
+    assert len(set(pairs[: len(set(pairs))])) == len(set(pairs))
+    assert shown[: len(set(pairs))] == [s.trial for s in trials_worth_showing(run, 1000)]
+    failed = {t.key for t in failures_in_question(run)}
+    assert failed == {t.key for t in run.trials if t.variation and not t.success}
+
+
+def body(page):
+    """The text of a page without tags, styles and scripts."""
+    text = re.sub(r"(?s)<(style|script).*?</\1>|<[^>]+>", " ", page)
+    return " ".join(html.unescape(text).split())
+
+
+def test_every_failure_has_a_command_that_shows_it_beside_its_twin(runs, tmp_path):
+    lexical = runs[1]
+    showing = trials_worth_showing(lexical, 1)[0]
+    frame = Frame(0.0, draw_frame(np.random.default_rng(0)))
+    film = Film("zoo:lexical", showing.trial, (frame,), showing.twin, (frame,), clip=b"mp4 of the trial")
+    failed = [t for t in failures_in_question(lexical) if t.key != showing.trial]
+    media = Media(
+        {film.key: film},
+        {film_key("zoo:lexical", t.key): frame.image for t in failed},
+        folders={"zoo:lexical": "my runs/lexical"},
+        options=" --task-file mine.py",
+    )
+    page = write_report([lexical], tmp_path, media=media).read_text(encoding="utf-8")
+    task, place, seed = showing.trial.split("/")
+    command = f"better replay 'my runs/lexical/'records/{task}/{place}/{seed}.parquet --twin --task-file mine.py"
+    assert command in body(page)
+    assert 'src="data:video/mp4;base64,' in page
+    assert "media-src data:" in page
+    twin = next(t for t in lexical.trials if t.key == showing.twin)
+    assert f"{twin.key}: “{twin.instruction}”" in body(page)
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page).group(1))
+    assert data["replay"] == {"zoo:lexical": "better replay 'my runs/lexical/'"}
+    assert set(data["paths"]) == {film_key("zoo:lexical", t.key) for t in failed}
+
+
+def test_cards_show_training_beside_test_with_both_instructions(runs, tmp_path):
+    images = {name: draw_frame(np.random.default_rng(seed)) for seed, name in enumerate(("training", "test"))}
+    thumbnails = {"fast_food/O1": Thumbnails(images["test"], images["training"])}
+    page = write_report([runs[0]], tmp_path, media=Media(thumbnails=thumbnails)).read_text(encoding="utf-8")
+    card = page[page.index("<h4><b>O1</b> ", page.index('id="task=fast_food"')) :].partition("</article>")[0]
+    parts = [card.index(b64encode(images[name]).decode()) for name in ("training", "test")]
+    assert parts == sorted(parts)
+    assert "do(" not in body(page)
+    for task in ("fast_food", "morning_coffee"):
+        for variation in get_task(task).variations:
+            assert get_task(task).train(variation.base).instruction.text in body(page)
+
+
+def test_the_screen_is_defined_where_it_is_shown(runs, tmp_path):
+    """Every name of a number on the first screen is explained below it; a zero line where it can be negative."""
+    for shown in ([runs[1]], runs):
+        page = write_report(shown, tmp_path / str(len(shown))).read_text(encoding="utf-8")
+        first = page[page.index('<section id="verdict"') :].partition("</section>")[0]
+        names = set(re.findall(r"<dt>(.*?)</dt>", first))
+        note = body(first[first.rindex('<p class="note">') :])
+        assert {name for name in names if f"{name}:" not in note} == set()
+        assert ("Distractor grasps:" in note) == ("Distractor grasps" in names)
+        assert first.count('class="zero"') == first.count("Illusion gap</dt>")
+
+
+def test_the_strip_of_a_gap_shows_what_is_below_zero():
+    gap = Figure(-0.25, -0.5, 0.5, n=8, difference=True)
+    assert [_along(gap, v) for v in (-1.0, gap.low, gap.value, 0.0, gap.high)] == [
+        "0.0%",
+        "25.0%",
+        "37.5%",
+        "50.0%",
+        "75.0%",
+    ]
+    rate = Figure(0.25, 0.0, 1.0, 2, 8)
+    assert [_along(rate, v) for v in (rate.low, rate.value, rate.high)] == ["0.0%", "25.0%", "100.0%"]
+
+
+def test_two_counts_of_training_are_explained(tmp_path):
+    """Six trials of training, of which two are the twins of the variation."""
+    twins = [trial(variation=None, seed=s) for s in range(2)]
+    more = [trial(variation=None, condition="train2", seed=s) for s in range(4)]
+    varied = [trial(seed=s) for s in range(2)]
+    page = body(write_report([diagnosis([*varied, *twins, *more])], tmp_path / "a").read_text(encoding="utf-8"))
+    assert "Here it counts every training trial (6); beside variations it counts their twins alone (2)" in page
+    page = body(write_report([diagnosis([*varied, *twins])], tmp_path / "b").read_text(encoding="utf-8"))
+    assert "beside variations it counts" not in page
+
+
+def test_an_interval_beside_a_large_p_has_its_note(tmp_path):
+    clear = [trial(seed=s, label=Label.WRONG_OBJECT if s < 3 else Label.SUCCESS) for s in range(8)]
+    clear += [trial(variation=None, seed=s) for s in range(8)]
+    run = diagnosis(clear)
+    gap = Figure.of(run.metric("illusion_gap", "overall"), difference=True)
+    assert gap.p_value is not None
+    for low, noted in ((0.02, True), (-0.02, False)):
+        metrics = tuple(
+            replace(m, low=low, high=0.61, p_value=0.5) if m.name == "illusion_gap" else m for m in run.metrics
+        )
+        chart = gap_chart([replace(run, metrics=metrics)])
+        assert ("multiplied for the number of axes" in chart.caption) == noted
+
+
+def test_matrices_that_nothing_fills_are_one_line(tmp_path):
+    run = diagnosis([trial(task="fast_food", variation="T1", seed=s) for s in range(2)])
+    matrices = matrices_of(run)
+    page = write_report([run], tmp_path).read_text(encoding="utf-8")
+    for made in matrices:
+        assert (f"{made.title}: no trial fills a cell." in body(page)) is not made.measured
+        assert page.count('<table class="matrix">') == sum(m.measured for m in matrices)
+
+
+def test_a_name_of_a_policy_is_not_broken_unless_it_is_long(runs, tmp_path):
+    page = write_report(runs, tmp_path).read_text(encoding="utf-8")
+    assert '<span class="policy">zoo:lexical</span>' in page
+    style = page.partition("</style>")[0]
+    assert ".policy { font-family: var(--mono); font-size: 0.84em; white-space: nowrap; }" in style
+    page = write_report([diagnosis([trial()], policy="openpi://" + "h" * 60), runs[0]], tmp_path / "long").read_text()
+    assert f'<span class="policy long">openpi://{"h" * 60}</span>' in page
+
+
+def test_the_verdict_is_one_line(runs):
+    for run in runs:
+        line = verdict_line(run)
+        assert line.startswith(f"{run.policy}: ")
+        assert "\n" not in line
+        assert f"variations {headline_of(run).variations.count()}" in line
+    assert verdict_line(diagnosis([])) == "expert: No variation was run, so nothing is known about its reasoning."
 
 
 def test_twelve_hundred_trials_are_quick_and_small(tmp_path):

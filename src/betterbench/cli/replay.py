@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, say
-from betterbench.errors import BetterError, RecordError
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.errors import BetterError, InvalidInputError, RecordError
+
+if TYPE_CHECKING:
+    from betterbench.recording import RecordMetadata, RunFolder
 
 MOST_FIELDS = 5
 """Fields that are named in the error of a record that does not follow from its actions."""
@@ -20,27 +23,31 @@ def replay_command(
     record: Annotated[Path, tyro.conf.Positional],
     *,
     check: bool = False,
+    twin: bool = False,
     out: Path | None = None,
     camera: str = "front",
-    size: int = 512,
+    size: int | None = None,
     json: bool = False,
 ) -> None:
-    """Simulate the actions of a record again and compare every state, or write a video of it.
+    """Simulate the actions of a record again and compare every state, or write a video of it, alone or beside its twin.
 
     Example: better replay runs/expert/records/fast_food/T1/0.parquet --check
 
     Args:
         record: File of the record, in the folder of its run.
+        twin: Write the trial beside its training twin, with instructions, clock, labels and the gripper's path.
         check: Simulate again and compare all that follows from trial and actions, instead of writing a video.
         out: Video file to write; a file in the folder of the run if not given.
         camera: Camera of the video.
-        size: Side of the video in pixels.
+        size: Side of the video in pixels, with --twin of each half; 512 or, with --twin, 384 if not given.
         json: Print the result of --check as one JSON document.
     """
     from betterbench.evaluation import check_record
 
+    if check and twin:
+        raise InvalidInputError("--twin", "--check writes no video", "Give one of the two")
     if not check:
-        path = _video(record, out, camera=camera, size=size)
+        path = (_twin_video if twin else _video)(record, out, camera=camera, size=size)
         say(f"wrote {path}")
         return
     result = check_record(record)
@@ -59,8 +66,8 @@ def replay_command(
         )
 
 
-def _video(record: Path, out: Path | None, *, camera: str, size: int) -> Path:
-    from betterbench.evaluation import write_video
+def _run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
+    """Return the run of a record and what the record says about its trial; RecordError if it is not in its place."""
     from betterbench.recording import RunFolder, read_record
 
     meta = read_record(record).metadata
@@ -70,4 +77,52 @@ def _video(record: Path, out: Path | None, *, camera: str, size: int) -> Path:
         raise RecordError(
             f"{record}: the record is not in the folder of its run, where its scene is stored. Put it back."
         )
-    return write_video(run, meta.task, meta.condition, meta.seed, camera=camera, size=size, out=out)
+    return run, meta
+
+
+def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
+    from betterbench.evaluation import write_video
+
+    run, meta = _run_of(record)
+    with progress_bar("video", 1) as (bar, task):
+        return write_video(
+            run,
+            meta.task,
+            meta.condition,
+            meta.seed,
+            camera=camera,
+            size=size or 512,
+            out=out,
+            on_progress=lambda done, planned: bar.update(task, completed=done, total=planned),
+        )
+
+
+def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
+    from betterbench.cli.output.page import panel_of
+    from betterbench.diagnosis import diagnose_run
+    from betterbench.evaluation import FilmLook, write_twin_film
+    from betterbench.tasks import TrialId
+
+    run, meta = _run_of(record)
+    say("diagnosing the run, for the labels")
+    trials = {t.key: t for t in diagnose_run(run).trials}
+    trial = trials.get(str(TrialId(meta.task, meta.condition, meta.seed)))
+    if trial is None:
+        raise RecordError(f"{record}: its trial is not planned in {run.path}. Choose a record of a planned trial.")
+    panels = [panel_of(trial, "this trial")]
+    beside = trials.get(trial.twin_key or "")
+    if beside is not None and beside.record is not None:
+        panels.append(panel_of(beside, "training twin"))
+    else:
+        why = "it is a training trial" if trial.variation is None else "its twin has no record"
+        say(f"{trial.key} is shown alone: {why}")
+    path = out or run.video_path(meta.task, meta.condition, meta.seed, camera="twin")
+    look = FilmLook(camera=camera, size=size or 384, rate_hz=10, longest_s=None, quality="standard")
+    with progress_bar("film", 1) as (bar, task):
+        return write_twin_film(
+            run,
+            panels,
+            path,
+            look=look,
+            on_progress=lambda done, planned: bar.update(task, completed=done, total=planned),
+        )

@@ -14,6 +14,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from betterbench.evaluation.figures.films import Shot, probe_encoder, render_shots, write_video
     from betterbench.evaluation.figures.show import show_comparison, show_condition, show_training
+    from betterbench.evaluation.figures.twin_film import (
+        FilmLook,
+        Panel,
+        TwinFilm,
+        render_paths,
+        render_twin_films,
+        write_twin_film,
+    )
     from betterbench.evaluation.planning.plan import Plan, Trial, make_plan, named_trial
     from betterbench.evaluation.preflight.check import Convention, PreflightCheck, run_preflight
     from betterbench.evaluation.running.external_run import ExternalRun
@@ -26,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Convention",
     "ExternalRun",
+    "FilmLook",
+    "Panel",
     "Plan",
     "PolicyEntry",
     "PreflightCheck",
@@ -33,6 +43,7 @@ __all__ = [
     "ReplayCheck",
     "Shot",
     "Trial",
+    "TwinFilm",
     "check_policy",
     "check_record",
     "evaluate",
@@ -41,16 +52,27 @@ __all__ = [
     "named_trial",
     "open_server",
     "probe_encoder",
+    "render_paths",
     "render_shots",
+    "render_twin_films",
     "run_preflight",
     "show_comparison",
     "show_condition",
     "show_training",
+    "write_twin_film",
     "write_video",
 ]
 
 _MODULES = {
     "figures.films": ("Shot", "probe_encoder", "render_shots", "write_video"),
+    "figures.twin_film": (
+        "FilmLook",
+        "Panel",
+        "TwinFilm",
+        "render_paths",
+        "render_twin_films",
+        "write_twin_film",
+    ),
     "figures.show": ("show_comparison", "show_condition", "show_training"),
     "planning.plan": ("Plan", "Trial", "make_plan", "named_trial"),
     "preflight.check": ("Convention", "PreflightCheck", "run_preflight"),

@@ -13,10 +13,18 @@ from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.outcomes import task_title
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
+from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks.labels import Kind
 
 MODES_SHOWN = 6
 """Failure modes that the chart shows per policy; the CSV file of the trials has them all."""
+
+HOLM_NOTE = (
+    " Where an interval leaves out zero and p is large all the same, they answer two questions: the interval is about "
+    "this row alone, and p is multiplied for the number of axes that were looked at (Holm) and exact for few pairs. "
+    "Call only what passes p shown."
+)
+"""What the chart of the gaps adds where an interval and its p-value seem to contradict each other."""
 
 _PAIR = (("training", "Training"), ("variation", "Variation"))
 
@@ -73,12 +81,14 @@ def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     ]  # fmt: skip
     low = math.floor(min([0.0, *ends]) / GRID + 1e-9) * GRID
     high = math.ceil(max([GRID, *ends]) / GRID - 1e-9) * GRID
+    clear = [r.figure for g in groups for r in g.rows if (r.figure.low or 0.0) > 0.0 or (r.figure.high or 0.0) < 0.0]
+    doubtful = any((figure.p_value or 0.0) > DEFAULT_ALPHA for figure in clear)
     return Chart(
         "gap",
         "Illusion gap",
         "Success of the training twin minus success of the variation, in percentage points, with 95 % intervals and "
         "the exact McNemar test (Holm over the axes of a policy). Right of zero: the variation breaks what training "
-        "success seemed to show.",
+        f"success seemed to show.{HOLM_NOTE if doubtful else ''}",
         tuple(groups),
         Scale(low, high),
     )

@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
@@ -48,6 +49,7 @@ class Film:
     """The frames of a trial ("fast_food/T1/3"), and those of its counterfactual twin.
 
     ``evidence_s`` is the beginning and end of the span that shows the evidence [s]; frames inside it are marked.
+    ``clip`` is a film of both side by side (H.264 in MP4), for browsers that play it; the frames are for the others.
     """
 
     policy: str
@@ -56,6 +58,7 @@ class Film:
     twin: str | None = None
     twin_frames: tuple[Frame, ...] = ()
     evidence_s: tuple[float, float] | None = None
+    clip: bytes | None = None
 
     @property
     def key(self) -> str:
@@ -85,13 +88,13 @@ class Showing:
         return film_key(self.policy, self.trial)
 
 
-def trials_worth_showing(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
+def trials_worth_showing(diagnosis: RunDiagnosis, limit: int, *, repeats: bool = False) -> list[Showing]:
     """Return at most ``limit`` representative trials with the moments to render, the most telling first.
 
     Every kind of failure of every variation is shown before any is shown twice. Each pair of variation and label gives
-    one trial: the one whose evidence comes at the median time, preferably one whose twin succeeded. Reasoning failures
-    come first, then execution failures, then solved trials; within these the commonest pairs. Trials without a record
-    cannot be shown.
+    the trial whose evidence comes at the median time, preferably one whose twin succeeded; with ``repeats`` its other
+    trials follow after one of every pair. Reasoning failures come first, then execution failures, then solved trials;
+    within these the commonest pairs. Trials without a record cannot be shown.
     """
     if limit < 0:
         raise InvalidInputError("limit", f"{limit} is not a number of trials", "Give 0 or more")
@@ -101,19 +104,28 @@ def trials_worth_showing(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
         if trial.variation is not None:
             groups[trial.task, trial.variation, trial.label.value].append(trial)
     order = sorted(groups.items(), key=lambda item: (_KIND_RANK[item[1][0].kind], -len(item[1]), item[0]))
-    return [_showing(diagnosis.policy, _representative(trials, by_key), by_key) for _, trials in order[:limit]]
+    most = None if repeats else 1
+    rounds = zip_longest(*(_representative_first(trials, by_key)[:most] for _, trials in order))
+    chosen = [trial for one_each in rounds for trial in one_each if trial is not None]
+    return [_showing(diagnosis.policy, trial, by_key) for trial in chosen[:limit]]
 
 
-def _representative(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> TrialDiagnosis:
-    """Return the trial with the median time of evidence among those with the best twin."""
+def failures_in_question(diagnosis: RunDiagnosis) -> list[TrialDiagnosis]:
+    """Return every failed variation trial with a record, whose start image with the path is worth a look."""
+    return [t for t in diagnosis.trials if t.variation is not None and not t.success and t.record is not None]
+
+
+def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialDiagnosis]) -> list[TrialDiagnosis]:
+    """Return trials, those with the best twin first; of these, the one with the median time of evidence first."""
 
     def twin_rank(trial: TrialDiagnosis) -> int:
         twin = by_key.get(trial.twin_key or "")
         return 2 if twin is None else int(not twin.success)
 
     best = min(twin_rank(trial) for trial in trials)
-    chosen = sorted((t for t in trials if twin_rank(t) == best), key=lambda t: (t.evidence.start_s, t.seed))
-    return chosen[(len(chosen) - 1) // 2]
+    among = sorted((t for t in trials if twin_rank(t) == best), key=lambda t: (t.evidence.start_s, t.seed))
+    first = among[(len(among) - 1) // 2]
+    return [first, *sorted((t for t in trials if t is not first), key=lambda t: (twin_rank(t), t.seed))]
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from betterbench.errors import printable
 from betterbench.report.film import film_key
 from betterbench.report.html import LONGEST_TEXT
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.media import NO_MEDIA, Media
 
 
 class StringTable:
@@ -32,7 +34,7 @@ class StringTable:
         return self._numbers[text]
 
 
-def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> dict[str, Any]:
+def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], media: Media = NO_MEDIA) -> dict[str, Any]:
     """Return the data of the trial list; ``films`` numbers the films by key. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
@@ -42,6 +44,9 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int]) -> d
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,
+        "replay": {d.policy: media.replay_start(d.policy) for d in diagnoses},
+        "options": media.options,
+        "paths": {key: b64encode(image).decode("ascii") for key, image in media.paths.items()},
     }
 
 

@@ -32,7 +32,7 @@ class ConditionRow:
         hypothesis: What a right policy shows, or an empty string if the task is not known here.
         expected: What a right policy does, in words.
         instruction: The instruction, or the first of several.
-        changed: The interventions, as text.
+        twin_instruction: The instruction of the training condition that a variation is derived from.
         support: Whether the poses lie inside the training distribution, or an empty string.
         twin: Success rate of the counterfactual twins of the pairs in the run.
         segments: Outcomes, in the order of stacking, none empty.
@@ -47,7 +47,7 @@ class ConditionRow:
     hypothesis: str
     expected: str
     instruction: str
-    changed: tuple[str, ...]
+    twin_instruction: str
     support: str
     trial: Figure
     twin: Figure
@@ -96,8 +96,8 @@ def training_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
     return [
         ConditionRow(
             f"{task}/training", task, None, None, "training conditions", "", EXPECTED_NAMES["succeed"],
-            trials[0].instruction, (), "", _rate(diagnosis, f"{task}/training", trials), Figure(), Figure(),
-            segments_of(trials),
+            trials[0].instruction, trials[0].instruction, "", _rate(diagnosis, f"{task}/training", trials), Figure(),
+            Figure(), segments_of(trials),
         )
         for task, trials in sorted(groups.items())
     ]  # fmt: skip
@@ -133,7 +133,7 @@ def _variation_row(
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,
-        tuple(str(operation) for operation in known.interventions) if known is not None else (),
+        _twin_instruction(trials[0], found),
         known.support.value if known is not None else "",
         _rate(diagnosis, f"{task}/{name}", trials),
         _rate_of_twins(found, stopped=decided is not None),
@@ -141,6 +141,13 @@ def _variation_row(
         segments_of(trials),
         "" if answer is None else answer.verdict.words,
     )
+
+
+def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str:
+    """Return the instruction of the training condition of a variation trial: of the task, or else of a twin."""
+    known = task_of(trial.task)
+    told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""
+    return told or (twins[0].instruction if twins else trial.instruction)
 
 
 def _rate_of_twins(twins: list[TrialDiagnosis], *, stopped: bool) -> Figure:

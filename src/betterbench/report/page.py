@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
-from betterbench.report.charts import charts_of
+from betterbench.report.charts import charts_of, twin_figure
 from betterbench.report.drawing import Chart, draw, file_style
 from betterbench.report.exports import Export, exports_of
 from betterbench.report.film import Film, Frame
@@ -22,9 +22,11 @@ from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
+from betterbench.report.media import NO_MEDIA, Media
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.pretenders import pretender_views
 from betterbench.report.task_views import task_views
+from betterbench.report.wording import Figure
 from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
 
@@ -74,11 +76,12 @@ class Unfinished:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """The one film of the first screen: the frames around its evidence, and those of its twin."""
+    """A film on the first screen: the frames around its evidence, those of its twin, and one of each with a name."""
 
     shown: ShownFilm
     frames: tuple[Frame, ...]
     twin_frames: tuple[Frame, ...]
+    pair: tuple[tuple[Frame, str], ...] = ()
 
 
 def write_report(
@@ -87,6 +90,7 @@ def write_report(
     *,
     films: Mapping[str, Film] | None = None,
     latex: bool = True,
+    media: Media = NO_MEDIA,
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> Path:
@@ -94,7 +98,8 @@ def write_report(
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
     wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
-    ``machine`` and ``trust`` are texts by name ("processor", "Calibration").
+    ``films`` are those of ``media`` if not given; ``machine`` and ``trust`` are texts by name
+    ("processor", "Calibration").
 
     Raises:
         InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
@@ -106,11 +111,11 @@ def write_report(
     if twice:
         problem = f"policy {twice[0]!r} comes twice"
         raise InvalidInputError("diagnoses", problem, "Give each run's diagnosis its own policy name")
-    shown = _shown_films(diagnoses, films or {})
+    shown = _shown_films(diagnoses, media.films if films is None else films)
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
     exports = exports_of(diagnoses, tables)
     charts = _shown_charts(charts_of([d.even() for d in diagnoses]))
-    page = render_page(diagnoses, exports, charts, films=shown, latex=latex, machine=machine, trust=trust)
+    page = render_page(diagnoses, exports, charts, films=shown, media=media, latex=latex, machine=machine, trust=trust)
     folder, figures = out / "tables", out / "figures"
     for shown_chart in charts:
         write(figures / f"{shown_chart.chart.name}.svg", shown_chart.file)
@@ -127,17 +132,19 @@ def render_page(
     charts: Sequence[ShownChart],
     *,
     films: Sequence[ShownFilm] = (),
+    media: Media = NO_MEDIA,
     latex: bool = True,
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
 ) -> str:
     """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
     pages = environment()
-    pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural, group=_grouped)
+    pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural, group=_grouped, along=_along)
     script = asset("page.js")
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
     numbers = {shown.film.key: shown.number for shown in films}
+    matrices, unfilled = _matrices(diagnoses)
     return pages.get_template("page.html.jinja").render(
         diagnoses=diagnoses,
         headlines=headlines,
@@ -152,9 +159,14 @@ def render_page(
         charts=charts,
         tasks=task_views(diagnoses),
         films=films,
-        opening=_opening(headlines, films),
+        media=media,
+        instructions={(d.policy, t.key): t.instruction for d in diagnoses for t in d.trials},
+        opening=_opening(headlines[0], films) if len(diagnoses) == 1 else None,
+        openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
+        training_note=_training_note(diagnoses, headlines),
         trust=dict(trust or {}),
-        matrices=_matrices(diagnoses),
+        matrices=matrices,
+        unfilled=unfilled,
         legend=list(LEGEND.values()),
         labels=LEGEND,
         families=FAMILIES,
@@ -172,14 +184,23 @@ def render_page(
         style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
         script=Markup(script),  # noqa: S704 - our own file
         script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
-        data=Markup(script_json(listing_of(diagnoses, numbers))),  # noqa: S704 - made safe for a script element
+        data=Markup(script_json(listing_of(diagnoses, numbers, media))),  # noqa: S704 - made safe for a script element
     )
 
 
-def _matrices(diagnoses: Sequence[RunDiagnosis]) -> list[Matrix]:
-    """Return the diagnostic matrices that the runs fill, the short ones first."""
+def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
+    """Return the diagnostic matrices that the runs fill, the short ones first, and a sentence about each other one."""
     made = [matrices_of(diagnosis) for diagnosis in diagnoses]
-    return [m for m in (*(short for short, _ in made), *(long for _, long in made)) if m.measured]
+    every = (*(short for short, _ in made), *(long for _, long in made))
+    empty: dict[str, list[str]] = {}
+    for matrix in every:
+        if not matrix.measured:
+            empty.setdefault(matrix.title, []).append(matrix.policy)
+    unfilled = []
+    for title, policies in empty.items():
+        whose = "" if len(policies) == len(diagnoses) else f" of {listed(policies)}"
+        unfilled.append(f"{title}: no trial{whose} fills a cell.")
+    return [matrix for matrix in every if matrix.measured], unfilled
 
 
 def _shown_films(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, Film]) -> list[ShownFilm]:
@@ -211,20 +232,54 @@ def _shown_charts(charts: Sequence[Chart]) -> list[ShownChart]:
     ]
 
 
-def _opening(headlines: Sequence[Headline], films: Sequence[ShownFilm]) -> Opening | None:
-    """Return the film that shows the leading failure of a single policy, or None."""
-    failure = headlines[0].failure if len(headlines) == 1 else None
+def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
+    """Return the film that shows the leading failure of a policy, or None."""
+    failure = headline.failure
     if failure is None:
         return None
-    found = [shown for shown in films if shown.trial.label is failure.label and shown.trial.variation is not None]
+    mine = [s for s in films if s.film.policy == headline.policy and s.trial.variation is not None]
+    found = [shown for shown in mine if shown.trial.label is failure.label]
     shown = max(found, key=lambda s: bool(s.film.twin_frames), default=None)
     if shown is None:
         return None
     start = shown.trial.evidence.start_s
     acts = [frame.time_s for frame in shown.film.twin_frames if frame.caption in ("attempt", "evidence")]
+    moments = start, acts[0] if acts else start
+    sides = ((shown.film.frames, "this trial"), (shown.film.twin_frames, "its twin"))
     return Opening(
-        shown, _around(shown.film.frames, start), _around(shown.film.twin_frames, acts[0] if acts else start)
+        shown,
+        _around(shown.film.frames, moments[0]),
+        _around(shown.film.twin_frames, moments[1]),
+        tuple(
+            (min(frames, key=lambda frame: abs(frame.time_s - time_s)), what)
+            for (frames, what), time_s in zip(sides, moments, strict=True)
+            if frames
+        ),
     )
+
+
+def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
+    """Return why the trials of training are not as many everywhere, or an empty text where they are."""
+    all_of, twins_of = [], []
+    for diagnosis, headline in zip(diagnoses, headlines, strict=True):
+        twins, every = twin_figure(diagnosis.even(), lambda _: True), headline.training
+        if every.missing or twins.missing or twins.n == every.n:
+            continue
+        whose = "" if len(diagnoses) == 1 else f" of {diagnosis.policy}"
+        all_of.append(f"{every.n}{whose}")
+        twins_of.append(f"{twins.n}{whose}")
+    if not all_of:
+        return ""
+    return (
+        f"Here it counts every training trial ({listed(all_of)}); beside variations it counts their twins alone "
+        f"({listed(twins_of)}), which differ from them by nothing but the variation."
+    )
+
+
+def _along(figure: Figure, value: float) -> str:
+    """Return where a value lies on the strip under a number ("62.0%"): from 0 to 1, of a difference from -1 to 1."""
+    low = -1.0 if figure.difference else 0.0
+    return f"{100 * (min(max(value, low), 1.0) - low) / (1.0 - low):.1f}%"
 
 
 def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:

@@ -84,6 +84,17 @@ class LimitedView:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
+    def project(self, points: np.ndarray, camera: str) -> np.ndarray:
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera.
+
+        Raises what :meth:`open` raises.
+        """
+        numbers = np.ascontiguousarray(points, dtype=np.float64).tobytes()
+        found = self._ask({"project": camera}, numbers)
+        if 3 * len(found) != 2 * len(numbers):
+            raise self._refused("it gave another number of points")
+        return np.frombuffer(found).reshape(-1, 2)
+
     def close(self) -> None:
         """End the process."""
         self._process.kill()
@@ -99,7 +110,7 @@ class LimitedView:
         try:
             self._write(_QUESTION.pack(len(text), len(data)) + text + data, end)
             kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
-            if size > max(3 * self._size**2, 4 * _LONGEST_REASON):
+            if size > max(3 * self._size**2, 4 * _LONGEST_REASON, len(data)):
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
@@ -163,6 +174,11 @@ def draw_for_parent(quality: str, size: int) -> None:
                 model = load_model(_split(request["files"], data))
                 view = StoredView(model, quality_preset(quality), width=size, height=size)
                 kind, answer = _PIXELS, b""
+            elif view is None:
+                raise RecordError("stored scene: none is open. Run the trial again to store it.")
+            elif "project" in request:
+                pixels = view.project(np.frombuffer(data).reshape(-1, 3), request["project"])
+                kind, answer = _PIXELS, np.ascontiguousarray(pixels, dtype=np.float64).tobytes()
             else:
                 jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
                 kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request["camera"], jitter)
@@ -186,9 +202,7 @@ def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
     return files
 
 
-def _pixels(view: StoredView | None, qpos: np.ndarray, camera: str, jitter: ViewJitter) -> bytes:
-    if view is None:
-        raise RecordError("stored scene: none is open. Run the trial again to store it.")
+def _pixels(view: StoredView, qpos: np.ndarray, camera: str, jitter: ViewJitter) -> bytes:
     rgb = view.draw(qpos, camera, jitter=jitter).rgb
     if rgb is None:
         raise AssertionError("colors were asked for")

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import RecordError
-from betterbench.scenes.cameras import ViewPlacement
+from betterbench.scenes.cameras import ViewPlacement, camera_matrices
 from betterbench.scenes.rendering import Images, Renderer
 from betterbench.scenes.stage import Quality
 from betterbench.state import NO_JITTER, ViewJitter
@@ -77,6 +77,11 @@ class StoredView:
             self._jitter, self._placement = jitter, ViewPlacement(self._model, jitter)
         self._placement.apply(self._data)
         return self._renderer.render(self._data, camera, depth=depth, masks=masks)
+
+    def project(self, points: np.ndarray, camera: str) -> np.ndarray:
+        """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera."""
+        size = {"width": self._renderer.width, "height": self._renderer.height}
+        return camera_matrices(self._model, self._data, camera, **size).project(points)[0]
 
     def close(self) -> None:
         """Free the renderer."""

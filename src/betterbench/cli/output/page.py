@@ -1,55 +1,161 @@
-"""The report of runs with its film strips, which are rendered from the records."""
+"""The report of runs with its films, which are rendered from the records."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
+from typing import NamedTuple
 
-from betterbench.cli.console import progress_bar, say
-from betterbench.diagnosis import RunDiagnosis, diagnose_run
+from betterbench.cli.console import ERR, progress_bar, say
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.errors import MissingDependencyError
-from betterbench.evaluation import Shot, render_shots
-from betterbench.recording import RunFolder
-from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
+from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
+from betterbench.recording import RunFolder, run_names
+from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
+from betterbench.report.headline import verdict_line
+from betterbench.report.legend import LEGEND
+from betterbench.report.media import Media, Thumbnails
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
+from betterbench.statistics.wording import plural
+from betterbench.tasks.user_files import options_for
+
+THUMBNAIL_PX = 200
+"""Side of the images on the cards of variations [px]."""
 
 SOLVED_FILMS = 2
-"""Largest number of solved trials per run that are shown as film strips: they look much alike."""
+"""Largest number of solved trials per run that are shown as films: they look much alike."""
 
 
-def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: int) -> Path:
-    """Diagnose runs, render the moments that show their failures, and return the page that was written.
+class BuiltReport(NamedTuple):
+    """The page of a report, and the verdict on each of its runs in one line."""
 
-    The ``films`` trials that are shown as film strips, at most, are shared by the runs.
+    page: Path
+    verdicts: tuple[str, ...]
+
+
+def build_report(
+    runs: Sequence[RunFolder], out: Path, *, names: Sequence[str] = (), latex: bool, films: int
+) -> BuiltReport:
+    """Diagnose runs, render the moments that show their failures, and return the page with the verdicts.
+
+    The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
     """
-    diagnoses = [diagnose_run(run) for run in runs]
+    called = run_names(runs, names)
+    diagnoses = [diagnose_run(run).named(name) for run, name in zip(runs, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
-    shown: dict[str, Film] = {}
-    share = films // max(1, len(runs))
-    try:
-        for run, diagnosis in zip(runs, diagnoses, strict=True):
-            shown |= _films(run, _choice(diagnosis, share))
-    except MissingDependencyError as error:
-        say(f"no film strips: {error}")
-    return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    media = Media()
+    if films > 0:
+        try:
+            media = _media(runs, diagnoses, films)
+        except MissingDependencyError as error:
+            say(f"no films: {error}")
+    media = replace(media, folders={d.policy: str(run.path) for d, run in zip(diagnoses, runs, strict=True)})
+    media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
+    page = write_report(diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
 
 
-def _choice(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:
-    """Return the trials to film: failures, and a few solved ones for comparison."""
+def print_verdicts(verdicts: Sequence[str]) -> None:
+    """Print verdicts as the last lines of the terminal, on standard error."""
+    for verdict in verdicts:
+        ERR.print(verdict, markup=False, style="bold", soft_wrap=True)
+
+
+def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
+    """Return the trials to film, the most telling first: failures, and a few solved ones for comparison."""
     solved = {t.key for t in diagnosis.trials if t.success}
-    showings = trials_worth_showing(diagnosis, len(diagnosis.trials))
+    showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
     failed = [s for s in showings if s.trial not in solved]
-    return (failed + [s for s in showings if s.trial in solved][:SOLVED_FILMS])[:limit]
+    return failed + [s for s in showings if s.trial in solved][:SOLVED_FILMS]
 
 
-def _films(run: RunFolder, showings: Sequence[Showing]) -> dict[str, Film]:
+def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int) -> Media:
+    """Render films of at most so many trials, shared by the runs, and one image of each other failure."""
+    one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
+    chosen = [showing for turn in one_each for showing in turn if showing is not None][:films]
+    failed = {d.policy: failures_in_question(d) for d in diagnoses}
+    filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
+    more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
+    rest = f", and the start of {more} more failures with the path of the gripper" if more else ""
+    say(
+        f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "
+        f"{f'--films {count} films every failure, ' if more else ''}--films 0 renders nothing."
+    )
+    shown: dict[str, Film] = {}
+    paths: dict[str, bytes] = {}
+    thumbnails: dict[str, Thumbnails] = {}
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        mine = [s for s in chosen if s.policy == diagnosis.policy]
+        shown |= _films(run, diagnosis, mine)
+        left = [t for t in failed[diagnosis.policy] if film_key(diagnosis.policy, t.key) not in filmed]
+        paths |= _paths(run, diagnosis, left)
+        thumbnails |= _thumbnails(run, diagnosis, thumbnails)
+    return Media(shown, paths, thumbnails)
+
+
+def _films(run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing]) -> dict[str, Film]:
     wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
-    with progress_bar("film strips", len(wanted)) as (bar, task):
+    trials = {t.key: t for t in diagnosis.trials}
+    with progress_bar(f"film strips of {diagnosis.policy}", len(wanted)) as (bar, task):
         images = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
-    return {s.key: _film(s, images) for s in showings}
+    with progress_bar(f"films of {diagnosis.policy}", len(showings)) as (bar, task):
+        clips = render_twin_films(
+            run,
+            [[panel_of(trials[key], heading) for key, heading in _sides(s)] for s in showings],
+            on_progress=lambda done, _: bar.update(task, completed=done),
+        )
+    return {s.key: replace(_film(s, images), clip=film.clip) for s, film in zip(showings, clips, strict=True)}
+
+
+def _sides(showing: Showing) -> list[tuple[str, str]]:
+    twin = [] if showing.twin is None else [(showing.twin, "training twin")]
+    return [(showing.trial, "this trial"), *twin]
+
+
+def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
+    """Return the side of a twin film that shows a trial."""
+    place = trial.variation or trial.condition
+    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name)
+
+
+def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis]) -> dict[str, bytes]:
+    """Return the start image with the path of each trial, and of its twin if the run has its record."""
+    recorded = {t.key for t in diagnosis.trials if t.record is not None}
+    twins = [t.twin_key for t in failed if t.twin_key in recorded]
+    wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
+    places = {key: _shot(key, 0.0) for key in wanted}
+    with progress_bar(f"paths of {diagnosis.policy}", len(wanted)) as (bar, task):
+        images = render_paths(
+            run,
+            [(s.task, s.condition, s.seed) for s in places.values()],
+            on_progress=lambda done, _: bar.update(task, completed=done),
+        )
+    return {film_key(diagnosis.policy, key): images[s.task, s.condition, s.seed] for key, s in places.items()}
+
+
+def _thumbnails(run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails]) -> dict[str, Thumbnails]:
+    """Return the scenes of variations that have none yet: one trial at reset, beside its twin."""
+    recorded = {t.key for t in diagnosis.trials if t.record is not None}
+    chosen: dict[str, TrialDiagnosis] = {}
+    for trial in diagnosis.trials:
+        name = f"{trial.task}/{trial.variation}"
+        if trial.variation is None or trial.record is None or name in made:
+            continue
+        if name not in chosen or (trial.twin_key in recorded and chosen[name].twin_key not in recorded):
+            chosen[name] = trial
+    twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
+    wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
+    with progress_bar("scenes of the variations", len(wanted)) as (bar, task):
+        images = render_shots(
+            run, wanted, size=THUMBNAIL_PX, on_progress=lambda done, _: bar.update(task, completed=done)
+        )
+    by_key = {f"{shot.task}/{shot.condition}/{shot.seed}": image for shot, image in images.items()}
+    return {name: Thumbnails(by_key[t.key], by_key.get(t.twin_key or "")) for name, t in chosen.items()}
 
 
 def _moments(showing: Showing) -> list[tuple[str, float]]:

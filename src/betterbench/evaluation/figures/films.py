@@ -70,8 +70,11 @@ def write_video(
     camera: str = "front",
     size: int = 512,
     out: Path | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write the video of a recorded trial (H.264 in MP4), by default into the run's folder; return its path.
+
+    ``on_progress`` is called with the number of frames done and planned.
 
     Raises:
         InvalidInputError: If the size [pixel] is odd.
@@ -91,6 +94,8 @@ def write_video(
             for row in range(len(record)):
                 rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+                if on_progress is not None:
+                    on_progress(row + 1, len(record))
             container.mux(stream.encode(None))
     part.replace(path)
     return path

@@ -73,7 +73,7 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
     size = panels[0][2].width
     pad = size // 24
     big, small = ImageFont.load_default(size / 22), ImageFont.load_default(size / 28)
-    lines = [_wrap(text, small, size) for _, text, _ in panels]
+    lines = [wrap_text(text, small, size) for _, text, _ in panels]
     row = round(size / 20)
     top = 2 * pad + row
     caption = row * (1 + max(len(block) for block in lines)) + pad
@@ -89,7 +89,8 @@ def _side_by_side(head: str, *panels: tuple[str, str, Image.Image]) -> Image.Ima
     return sheet
 
 
-def _wrap(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
+def wrap_text(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
+    """Return the lines of an instruction in quotation marks that fit into a width [px]."""
     lines: list[str] = []
     for word in f"“{text}”".split():
         candidate = f"{lines[-1]} {word}" if lines else word

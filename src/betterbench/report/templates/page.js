@@ -80,10 +80,13 @@
   });
 
   const early = (a, b) => (a === null ? Infinity : a) - (b === null ? Infinity : b) || 0;
+  const KINDS = ["reasoning", "execution", "system", "right"];
+  const place = (t) => KINDS.indexOf(t.kind) + (t.variation === null ? KINDS.length : 0);
   const rank = (t) => Object.keys(data.labels).indexOf(t.label);
   const SORTS = {
+    "failures first": (a, b) => place(a) - place(b),
+    "outcome": (a, b) => (a.kind === "right") - (b.kind === "right") || rank(a) - rank(b),
     "plan order": null,
-    "outcome, failures first": (a, b) => (a.kind === "right") - (b.kind === "right") || rank(a) - rank(b),
     "seed": (a, b) => a.seed - b.seed,
     "time of the evidence": (a, b) => early(a.start, b.start),
     "duration, longest first": (a, b) => (b.duration || 0) - (a.duration || 0),
@@ -125,7 +128,7 @@
   function clear() {
     Object.values(selects).forEach((s) => { s.value = ALL; });
     search.value = "";
-    sort.value = "plan order";
+    sort.selectedIndex = 0;
   }
   const link = (href, content) => { const a = make("a", "", content); a.href = href; return a; };
   const routeOf = (t) => `#trial=${encodeURIComponent(t.policy)}/${t.key}`;
@@ -165,10 +168,29 @@
     if (twin) times.append(timeline(twin, `Its training twin: ${label(twin)[0].toLowerCase()}`));
     box.append(times);
     const go = make("p", "go");
-    go.append(link(routeOf(t), "PolicyConnection to this trial"), link(`#task=${t.task}`, "Its task"));
+    go.append(link(routeOf(t), "Link to this trial"), link(`#task=${t.task}`, "Its task"));
     if (twin) go.append(link(routeOf(twin), "Open the twin"));
     if (t.film >= 0) go.append(link(`#film-${t.film}`, "Its film"));
     box.append(go);
+    if (t.film < 0) {
+      const pair = make("div", "pathpair");
+      [[t, "This trial"], [twin, "Its training twin"]].forEach(([one, title]) => {
+        const image = one && data.paths[`${one.policy} ${one.key}`];
+        if (!image) return;
+        const figure = make("figure");
+        const picture = make("img");
+        picture.src = `data:image/jpeg;base64,${image}`;
+        picture.alt = `Start of ${one.key} with the path of the end effector`;
+        figure.append(make("figcaption", "", `${title}: “${one.instruction}”`), picture);
+        pair.append(figure);
+      });
+      if (pair.children.length) box.append(pair);
+    }
+    if (t.record !== null && data.replay[t.policy]) {
+      const command = make("p", "replay");
+      command.append(make("span", "", "Replay this "), make("code", "", `${data.replay[t.policy]}${t.record} --twin${data.options}`));
+      box.append(command);
+    }
     if (t.film >= 0) {
       const strips = document.querySelector(`#film-${t.film} .strips`);
       if (strips) box.append(strips.cloneNode(true));
@@ -275,6 +297,10 @@
   }
   window.addEventListener("hashchange", route);
 
+  document.querySelectorAll("video.clip").forEach((clip) => {
+    clip.addEventListener("error", () => clip.classList.add("broken"));  // the stills below show the same
+    if (!clip.canPlayType("video/mp4; codecs=avc1.64000a")) clip.classList.add("broken");
+  });
   document.querySelectorAll("button[data-png]").forEach((button) => {
     button.hidden = false;
     button.addEventListener("click", () => {

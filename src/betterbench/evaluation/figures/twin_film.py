@@ -1,0 +1,274 @@
+"""Twin films: a recorded trial beside its training twin, with instructions, clock, labels and the gripper's path."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import av
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.figures.show import wrap_text
+from betterbench.recording import Record, RunFolder
+from betterbench.scenes.limited import LimitedView
+
+OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
+"""Colors of the path while the gripper is told to be open and to be closed."""
+
+_PAPER, _INK, _SOFT, _HALO = (253, 252, 250), (28, 30, 33), (92, 96, 102), (255, 255, 255)
+_CONTROLS = 0.14
+"""Room below the images for the controls of a player, which hide what is there while a film stands still."""
+
+_HOLD_S = 1.0
+"""How long the film stays on the start image with the whole path, and on the last state [s of the film]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One side of a twin film: a trial of a run, what stands above it, and how it ended.
+
+    Attributes:
+        heading: What it is ("this trial, fast_food/T1/3").
+        ended: Its outcome ("Semantic feature collapse").
+    """
+
+    task: str
+    condition: str
+    seed: int
+    heading: str
+    ended: str
+
+    @property
+    def trial(self) -> tuple[str, str, int]:
+        """Task, condition and seed."""
+        return self.task, self.condition, self.seed
+
+
+@dataclass(frozen=True, slots=True)
+class FilmLook:
+    """How a film is drawn.
+
+    Attributes:
+        size: Side of each image [px, even].
+        rate_hz: Frames per second of the film.
+        longest_s: Time for the motion [s of the film]; a longer trial is played faster. None to play all at their pace.
+    """
+
+    camera: str = "front"
+    size: int = 240
+    rate_hz: int = 6
+    longest_s: float | None = 8.0
+    quality: str = "fast"
+
+    def __post_init__(self) -> None:
+        if self.size % 2 or self.size < 64:
+            raise InvalidInputError("--size", f"{self.size} pixels", "Give an even number of at least 64 pixels")
+
+
+@dataclass(frozen=True, slots=True)
+class TwinFilm:
+    """A film as H.264 in MP4, and its first image as JPEG: the start of both trials with the whole paths."""
+
+    clip: bytes
+    still: bytes
+
+
+def render_paths(
+    run: RunFolder,
+    trials: Sequence[tuple[str, str, int]],
+    *,
+    look: FilmLook = FilmLook(),
+    on_progress: Callable[[int, int], None] | None = None,
+) -> dict[tuple[str, str, int], bytes]:
+    """Return one JPEG per trial (task, condition, seed): its start image with the path of the end effector drawn over.
+
+    Raises:
+        RecordError: If a record or a scene is missing or unreadable.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    images: dict[tuple[str, str, int], bytes] = {}
+    with _views(look, 1 if trials else 0) as views:
+        for trial in dict.fromkeys(trials):
+            images[trial] = _jpeg(_Side(views[0], run, trial, look).start)
+            if on_progress is not None:
+                on_progress(len(images), len(trials))
+    return images
+
+
+def render_twin_films(
+    run: RunFolder,
+    films: Sequence[Sequence[Panel]],
+    *,
+    look: FilmLook = FilmLook(),
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[TwinFilm]:
+    """Return films of a trial beside its twin, or of one trial alone; ``on_progress`` gets those done and planned.
+
+    Raises what :func:`render_paths` raises.
+    """
+    made: list[TwinFilm] = []
+    with _views(look, max(map(len, films), default=0)) as views:
+        for panels in films:
+            target = io.BytesIO()
+            still = _film(views, run, panels, look, target, None)
+            made.append(TwinFilm(target.getvalue(), _jpeg(still)))
+            if on_progress is not None:
+                on_progress(len(made), len(films))
+    return made
+
+
+def write_twin_film(
+    run: RunFolder,
+    panels: Sequence[Panel],
+    path: Path,
+    *,
+    look: FilmLook,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write one film of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    with part.open("wb") as target, _views(look, len(panels)) as views:
+        _film(views, run, panels, look, target, on_progress)
+    part.replace(path)
+    return path
+
+
+@contextmanager
+def _views(look: FilmLook, count: int) -> Iterator[list[LimitedView]]:
+    """Start processes that draw, one for each side of a film."""
+    with ExitStack() as stack:
+        yield [stack.enter_context(LimitedView(quality=look.quality, size=look.size)) for _ in range(count)]
+
+
+def _film(
+    views: Sequence[LimitedView],
+    run: RunFolder,
+    panels: Sequence[Panel],
+    look: FilmLook,
+    target: BinaryIO,
+    on_progress: Callable[[int, int], None] | None,
+) -> Image.Image:
+    """Encode a film and return its first image."""
+    sides = [_Side(view, run, panel.trial, look) for view, panel in zip(views, panels, strict=False)]
+    layout = _Layout([(p, s.record.metadata.instruction) for p, s in zip(panels, sides, strict=True)], look.size)
+    lasting_s = max(side.duration_s for side in sides)
+    speed = max(1.0, lasting_s / look.longest_s) if look.longest_s else 1.0
+    times = np.append(np.arange(0.0, lasting_s, speed / look.rate_hz), lasting_s)
+    hold = round(_HOLD_S * look.rate_hz)
+    still = layout.sheet([side.start for side in sides], "start, with the whole path")
+    with av.open(target, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=look.rate_hz, options={"crf": "27", "preset": "veryfast"})
+        stream.width, stream.height = still.size
+        stream.pix_fmt = "yuv420p"
+        for number, sheet in enumerate(_sheets(still, sides, layout, times, hold), 1):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.asarray(sheet), format="rgb24")))
+            if on_progress is not None:
+                on_progress(number, len(times) + 2 * hold)
+        container.mux(stream.encode(None))
+    return still
+
+
+def _sheets(
+    still: Image.Image, sides: Sequence[_Side], layout: _Layout, times: np.ndarray, hold: int
+) -> Iterator[Image.Image]:
+    yield from [still] * hold
+    sheet = still
+    for time_s in times:
+        sheet = layout.sheet([side.at(time_s) for side in sides], f"{time_s:.1f} s")
+        yield sheet
+    yield from [sheet] * hold
+
+
+class _Side:
+    """The images of one recorded trial, with the path of its end effector."""
+
+    def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
+        self.record: Record = run.read_record(*trial)
+        self._view, self._look, self._jitter = view, look, self.record.metadata.view_jitter
+        view.open(run.load_scene(self.record.metadata.scene_hash))
+        self._last: tuple[int, Image.Image] | None = None
+        first = self._draw(0)
+        self._pixels = self._view.project(self.record.ee_position, look.camera)
+        self.start = self._with_path(first, len(self.record))
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the trial [s]."""
+        return (len(self.record) - 1) / self.record.metadata.control_rate_hz
+
+    def at(self, time_s: float) -> Image.Image:
+        """Return the state at a time [s], the last one after the end, with the path so far."""
+        row = min(round(time_s * self.record.metadata.control_rate_hz), len(self.record) - 1)
+        if self._last is None or self._last[0] != row:
+            self._last = row, self._with_path(self._draw(row), row + 1)
+        return self._last[1]
+
+    def _draw(self, row: int) -> Image.Image:
+        return Image.fromarray(self._view.draw(self.record.qpos[row], self._look.camera, jitter=self._jitter))
+
+    def _with_path(self, image: Image.Image, rows: int) -> Image.Image:
+        """Return an image with the path of the first rows: blue with an open gripper, orange with a closed one."""
+        drawn, scale = image.copy(), 2
+        large = drawn.resize((scale * drawn.width, scale * drawn.height), Image.Resampling.BICUBIC)
+        pen, thick = ImageDraw.Draw(large), max(2, round(drawn.width / 90)) * scale // 2
+        pixels = scale * self._pixels[:rows]
+        closed = self.record.gripper_command[:rows] > 0.0
+        pieces = [
+            (i, tuple(map(tuple, pixels[i : i + 2]))) for i in range(rows - 1) if np.isfinite(pixels[i : i + 2]).all()
+        ]
+        for _, line in pieces:
+            pen.line(line, fill=_HALO, width=thick + scale + 1)
+        for i, line in pieces:
+            pen.line(line, fill=CLOSED if closed[i + 1] else OPEN, width=thick)
+        for row, round_mark in ((0, True), (rows - 1, False)):
+            if np.isfinite(pixels[row]).all():
+                x, y = pixels[row]
+                box = (x - 1.6 * thick, y - 1.6 * thick, x + 1.6 * thick, y + 1.6 * thick)
+                color = CLOSED if closed[row] else OPEN
+                (pen.ellipse if round_mark else pen.rectangle)(box, fill=_HALO if round_mark else color, outline=color)
+        return large.resize(drawn.size, Image.Resampling.LANCZOS)
+
+
+class _Layout:
+    """Places images side by side: heading, instruction and outcome above each, the clock in its corner."""
+
+    def __init__(self, panels: Sequence[tuple[Panel, str]], size: int) -> None:
+        self._size, self._pad = size, max(8, size // 30)
+        self._panels = panels
+        self._font, self._small = ImageFont.load_default(max(11, size / 22)), ImageFont.load_default(max(10, size / 26))
+        self._row = round(1.3 * max(11, size / 22))
+        self._texts = [wrap_text(said, self._font, size) for _, said in panels]
+        self._ends = self._pad + self._row * (1 + max(map(len, self._texts)))
+        self._top = self._ends + self._row + self._pad // 2
+        height = self._top + size + round(_CONTROLS * size)
+        width = self._pad + (size + self._pad) * len(panels)
+        self._extent = width + width % 2, height + height % 2
+
+    def sheet(self, images: Sequence[Image.Image], clock: str) -> Image.Image:
+        """Return one frame."""
+        sheet = Image.new("RGB", self._extent, _PAPER)
+        pen = ImageDraw.Draw(sheet)
+        for i, ((panel, _), lines, image) in enumerate(zip(self._panels, self._texts, images, strict=True)):
+            x = self._pad + i * (self._size + self._pad)
+            pen.text((x, self._pad), panel.heading, fill=_SOFT, font=self._small)
+            for j, line in enumerate(lines, 1):
+                pen.text((x, self._pad + j * self._row), line, fill=_INK, font=self._font)
+            sheet.paste(image, (x, self._top))
+            pen.text((x, self._ends), panel.ended, fill=CLOSED, font=self._font)
+            wide = self._small.getlength(clock)
+            pen.rectangle((x, self._top, x + wide + self._pad, self._top + self._row), fill=_PAPER)
+            pen.text((x + self._pad // 2, self._top + 1), clock, fill=_INK, font=self._small)
+        return sheet
+
+
+def _jpeg(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=80, optimize=True)
+    return buffer.getvalue()
