@@ -7,15 +7,33 @@ import inspect
 import logging
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import tyro
 
 from betterbench.cli.console import ERR, say
 from betterbench.errors import BetterError
+
+LogLevel = Literal["debug", "info", "warning", "error"]
+LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
+"""Environment variable that carries the level of the log to worker processes (read by ``prepare_process``)."""
+
+
+@dataclass(slots=True)
+class Telling:
+    """How much the program says about itself, as the command line asks for it."""
+
+    traceback: bool = False
+
+    def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
+        """Set the level of the log of this process and of the workers that it starts."""
+        os.environ[LOG_LEVEL_VARIABLE] = level.upper()
+        logging.getLogger("betterbench").setLevel(level.upper())
+        self.traceback = with_traceback
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +44,11 @@ class Verb:
     summary: str
     takes_tasks: bool = True
 
-    def load(self) -> Callable[..., None]:
-        """Import the function."""
+    def load(self, telling: Telling) -> Callable[..., None]:
+        """Import the function, and give it the options that every verb has."""
         module, _, name = self.function.partition(":")
         function: Callable[..., None] = getattr(importlib.import_module(f"betterbench.cli.{module}"), name)
-        return _with_task_files(function) if self.takes_tasks else function
+        return _with_log_options(_with_task_files(function) if self.takes_tasks else function, telling)
 
 
 VERBS: dict[str, Verb] = {
@@ -59,14 +77,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    logging.basicConfig(level=logging.WARNING, format="%(message)s", stream=sys.stderr)
+    logging.basicConfig(format="%(message)s", stream=sys.stderr)
     given = list(sys.argv[1:] if arguments is None else arguments)
+    telling = Telling()
     try:
         if given and given[0] in VERBS:
-            tyro.cli(VERBS[given[0]].load(), prog=f"better {given[0]}", args=given[1:])
+            tyro.cli(VERBS[given[0]].load(telling), prog=f"better {given[0]}", args=given[1:])
         else:
             _show_overview(given)
     except BetterError as error:
+        if telling.traceback:
+            traceback.print_exc()
         ERR.print("[bold red]error:[/] ", end="")
         say(str(error))
         return EXIT_BAD_INPUT
@@ -80,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show_overview(given: Sequence[str]) -> None:
-    """Print the verbs, or what is wrong with a command line that names none of them; always exits."""
+    """Print the verbs, what is wrong with a command line that names none, or a script for the shell; always exits."""
 
     def stand_in(summary: str) -> Callable[[], None]:
         def verb() -> None: ...
@@ -88,29 +109,51 @@ def _show_overview(given: Sequence[str]) -> None:
         verb.__doc__ = summary
         return verb
 
+    completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
     tyro.extras.subcommand_cli_from_dict(
-        {name: stand_in(verb.summary) for name, verb in VERBS.items()},
+        {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
         prog="better",
         description="Find out why a Vision-Language-Action policy fails.\n\nExample: better eval --help",
         args=list(given),
     )
 
 
+def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:
+    """Return a verb that also takes ``--log-level`` and ``--traceback``."""
+
+    def verb(*args: object, log_level: LogLevel = "warning", traceback: bool = False, **options: object) -> None:
+        telling.begin(log_level, with_traceback=traceback)
+        function(*args, **options)
+
+    return _with_options(
+        verb,
+        function,
+        log_level="How much is logged on standard error, also by worker processes.",
+        traceback="Also print where in the code an error was raised.",
+    )
+
+
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
     """Return a verb that also takes ``--task-file``, and loads these files before it does anything else."""
-    hints = get_type_hints(function, include_extras=True)
-    hints["task_file"] = tyro.conf.UseAppendAction[tuple[Path, ...]]
 
-    def verb(*args: object, task_file: tuple[Path, ...] = (), **options: object) -> None:
+    def verb(*args: object, task_file: tyro.conf.UseAppendAction[tuple[Path, ...]] = (), **options: object) -> None:
         from betterbench.tasks.user_files import load_task_files
 
         load_task_files(task_file)
         function(*args, **options)
 
-    option = inspect.signature(verb).parameters["task_file"]
+    text = "Python file that defines tasks or assets of your own; may be given several times."
+    return _with_options(verb, function, task_file=text)
+
+
+def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
+    """Give a function that stands around a verb the options, hints and help of both; ``texts`` are help by option."""
+    added = inspect.signature(verb).parameters
+    hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)
-    text = "    task_file: Python file that defines tasks or assets of your own; may be given several times."
-    verb.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n{text}"
-    verb.__annotations__ = hints
-    vars(verb)["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
+    lines = [inspect.cleandoc(function.__doc__ or ""), *(f"    {name}: {text}" for name, text in texts.items())]
+    verb.__doc__ = "\n".join(lines)
+    verb.__annotations__ = {**hints, **{name: get_type_hints(verb, include_extras=True)[name] for name in texts}}
+    parameters = [*signature.parameters.values(), *(added[name] for name in texts)]
+    vars(verb)["__signature__"] = signature.replace(parameters=parameters)
     return verb
