@@ -6,13 +6,49 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import sysconfig
+import traceback
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 
 class BetterError(Exception):
     """Base of all deliberate errors; its text is one clear line for a person."""
+
+
+_INSTALLED = {sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib")}
+_OURS = str(Path(__file__).resolve().parent)
+
+
+def raised_at(problem: BaseException) -> str:
+    """Return where in somebody's own code an exception was raised ("my_policy.py, line 12, in act"), or an empty text.
+
+    It is the innermost place outside betterbench, the standard library and installed packages; the file is named as
+    seen from the working directory.
+    """
+    frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
+    if isinstance(problem, SyntaxError) and problem.filename:
+        frames.append((problem.filename, problem.lineno, ""))
+    for name, line, function in reversed(frames):
+        if name.startswith("<") or any(Path(name).is_relative_to(folder) for folder in (_OURS, *_INSTALLED)):
+            continue
+        file = Path(name)
+        with contextlib.suppress(OSError, ValueError):
+            file = file.relative_to(Path.cwd())
+        inside = f", in {function}" if function and not function.startswith("<") else ""
+        return f"{file}, line {line}{inside}"
+    return ""
+
+
+def described(problem: BaseException) -> str:
+    """Return an exception of somebody's own code in one line: its type, its text and where it was raised."""
+    place = raised_at(problem)
+    said = problem.msg if isinstance(problem, SyntaxError) and place else problem
+    text = " ".join(f"{type(problem).__name__}: {said}".split()).removesuffix(":")
+    return f"{text} ({place})" if place else text
 
 
 class UnknownNameError(BetterError):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 
 import pytest
 
 from betterbench.cli.main import VERBS, main
+from betterbench.recording import RunFolder
 from betterbench.tasks import all_tasks
 
 
@@ -17,6 +20,29 @@ def run(capsys, *arguments):
         status = stop.code or 0
     captured = capsys.readouterr()
     return status, captured.out, captured.err
+
+
+BREAKS = """
+from betterbench.policies import Noop
+
+class Mine(Noop):
+    def act(self, observation):
+        raise KeyError("wrist")
+"""
+
+
+def test_a_run_in_which_every_trial_broke_is_no_success(capsys, tmp_path):
+    (tmp_path / "mine.py").write_text(BREAKS, encoding="utf-8")
+    arguments = ["--policy", f"python:{tmp_path / 'mine.py'}:Mine", "--tasks", "morning_coffee", "--variations", "T1"]
+    arguments += ["--trials", "1", "--workers", "1", "--observation", "state_only", "--out", str(tmp_path / "run")]
+    for last in ((), ("--json",)):
+        status, out, err = run(capsys, "eval", *arguments, *last)
+        assert status == 2
+        said = " ".join(err.split())
+        assert "broke, so nothing was measured. morning_coffee/T1/0: KeyError: 'wrist' (" in said
+        assert "mine.py, line 6, in act)" in said
+    assert json.loads(out)["variations"] == {"k": 0, "n": 1}
+    assert RunFolder.open(tmp_path / "run").entries()[0].status == "done"
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +67,26 @@ def test_lists_are_json_on_request(capsys, what):
     listed = json.loads(out)
     assert status == 0
     assert listed
+
+
+@pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
+def test_lists_are_read_at_80_columns(capsys, monkeypatch, what):
+    """No line is wider, no row takes more than three lines, and nothing of a row is left out."""
+    monkeypatch.setattr("betterbench.cli.console.OUT._width", 80)
+    _, listed, _ = run(capsys, "list", what, "--json")
+    rows = json.loads(listed)
+    _, out, _ = run(capsys, "list", what)
+    lines = out.splitlines()
+    assert max(map(len, lines)) <= 80
+    names = [next(iter(row.values())) for row in rows]
+    starts = [next(i for i, line in enumerate(lines) if line.split("  ")[0].strip() == name) for name in names]
+    longest = 3 if what in ("tasks", "templates", "variations") else 2
+    assert all(b - a <= longest for a, b in itertools.pairwise(starts)), out
+    words = set(re.split(r"[\s,.:]+", out))
+    for row in rows:
+        for name, value in row.items():
+            if name != "axis":
+                assert set(re.split(r"[\s,.:]+", value)) <= words | {""}, value
 
 
 def test_variations_are_counted_by_axis(capsys):
@@ -122,6 +168,21 @@ def test_another_plan_in_the_same_folder_is_refused(capsys, small_run):
     assert "plan" in err
 
 
+@pytest.mark.parametrize("options", [(), ("--check",), ("--twin",)])
+def test_nothing_that_is_no_record_is_called_damaged_or_to_be_deleted(capsys, small_run, tmp_path, options):
+    (tmp_path / "thesis.parquet").write_bytes(b"years of work")
+    for path in (small_run, small_run / "records", tmp_path / "thesis.parquet", tmp_path):
+        status, out, err = run(capsys, "replay", str(path), *options)
+        said = err.replace("\n", " ")
+        assert status == 2
+        assert not out
+        assert "delete" not in said.lower()
+        assert "RUN/records/TASK/CONDITION/SEED.parquet" in said or "morning_coffee" in said
+        if path.is_dir():
+            assert "is a folder" in said
+            assert "damaged" not in said
+
+
 def test_replay_checks_bit_for_bit(capsys, small_run):
     record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     status, out, _ = run(capsys, "replay", str(record), "--check", "--json")
@@ -154,6 +215,26 @@ def test_report_is_one_page(capsys, small_run, tmp_path):
     assert out.strip().endswith("index.html")
     assert "zoo:lexical" in page
     assert "data:image/jpeg" in page
+
+
+def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):
+    """In one line, after everything else; what a script reads from standard output is the path of the page."""
+    line = "zoo:lexical: "
+    _, out, _ = run(capsys, "diagnose", str(small_run), "--keep")
+    assert out.splitlines()[-1].startswith(line)
+    status, out, err = run(capsys, "report", str(small_run), str(small_run), "--out", str(tmp_path), "--films", "0")
+    assert status == 0
+    assert out.replace("\n", "").endswith("index.html")
+    assert [text.startswith("zoo:lexical (run) #") for text in err.splitlines()[-2:]] == [True, True]
+    names = ("--name", "before", "--name", "after")
+    _, _, err = run(capsys, "report", str(small_run), str(small_run), *names, "--out", str(tmp_path), "--films", "0")
+    assert [text.partition(":")[0] for text in err.splitlines()[-2:]] == ["before", "after"]
+    assert "(training " in err.splitlines()[-1]
+    status, _, err = run(capsys, "compare", str(small_run), str(tmp_path), "--name", "only")
+    assert status == 2
+    status, _, err = run(capsys, "report", str(small_run), "--name", "a", "--name", "b", "--out", str(tmp_path))
+    assert status == 2
+    assert "--name: there are 2 names for 1 run" in err.replace("\n", " ")
 
 
 @pytest.mark.render

@@ -122,11 +122,56 @@ def test_a_file_that_cannot_be_loaded_is_named(tmp_path, source):
         load_plugin(f"{file}:Mine")
 
 
-def test_what_a_plugin_raises_itself_is_not_hidden(tmp_path):
+@pytest.mark.parametrize(
+    ("source", "text"),
+    [
+        (
+            "class Mine:\n    def __init__(self):\n        raise ZeroDivisionError\n",
+            "ZeroDivisionError .*line 3, in __init__",
+        ),
+        ("import math\n\nmath.sqrt(-1)\n", r"ValueError: .* \(.*angry\.py, line 3\)"),
+        ("class Mine:\n  def (:\n", r"SyntaxError: .* \(.*angry\.py, line 2\)"),
+        ("import json\nVALUE = json.loads('{')\n", r"JSONDecodeError: .* \(.*angry\.py, line 2\)"),
+        ("raise SystemExit(3)\n", r"SystemExit: 3 \(.*angry\.py, line 1\)"),
+    ],
+)
+def test_what_a_plugin_raises_itself_is_one_line_with_its_place(tmp_path, source, text):
     file = tmp_path / "angry.py"
-    file.write_text("class Mine:\n    def __init__(self):\n        raise ZeroDivisionError\n", encoding="utf-8")
-    with pytest.raises(ZeroDivisionError):
+    file.write_text(source, encoding="utf-8")
+    with pytest.raises(InvalidInputError, match=text) as caught:
         load_plugin(f"{file}:Mine")
+    assert "\n" not in str(caught.value)
+
+
+ARGUMENTS = """
+from betterbench.policies import Noop
+
+class Mine(Noop):
+    def __init__(self, checkpoint, horizon: int = 4, *, fast=False, note="x"):
+        self.given = (checkpoint, horizon, fast, note)
+"""
+
+
+def test_an_address_passes_arguments(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(ARGUMENTS, encoding="utf-8")
+
+    def given(query):
+        return load_plugin(f"{file}:Mine?{query}").given
+
+    assert given("checkpoint=a/b.pt") == ("a/b.pt", 4, False, "x")
+    assert given("checkpoint=hub:me/pi0&horizon=8&fast=true") == ("hub:me/pi0", 8, True, "x")
+    assert given("checkpoint=%228%22&note=a%26b%3Dc%20d") == ("8", 4, False, "a&b=c d")
+    assert given("checkpoint=&horizon=0.5&note=null") == ("", 0.5, False, None)
+    for wrong, text in (
+        ("", "cannot be called without arguments"),
+        ("checkpoint=1&horzon=2", "unexpected keyword argument 'horzon'.*It takes checkpoint, horizon, fast, note"),
+        ("checkpoint=1&checkpoint=2", "'checkpoint' is given twice"),
+        ("checkpoint", "'checkpoint' is no argument"),
+    ):
+        with pytest.raises(InvalidInputError, match=text):
+            given(wrong)
+    assert PolicyFactory(f"python:{file}:Mine?checkpoint=1").info.metadata["source file"].startswith("mine.py, sha256")
 
 
 @pytest.mark.parametrize("address", ["expert", "zoo:lexical", "noop", "random"])

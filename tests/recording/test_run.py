@@ -229,6 +229,40 @@ def test_another_plan_is_refused_with_the_first_difference(tmp_path, plan, messa
         RunFolder.start(tmp_path / "run", plan)
 
 
+def trials(*names: str) -> list[dict[str, object]]:
+    return [{"task": name, "seed": 0} for name in names]
+
+
+def test_a_plan_with_more_trials_takes_the_place_of_the_stored_one(tmp_path) -> None:
+    few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
+    more = {**few, "trials": trials("c", "b", "a"), "task_versions": {"a": 1, "b": 1, "c": 1}}
+    RunFolder.start(tmp_path / "run", few, context={"machine": "a"})
+    grown = RunFolder.start(tmp_path / "run", more)
+    assert grown == RunFolder.open(tmp_path / "run")
+    assert grown.plan["trials"] == more["trials"]
+    assert grown.context["machine"] == "a"
+    assert [(e["trials_before"], e["done_before"]) for e in grown.context["extended"]] == [(2, 0)]
+    with pytest.raises(RunConflictError, match="has 3 trials, and this command asks for 2 of them"):
+        RunFolder.start(tmp_path / "run", few)
+    assert RunFolder.start(tmp_path / "run", more) == grown
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"trials": trials("a", "c", "d")},  # one of the stored trials is missing
+        {"trials": trials("a", "b", "c"), "policy": "noop"},
+        {"trials": trials("a", "b", "c"), "task_versions": {"a": 2, "b": 1, "c": 1}},
+    ],
+)
+def test_a_plan_that_changes_what_is_there_is_no_larger_plan(tmp_path, change) -> None:
+    few = {**PLAN, "trials": trials("a", "b"), "task_versions": {"a": 1, "b": 1}}
+    stored = RunFolder.start(tmp_path / "run", few)
+    with pytest.raises(RunConflictError, match="another one"):
+        RunFolder.start(tmp_path / "run", {**few, **change})
+    assert RunFolder.open(tmp_path / "run") == stored
+
+
 def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(RunConflictError, match="holds other files and no run"):

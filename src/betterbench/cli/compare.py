@@ -13,6 +13,7 @@ from betterbench.cli.console import print_json
 def compare_command(
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
+    name: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     alpha: float = 0.05,
     sequential: bool = False,
     allow_mixed: bool = False,
@@ -24,6 +25,7 @@ def compare_command(
 
     Args:
         runs: Folders of the runs, two or more.
+        name: Name of a run in the tables, once per run and in their order; that of its policy if not given.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at runs that are still going.
         allow_mixed: Compare runs of different versions or engines all the same.
@@ -32,7 +34,7 @@ def compare_command(
     from betterbench.cli.output.comparison import print_comparison
     from betterbench.comparison import compare, load_sides
 
-    sides = load_sides(runs, allow_mixed=allow_mixed)
+    sides = load_sides(runs, names=name, allow_mixed=allow_mixed)
     result = compare(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
     if json:
         print_json(result.to_json())

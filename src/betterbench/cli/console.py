@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,16 @@ ERR = Console(stderr=True, highlight=False, emoji=False)
 def print_json(document: object) -> None:
     """Print one JSON document on standard output."""
     sys.stdout.write(json.dumps(document, indent=2, ensure_ascii=False, sort_keys=False) + "\n")
+
+
+def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows whose last column is prose: each in a line of its own, with the prose below it, indented."""
+    widths = [max(map(len, column)) for column in zip(columns[:-1], *(row[:-1] for row in rows), strict=True)]
+    for number, (*cells, prose) in enumerate((columns, *rows)):
+        line = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
+        OUT.print(line, markup=False, style="bold" if not number else None)
+        for part in textwrap.wrap(prose, max(20, OUT.width - 4)) if number else ():
+            OUT.print(f"    {part}", markup=False, style="dim")
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:

@@ -26,13 +26,15 @@ def demo_command(
         films: Largest number of film strips in the report.
     """
     from betterbench.cli.evaluate import default_folder, run_with_bar
-    from betterbench.cli.output.page import build_report
+    from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.evaluation import make_plan
 
     runs = []
-    for policy in POLICIES:
+    for number, policy in enumerate(POLICIES, 1):
         plan = make_plan(policy, tasks=TASKS, trials=trials)
-        runs.append(run_with_bar(plan, out / default_folder(policy), workers=workers))
-        say(f"{policy}: {len(plan.trials)} trials done")
-    page = build_report(runs, out / "report", latex=True, films=films)
+        which = f"policy {number} of {len(POLICIES)}: {policy}"
+        say(f"{which}, {len(plan.trials)} trials")
+        runs.append(run_with_bar(plan, out / default_folder(policy), label=which, workers=workers))
+    page, verdicts = build_report(runs, out / "report", latex=True, films=films)
     OUT.print(f"report: {page}", markup=False, soft_wrap=True)
+    print_verdicts(verdicts)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from betterbench.cli.console import print_json, say
+from betterbench.cli.console import OUT, print_json, say
 
 
 def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool = False, json: bool = False) -> None:
@@ -29,6 +29,7 @@ def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool =
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
+    from betterbench.report.headline import verdict_line
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
@@ -49,3 +50,4 @@ def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool =
     print_standing(result.policy, standing_of(result))
     if changes is not None and changes.any:
         print_changes(changes)
+    OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=True)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
 
+RENDERING_SHARE = 0.4
+"""Share of the time of the trials from which on the end of a run says that rendering takes it."""
+
 LOG_EVERY_S = 60.0
 """How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
 
@@ -211,14 +214,16 @@ def prepare_robot(name: str) -> None:
         build_robot_spec(name, progress=on_progress)
 
 
-def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
+def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
     """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
+
+    The bar is called by the policy, or by the ``label``.
 
     The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
     """
     from betterbench.cli.tally import RunTally, service_text
     from betterbench.evaluation import evaluate
-    from betterbench.evaluation.running.summary import policy_service
+    from betterbench.evaluation.running.summary import policy_service, rendering_share
     from betterbench.evaluation.trials.policy_factory import needs_no_thread
     from betterbench.recording import RunFolder
 
@@ -226,7 +231,7 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
     tally, folder = RunTally(), RunFolder(out, {}, {})
     ended: list[JournalEntry] = []
     elapsed_s = next_line_s = 0.0
-    with progress_bar(plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
+    with progress_bar(label or plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
 
         def on_progress(progress: Progress) -> None:
             nonlocal elapsed_s, next_line_s
@@ -240,12 +245,19 @@ def run_with_bar(plan: Plan, out: Path, **options: Any) -> RunFolder:  # noqa: A
             bar.update(task, completed=progress.done, note=note)
             if not ERR.is_terminal and elapsed_s >= next_line_s:
                 next_line_s = elapsed_s + LOG_EVERY_S
-                say(f"{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
+                start = "" if label is None else f"{label}: "
+                say(f"{start}{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
 
         run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress)
     answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
     if answers:
         say(f"policy: {answers}")
+    share = rendering_share(ended)
+    if share is not None and share >= RENDERING_SHARE:
+        say(
+            f"rendering: {100 * share:.0f} % of the time of the trials went into the images that the policy sees. "
+            "A graphics card, --quality fast or --observation state_only (if the policy needs no images) is faster."
+        )
     return run
 
 
@@ -259,6 +271,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     counts = run_counts(run, seeds=None if decided is None else decided.first_seeds)
     if json:
         print_json({**counts, **({} if decided is None else {"until_decided": decided.to_json()})})
+        _require_a_trial(run)
         return
     if decided is not None:
         trials = sum(e.status == "done" for e in run.entries())
@@ -273,8 +286,25 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     broken = counts["errors"]["k"]
     if broken:
         OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
+    failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
+    if failed:
+        text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
+        OUT.print(text, markup=False, soft_wrap=True)
     following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}\nnext        {following}", markup=False)
+    _require_a_trial(run)
+
+
+def _require_a_trial(run: RunFolder) -> None:
+    """Raise PolicyError, with what broke first, if every trial broke: in the policy, its server or outside of both."""
+    from betterbench.errors import PolicyError
+    from betterbench.evaluation.running.summary import broken_trials
+
+    broken = broken_trials(run)
+    if broken and len(broken) == len(run.entries()):
+        first = broken[0]
+        counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
+        raise PolicyError(f"{counted} broke, so nothing was measured. {first.key}: {first.message or 'no message'}")
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:

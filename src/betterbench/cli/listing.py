@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, print_table
+from betterbench.cli.console import OUT, print_json, print_listing, print_table
 
 What = Literal["tasks", "variations", "policies", "assets", "templates"]
 
@@ -24,13 +24,24 @@ def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = Fa
     if json:
         print_json([dict(zip(columns, row, strict=True)) for row in rows])
         return
-    if what == "variations":
-        rows = [[name, axis.replace("_", " "), *rest] for name, axis, *rest in rows]
-    print_table(columns, rows)
-    if what == "variations":
+    if what == "tasks":
+        shown = [[name, title, n, varied, f"{template}: {said}"] for name, title, template, n, varied, said in rows]
+        print_listing(["task", "title", "training", "variations", ""], shown)
+    elif what == "templates":
+        print_listing(
+            [*columns[:2], ""], [[name, title, f"{said} Tasks: {tasks}."] for name, title, tasks, said in rows]
+        )
+    elif what == "variations":
+        print_table(["variation", *columns[2:]], [[name, *rest] for name, _, *rest in rows])
+        axes = {name.split("/")[1][0]: axis.replace("_", " ") for name, axis, *_ in rows}
         letters = [row[0].split("/")[1][0] for row in rows]
         counts = ", ".join(f"{letters.count(letter)} {letter}" for letter in "LROT")
         OUT.print(f"\n{len(rows)} variations: {counts}", markup=False)
+        OUT.print(", ".join(f"{letter}: {axes[letter]}" for letter in "LROT" if letter in axes), markup=False)
+    else:
+        print_table(columns, rows)
+    if what == "variations":
+        OUT.print("support: whether every pose that it needs was seen in training", markup=False)
     elif what == "policies":
         OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
 

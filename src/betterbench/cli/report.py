@@ -13,6 +13,7 @@ from betterbench.cli.console import OUT
 def report_command(
     run: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
+    name: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     out: Path | None = None,
     latex: bool = True,
     films: int = 40,
@@ -25,13 +26,15 @@ def report_command(
 
     Args:
         run: Folder of a run; several are put side by side.
+        name: Name of a run on the page, once per run and in their order; that of its policy if not given.
         out: Folder of the report; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Largest number of trials to show as film strips; 0 for none.
     """
-    from betterbench.cli.output.page import build_report
+    from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.recording import RunFolder
 
     runs = [RunFolder.open(path) for path in run]
-    page = build_report(runs, out or runs[0].report_path, latex=latex, films=films)
-    OUT.print(str(page), markup=False)
+    page, verdicts = build_report(runs, out or runs[0].report_path, names=name, latex=latex, films=films)
+    OUT.print(str(page), markup=False, soft_wrap=True)
+    print_verdicts(verdicts)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, run_names, told_apart
 from betterbench.tasks import TrialId
 
 _PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
@@ -22,7 +21,7 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: What it is called: the address of its policy, with the name of its folder where two are alike.
+        name: What it is called: the name that its policy declared, with the name of its folder where two are alike.
         unfinished: Keys of planned trials that neither ended nor broke down yet.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
@@ -34,11 +33,11 @@ class Side:
     conventions: dict[str, str] = field(default_factory=dict)
 
 
-def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Side, ...]:
-    """Read and diagnose the runs of a comparison.
+def load_sides(paths: Sequence[Path], *, names: Sequence[str] = (), allow_mixed: bool = False) -> tuple[Side, ...]:
+    """Read and diagnose the runs of a comparison, which are called by ``names`` if these are given.
 
     Raises:
-        InvalidInputError: If fewer than two runs are given, or one of them twice.
+        InvalidInputError: If fewer than two runs are given, or one of them twice, or the names do not fit.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If a run mixes versions or engines and that is not allowed.
     """
@@ -48,23 +47,15 @@ def load_sides(paths: Sequence[Path], *, allow_mixed: bool = False) -> tuple[Sid
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
         raise InvalidInputError("runs", f"{twice} is given twice", "Name every run once")
-    return name_sides([_load(path, allow_mixed=allow_mixed) for path in paths])
+    runs = [RunFolder.open(path) for path in paths]
+    called = run_names(runs, names)
+    return tuple(_load(run, name, allow_mixed=allow_mixed) for run, name in zip(runs, called, strict=True))
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
     """Return the sides with names that tell them apart: a folder is added where two runs are of one policy."""
-    policies = Counter(s.diagnosis.policy for s in sides)
-    named = [
-        s.diagnosis.policy
-        if policies[s.diagnosis.policy] == 1
-        else f"{s.diagnosis.policy} ({Path(s.path).name or number})"
-        for number, s in enumerate(sides, 1)
-    ]
-    again = Counter(named)
-    return tuple(
-        replace(s, name=name if again[name] == 1 else f"{name} #{number}")
-        for number, (s, name) in enumerate(zip(sides, named, strict=True), 1)
-    )
+    names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
+    return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
 
 def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
@@ -82,12 +73,11 @@ def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # 
     return found | versions
 
 
-def _load(path: Path, *, allow_mixed: bool) -> Side:
-    run = RunFolder.open(path)
+def _load(run: RunFolder, name: str, *, allow_mixed: bool) -> Side:
     diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
     ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
-    return Side(diagnosis.policy, diagnosis, str(path), unfinished, side_conventions(run.plan, diagnosis.versions))
+    return Side(name, diagnosis, str(run.path), unfinished, side_conventions(run.plan, diagnosis.versions))
 
 
 def _shown(value: object) -> str:

@@ -201,6 +201,10 @@ class RunDiagnosis:
         """Return the diagnosis with its even trials alone, for numbers over several variations."""
         return replace(self, trials=self.even_trials)
 
+    def named(self, name: str) -> RunDiagnosis:
+        """Return the diagnosis under another name of its policy, in every trial too."""
+        return replace(self, policy=name, trials=tuple(replace(t, policy=name) for t in self.trials))
+
     @property
     def planned(self) -> int:
         """Number of planned trials."""

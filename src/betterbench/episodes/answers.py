@@ -8,7 +8,7 @@ from types import TracebackType
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, described
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import PrivilegedPolicy, WorldState
 
@@ -81,7 +81,7 @@ class PolicyBoundary:
     ) -> None:
         """Raise PolicyError if the policy failed."""
         if isinstance(problem, (Exception, SystemExit)) and not isinstance(problem, (PolicyError, HandshakeError)):
-            raise PolicyError(f"{type(problem).__name__}: {problem}") from problem
+            raise PolicyError(described(problem)) from problem
 
 
 POLICY_BOUNDARY = PolicyBoundary()

@@ -1,4 +1,4 @@
-"""Plain Python policies: ``python:module:Class`` or ``python:path/to/file.py:Class``."""
+"""Plain Python policies: ``python:module:Class`` or ``python:path/to/file.py:Class``, with ``?key=value`` arguments."""
 
 from __future__ import annotations
 
@@ -6,25 +6,28 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
+from urllib.parse import unquote
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError, described
 from betterbench.interface import Policy, PolicyInfo
 
 
 def load_plugin(address: str) -> Policy:
-    """Return an instance of a class that a user wrote ("module:Class" or "file.py:Class"), made without arguments.
+    """Return an instance of a class that a user wrote.
 
-    Raises InvalidInputError if the module, the class or one of the methods is missing.
+    The address is "module:Class" or "file.py:Class". Arguments of the class follow as in a URL ("?checkpoint=a/b&k=8"):
+    a value that reads as JSON (8, 0.5, true, null, "8") is that value, any other one is a text.
+
+    Raises InvalidInputError if the module, the class, one of the methods or an argument is missing or unknown, or the
+    class cannot be made.
     """
-    where, separator, name = address.rpartition(":")
-    if not separator or not where or not name:
-        raise InvalidInputError(
-            f"policy python:{address}", "it names no class", "Write python:module:Class or python:file.py:Class"
-        )
+    where, name, arguments = _parts(address)
     module = _load_file(Path(where)) if where.endswith(".py") else _load_module(where)
     try:
         made = getattr(module, name)
@@ -32,7 +35,7 @@ def load_plugin(address: str) -> Policy:
         raise InvalidInputError(
             f"policy python:{address}", f"{where} has no {name!r}", "Name a class of that module"
         ) from None
-    policy = _instance(address, name, made)
+    policy = _instance(address, name, made, arguments)
     for needed in ("info", "reset", "act"):
         if not hasattr(policy, needed):
             raise InvalidInputError(
@@ -51,22 +54,57 @@ def load_plugin(address: str) -> Policy:
 
 def source_of(address: str) -> str:
     """Return name and fingerprint of the file that a plugin was loaded from in this process; empty if there is none."""
-    where = address.rpartition(":")[0]
+    where = address.partition("?")[0].rpartition(":")[0]
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
     return f"{Path(path).name}, sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()}"
 
 
-def _instance(address: str, name: str, made: Callable[[], Policy]) -> Policy:
-    """Call a plugin's class without arguments; what it raises itself is its author's to see."""
-    try:
-        inspect.signature(made).bind()
-    except (TypeError, ValueError) as error:
+def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
+    """Return the module or file of an address, its class, and the arguments by name."""
+    path, _, query = address.partition("?")
+    where, separator, name = path.rpartition(":")
+    if not separator or not where or not name:
         raise InvalidInputError(
-            f"policy python:{address}", f"{name} cannot be called without arguments ({error})", "Give defaults to all"
-        ) from None
-    return made()
+            f"policy python:{address}", "it names no class", "Write python:module:Class or python:file.py:Class"
+        )
+    arguments: dict[str, Any] = {}
+    for part in query.split("&") if query else ():
+        key, separator, value = part.partition("=")
+        key = unquote(key)
+        if not separator or not key.isidentifier() or key in arguments:
+            problem = f"argument {key!r} is given twice" if key in arguments else f"{part!r} is no argument"
+            raise InvalidInputError(f"policy python:{address}", problem, "Write ?key=value&key=value, each key once")
+        arguments[key] = _value(unquote(value))
+    return where, name, arguments
+
+
+def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return text
+
+
+def _instance(address: str, name: str, made: Callable[..., Policy], arguments: dict[str, Any]) -> Policy:
+    """Call a plugin's class with the arguments of its address."""
+    takes = "none"
+    try:
+        signature = inspect.signature(made)
+        takes = ", ".join(signature.parameters) or takes
+        signature.bind(**arguments)
+    except (TypeError, ValueError) as error:
+        how = "with these arguments" if arguments else "without arguments"
+        cure = f"It takes {takes}: write python:…:{name}?key=value, or give defaults to all"
+        raise InvalidInputError(f"policy python:{address}", f"{name} cannot be called {how} ({error})", cure) from None
+    try:
+        return made(**arguments)
+    except BetterError:
+        raise
+    except (Exception, SystemExit) as error:
+        problem = f"{name} cannot be made: {described(error)}"
+        raise InvalidInputError(f"policy python:{address}", problem, "Correct it") from error
 
 
 def _load_module(name: str) -> ModuleType:
@@ -80,9 +118,9 @@ def _load_module(name: str) -> ModuleType:
         sys.path.insert(0, str(Path.cwd()))
     try:
         return importlib.import_module(name)
-    except (ImportError, SyntaxError) as error:
+    except (Exception, SystemExit) as error:
         raise InvalidInputError(
-            f"policy python:{name}", f"the module cannot be imported ({error})", "Install it or run beside it"
+            f"policy python:{name}", f"the module cannot be imported: {described(error)}", "Install it or run beside it"
         ) from error
 
 
@@ -97,8 +135,8 @@ def _load_file(path: Path) -> ModuleType:
     sys.modules[spec.name] = module  # dataclasses look the module of their class up there
     try:
         spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
+    except (Exception, SystemExit) as error:
         raise InvalidInputError(
-            f"policy python:{path}", f"it cannot be loaded ({error})", "Correct the file"
+            f"policy python:{path}", f"it cannot be loaded: {described(error)}", "Correct the file"
         ) from error
     return module

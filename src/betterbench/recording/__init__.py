@@ -11,6 +11,7 @@ from betterbench.recording.parquet import read_outcome, read_record, record_byte
 from betterbench.recording.record import Record
 from betterbench.recording.retries import RetryLedger
 from betterbench.recording.run import RunFolder, first_difference
+from betterbench.recording.run_names import run_names, told_apart
 
 __all__ = [
     "SCHEMA_VERSION",
@@ -32,6 +33,8 @@ __all__ = [
     "read_outcome",
     "read_record",
     "record_bytes",
+    "run_names",
+    "told_apart",
     "write_durably",
     "write_record",
 ]

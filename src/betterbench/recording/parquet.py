@@ -130,7 +130,7 @@ def _seal_span(data: bytes) -> tuple[int, int]:
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(
-            "is damaged or no record; choose a file of a run, or delete it and run the same command again"
+            "is damaged or no record; choose a file of a run (RUN/records/TASK/CONDITION/SEED.parquet), or restore it"
         )
     return spans[0]
 
@@ -160,13 +160,15 @@ def read_outcome(path: Path) -> Outcome:
 
 def _intact(path: Path) -> bytes:
     """Return the content of a record's file; raise RecordError if it is too large or damaged."""
+    if path.is_dir():
+        raise RecordError("is a folder; give one file of RUN/records (RUN/records/TASK/CONDITION/SEED.parquet)")
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
         raise RecordError(f"{size} bytes are more than the limit of {MAX_FILE_BYTES}; this is not a record")
     data = path.read_bytes()
     # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
     if seal(data) != data:
-        raise RecordError("is damaged (its digest does not fit); delete it and run the same command again")
+        raise RecordError("is damaged (its digest does not fit); restore it, or run its trial again")
     return data
 
 
@@ -182,7 +184,7 @@ def _reading(path: Path) -> Iterator[None]:
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
         raise RecordError(
-            f"{path}: is damaged or no record ({said}); delete it and run the same command again."
+            f"{path}: is damaged or no record ({said}). Choose a file of a run, or restore it."
         ) from error
 
 

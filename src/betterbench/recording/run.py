@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,10 +58,11 @@ class RunFolder:
 
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
-        """Create a run, or resume the one in the folder if it has the same plan.
+        """Create a run, or resume the one in the folder if it has the same plan, or one with fewer of the same trials.
 
         The folder is made if missing, and ``run.json`` is written before anything else. A resumed run keeps the
-        context of its first start.
+        context of its first start. A plan with more trials takes the place of the stored one, and the context notes
+        when.
 
         Raises:
             RunConflictError: If the folder holds a run with another plan, other files, or is being written to.
@@ -82,6 +84,14 @@ class RunFolder:
                 _copy_task_files(path, wanted["plan"])
                 return cls(path, wanted["plan"], wanted["context"])
         existing = cls.open(path)
+        if holds_more(wanted["plan"], existing.plan):
+            existing = existing._grown(wanted["plan"])
+        if holds_more(existing.plan, wanted["plan"]):
+            there, asked = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
+            raise RunConflictError(
+                f"{path}: the run in this folder has {there} trials, and this command asks for {asked} of them. Give "
+                "as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
+            )
         difference = first_difference(existing.plan, wanted["plan"], "plan")
         if difference is not None:
             where, there, asked = difference
@@ -129,6 +139,17 @@ class RunFolder:
         """
         form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": {**self.context, **changes}}
         form = json.loads(dump_json(form))
+        with RunLock(self.path / LOCK_NAME):
+            write_durably(self.path / "run.json", _run_json(form))
+        return RunFolder(self.path, form["plan"], form["context"])
+
+    def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
+        """Write a plan that holds this one and more, and return the run."""
+        done = sum(entry.status == "done" for entry in self.entries())
+        at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
+        context = {**self.context, "extended": [*self.context.get("extended", []), step]}
+        form = json.loads(dump_json({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": context}))
         with RunLock(self.path / LOCK_NAME):
             write_durably(self.path / "run.json", _run_json(form))
         return RunFolder(self.path, form["plan"], form["context"])
@@ -249,6 +270,27 @@ def _remove_parts(folder: Path) -> None:
     """Delete half-written files of a killed process; the caller holds the lock of the run."""
     for part in folder.rglob(f".*{PART_SUFFIX}"):
         part.unlink(missing_ok=True)
+
+
+_GROWING = ("trials", "task_versions", "task_files")
+"""Parts of a plan that may be larger when a run is continued; a trial that is planned already stays as it is."""
+
+
+def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Return whether a plan has every trial of another one and more, and is the same in everything else."""
+    rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
+    if dump_json(rest) != dump_json(others):
+        return False
+    for name in _GROWING:
+        mine, theirs = plan.get(name, []), other.get(name, [])
+        if isinstance(mine, dict) and isinstance(theirs, dict):
+            mine, theirs = list(mine.items()), list(theirs.items())
+        if not (isinstance(mine, list) and isinstance(theirs, list)):
+            return False
+        known = {dump_json(item) for item in mine}
+        if not all(dump_json(item) in known for item in theirs):
+            return False
+    return len(plan.get("trials", [])) > len(other.get("trials", []))
 
 
 def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:

@@ -57,7 +57,7 @@ def read_scene(path: Path) -> dict[str, bytes]:
     except FileNotFoundError:
         raise RecordError(f"{path}: the scene is not stored. Run the trial again to store it.") from None
     except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, OSError) as error:
-        raise RecordError(f"{path}: is damaged ({error}). Delete it and run the trial again.") from error
+        raise RecordError(f"{path}: is damaged ({error}). Restore it, or run the trial again.") from error
 
 
 def _member_problem(name: str) -> str | None:

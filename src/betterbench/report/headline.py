@@ -112,6 +112,14 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     )
 
 
+def verdict_line(diagnosis: RunDiagnosis) -> str:
+    """Return the verdict on a run in one line for a terminal: the policy, the conclusion and the two success rates."""
+    headline = headline_of(diagnosis)
+    rates = (("training", headline.training), ("variations", headline.variations))
+    counts = ", ".join(f"{name} {figure.count()}" for name, figure in rates if not figure.missing)
+    return f"{headline.policy}: {headline.conclusion.rstrip('.')}{f' ({counts})' if counts else ''}."
+
+
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
     """Return the leading failure mode of variation trials with its counts, or None without failures."""
     failed = [trial for trial in trials if trial.kind is not Kind.NONE]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from betterbench.cli.console import progress_bar, say
+from betterbench.cli.console import ERR, progress_bar, say
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import MissingDependencyError
 from betterbench.evaluation import Shot, render_shots
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, trials_worth_showing
+from betterbench.report.headline import verdict_line
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 
@@ -18,12 +20,22 @@ SOLVED_FILMS = 2
 """Largest number of solved trials per run that are shown as film strips: they look much alike."""
 
 
-def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: int) -> Path:
-    """Diagnose runs, render the moments that show their failures, and return the page that was written.
+class BuiltReport(NamedTuple):
+    """The page of a report, and the verdict on each of its runs in one line."""
+
+    page: Path
+    verdicts: tuple[str, ...]
+
+
+def build_report(
+    runs: Sequence[RunFolder], out: Path, *, names: Sequence[str] = (), latex: bool, films: int
+) -> BuiltReport:
+    """Diagnose runs, render the moments that show their failures, and return the page with the verdicts.
 
     The ``films`` trials that are shown as film strips, at most, are shared by the runs.
     """
-    diagnoses = [diagnose_run(run) for run in runs]
+    called = run_names(runs, names)
+    diagnoses = [diagnose_run(run).named(name) for run, name in zip(runs, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
@@ -34,7 +46,14 @@ def build_report(runs: Sequence[RunFolder], out: Path, *, latex: bool, films: in
             shown |= _films(run, _choice(diagnosis, share))
     except MissingDependencyError as error:
         say(f"no film strips: {error}")
-    return write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    page = write_report(diagnoses, out, films=shown, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
+
+
+def print_verdicts(verdicts: Sequence[str]) -> None:
+    """Print verdicts as the last lines of the terminal, on standard error."""
+    for verdict in verdicts:
+        ERR.print(verdict, markup=False, style="bold", soft_wrap=True)
 
 
 def _choice(diagnosis: RunDiagnosis, limit: int) -> list[Showing]:

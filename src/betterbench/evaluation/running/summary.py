@@ -26,6 +26,17 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
     return counts
 
 
+def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
+    """Return the entries of the trials that broke: without a record, or with an error of the policy at its end."""
+    return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
+
+
+def rendering_share(entries: Iterable[JournalEntry]) -> float | None:
+    """Return the share of the time of trials that went into their observations, mostly images; None without trials."""
+    walls = [e.wall for e in entries if "observe_s" in e.wall and e.wall.get("total_s", 0.0) > 0.0]
+    return sum(w["observe_s"] for w in walls) / sum(w["total_s"] for w in walls) if walls else None
+
+
 @dataclass(frozen=True, slots=True)
 class PolicyService:
     """How a policy answered over several trials.

@@ -22,7 +22,11 @@ PLAIN = {
 }
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
-    "python": PolicyEntry("python:MODULE:CLASS", "Your own class with info, reset and act.", privileged=False),
+    "python": PolicyEntry(
+        "python:MODULE:CLASS",
+        "Your own class with info, reset and act; arguments follow as ?key=value.",
+        privileged=False,
+    ),
 }
 CONNECTED = {
     "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
