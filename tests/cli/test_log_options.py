@@ -57,9 +57,9 @@ def test_a_level_that_does_not_exist_is_refused_by_the_verb_and_ignored_by_a_wor
 @pytest.mark.slow
 def test_a_run_logs_its_trials_if_asked(tmp_path):
     arguments = ["eval", "--policy", "noop", "--tasks", "fast_food", "--variations", "L1", "--trials", "1"]
+    more = ["--observation", "state_only", "--log-level", "info", "--workers", "1", "--out", str(tmp_path / "run")]
     done = subprocess.run(
-        [sys.executable, "-m", "betterbench.cli", *arguments, "--observation", "state_only", "--log-level", "info"]
-        + ["--workers", "1", "--out", str(tmp_path / "run")],
+        [sys.executable, "-m", "betterbench.cli", *arguments, *more],
         capture_output=True,
         text=True,
         check=True,
@@ -94,5 +94,5 @@ def bash_script():
 def test_bash_completes_verbs_and_their_options(bash_script, typed, offered):
     words = " ".join(f"'{word}'" for word in typed)
     ask = f'COMP_WORDS=({words}); COMP_CWORD={len(typed) - 1}; _tyro_better; printf "%s\\n" "${{COMPREPLY[@]}}"'
-    done = subprocess.run(["bash", "-c", f"{bash_script}\n{ask}"], capture_output=True, text=True, check=False)
+    done = subprocess.run(["/bin/bash", "-c", f"{bash_script}\n{ask}"], capture_output=True, text=True, check=False)
     assert offered <= {line.strip() for line in done.stdout.splitlines()}, done.stderr

@@ -38,17 +38,34 @@ class Telling:
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb; ``function`` is "module:name" within this package, ``takes_tasks`` whether users' files may matter."""
+    """A verb of the command line.
+
+    Attributes:
+        function: Its "module:name" within this package.
+        takes_tasks: Whether users' files may matter.
+        takes_run_file: Whether its options may stand in a file.
+    """
 
     function: str
     summary: str
     takes_tasks: bool = True
+    takes_run_file: bool = False
 
     def load(self, telling: Telling) -> Callable[..., None]:
         """Import the function, and give it the options that every verb has."""
         module, _, name = self.function.partition(":")
         function: Callable[..., None] = getattr(importlib.import_module(f"betterbench.cli.{module}"), name)
+        if self.takes_run_file:
+            function = _with_run_file(function)
         return _with_log_options(_with_task_files(function) if self.takes_tasks else function, telling)
+
+    def words(self, given: Sequence[str]) -> list[str]:
+        """Return the words of a command line, with the options of a run file in its place."""
+        if not self.takes_run_file:
+            return list(given)
+        from betterbench.cli.run_file import with_run_file
+
+        return with_run_file(given)
 
 
 VERBS: dict[str, Verb] = {
@@ -57,7 +74,7 @@ VERBS: dict[str, Verb] = {
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
-    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one."),
+    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
@@ -82,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     telling = Telling()
     try:
         if given and given[0] in VERBS:
-            tyro.cli(VERBS[given[0]].load(telling), prog=f"better {given[0]}", args=given[1:])
+            verb = VERBS[given[0]]
+            tyro.cli(verb.load(telling), prog=f"better {given[0]}", args=verb.words(given[1:]))
         else:
             _show_overview(given)
     except BetterError as error:
@@ -144,6 +162,21 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
 
     text = "Python file that defines tasks or assets of your own; may be given several times."
     return _with_options(verb, function, task_file=text)
+
+
+def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a verb whose help names ``--run-file`` and ``--trust``, which :meth:`Verb.words` has dealt with."""
+
+    def verb(*args: object, run_file: Path | None = None, trust: bool = False, **options: object) -> None:
+        del run_file, trust
+        function(*args, **options)
+
+    return _with_options(
+        verb,
+        function,
+        run_file="YAML file with these options; one that is also given here counts as given here.",
+        trust="Agree to what the run file names and what would run code or send a secret.",
+    )
 
 
 def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
