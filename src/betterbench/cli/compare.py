@@ -24,7 +24,7 @@ def compare_command(
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
-        runs: Folders of the runs, two or more.
+        runs: Folders of the runs, or files of better export; two or more.
         name: Name of a run in the tables, once per run and in their order; that of its policy if not given.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at runs that are still going.

@@ -107,7 +107,7 @@ def _require_plain(path: Path, text: bytes) -> None:
     """Refuse aliases and deep nesting, which no option needs and which take the parser long, at the first one."""
     import yaml
 
-    opening = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
+    opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
     opening += (yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)
     closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
     depth = 0
