@@ -126,3 +126,4 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
+"""The thresholds in use."""
