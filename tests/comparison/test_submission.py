@@ -175,3 +175,15 @@ def test_a_place_that_cannot_be_written_is_one_error(run, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["export", str(run.path), "--out", str(tmp_path / "file" / "s.json")]) == 2
     assert "--out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("order", "status"), [((0, 1), 0), ((1, 0), 1)])
+def test_a_job_fails_if_the_first_policy_is_shown_to_be_worse(files, order, status, capsys):
+    arguments = ["compare", *(str(files[i]) for i in order)]
+    assert main(arguments) == 0
+    try:
+        left = main([*arguments, "--fail-if-worse"])
+    except SystemExit as stop:
+        left = stop.code
+    assert left == status
+    assert "good" in capsys.readouterr().out
