@@ -47,7 +47,7 @@ def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = R
 def build(uv: Path, out: Path, env: Mapping[str, str]) -> Path:
     """Build the wheel with the locked back end, and return it; older wheels in the folder are removed."""
     shutil.rmtree(out, ignore_errors=True)
-    locked = ["--build-constraints", LOCKS / "bootstrap.lock", "--require-hashes"]
+    locked: list[str | Path] = ["--build-constraints", LOCKS / "bootstrap.lock", "--require-hashes"]
     call([uv, "build", "--quiet", "--wheel", "--out-dir", out, *locked, ROOT], env=env)
     (wheel,) = out.glob("*.whl")
     return wheel
@@ -73,7 +73,7 @@ def try_out(uv: Path, wheel: Path, env: Mapping[str, str], *, trials: int) -> No
         home = Path(folder)
         python, better, work = home / "venv" / "bin" / "python", home / "venv" / "bin" / "better", home / "work"
         work.mkdir()
-        install = [uv, "pip", "install", "--quiet", "--no-deps", "--python", python]
+        install: list[str | Path] = [uv, "pip", "install", "--quiet", "--no-deps", "--python", python]
         call([uv, "venv", "--quiet", "--python", sys.executable, home / "venv"], env=env)
         call([*install, "--require-hashes", "--only-binary", ":all:", "-r", LOCKS / "runtime.lock"], env=env)
         call([*install, wheel], env=env)
