@@ -19,9 +19,9 @@ RUN pip install --no-cache-dir --require-hashes --no-deps --only-binary :all: -r
 COPY --from=build /wheels /tmp/wheels
 RUN pip install --no-cache-dir --no-deps /tmp/wheels/*.whl
 
-RUN useradd --create-home better && mkdir -p /work/runs && chown -R better /work
+RUN useradd --create-home better && mkdir -p /data/runs && chown -R better /data
 USER better
-WORKDIR /work
+WORKDIR /data
 ENV MUJOCO_GL=egl LP_NUM_THREADS=0 OMP_NUM_THREADS=1
 ENTRYPOINT ["better"]
 CMD ["--help"]
