@@ -13,7 +13,7 @@ ARGS ?=
 # Bytecode is kept: the tests start many processes, and each would compile the package anew.
 RUN = PYTHONDONTWRITEBYTECODE= MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}" LP_NUM_THREADS=0 OMP_NUM_THREADS=1
 
-.PHONY: help setup env demo test test-slow bench golden certify check fmt fmt-check lint types arch docs lock clean distclean
+.PHONY: help setup env demo test test-slow bench golden certify check fmt fmt-check lint types arch docs site wheel lock clean distclean
 
 help: ## list these words
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r word text; do printf '  %-10s %s\n' "$$word" "$$text"; done
@@ -63,6 +63,12 @@ arch: env ## the import contracts
 
 docs: setup ## build the documentation
 	@$(RUN) $(PY) tools/make_docs.py $(ARGS)
+
+site: env ## build the documentation as a site into site/, and follow every link
+	@$(PY) tools/make_site.py $(ARGS)
+
+wheel: setup ## build the wheel into dist/, install it in a clean environment and run `better demo` there
+	@$(RUN) $(PY) tools/check_wheel.py $(ARGS)
 
 lock: ## write requirements/*.lock anew; ARGS=--upgrade takes the newest versions
 	@$(PYTHON) tools/setup_environment.py --relock $(ARGS)

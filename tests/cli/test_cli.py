@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import re
+import sys
 
 import pytest
 
@@ -151,6 +153,50 @@ def test_diagnose_json_has_the_promised_fields(capsys, small_run):
     assert by_name["L1"]["label"] == "success"
     assert by_name["T1"]["label"] == "behavioral_inertia"
     assert by_name["T1"]["expected"] == "stay_still"
+
+
+def test_a_submission_of_a_run_is_compared_as_the_run_is(capsys, small_run, tmp_path):
+    out = tmp_path / "lexical.json"
+    assert run(capsys, "export", str(small_run), "--out", str(out))[0] == 0
+    assert run(capsys, "export", str(small_run), "--check", str(out))[0] == 0
+    status, text, _ = run(capsys, "compare", str(small_run), str(out), "--json")
+    document = json.loads(text)
+    assert status == 0
+    assert document["notes"] == []
+    assert document["power"][0] == document["power"][1]
+    for group in document["groups"]:
+        first, second = group["sides"]
+        assert first["rate"] == second["rate"]
+    held = json.loads(out.read_text())
+    planned = json.loads((small_run / "run.json").read_text())["plan"]["trials"]
+    assert len(held["trials"]) == len(planned)
+    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
+    hashes = {t["condition"]: t["record_sha256"] for t in held["trials"]}
+    assert hashes["T1"] == hashlib.sha256(record.read_bytes()).hexdigest()
+
+
+def test_tensorboard_gets_every_metric_with_its_interval(capsys, small_run, tmp_path):
+    pytest.importorskip("tensorboardX")
+    from betterbench.cli.trackers import tracked_numbers
+    from betterbench.diagnosis import diagnose_run
+
+    out = tmp_path / "events"
+    status, _, _ = run(capsys, "export", str(small_run), "--to", "tensorboard", "--out", str(out))
+    assert status == 0
+    (events,) = out.iterdir()
+    data = events.read_bytes()
+    numbers = tracked_numbers(diagnose_run(small_run))
+    assert {"success_rate/overall", "success_rate/overall/low", "labels/success"} <= set(numbers)
+    for key in numbers:
+        assert key.encode() in data
+
+
+@pytest.mark.parametrize("extra", ["tensorboard", "wandb"])
+def test_a_missing_tracker_is_one_line_with_the_extra(capsys, monkeypatch, small_run, tmp_path, extra):
+    monkeypatch.setitem(sys.modules, {"tensorboard": "tensorboardX"}.get(extra, extra), None)
+    status, _, err = run(capsys, "export", str(small_run), "--to", extra, "--out", str(tmp_path))
+    assert status == 2
+    assert f"pip install 'betterbench[{extra}]'" in " ".join(err.split())
 
 
 def test_the_same_command_again_runs_nothing(capsys, small_run):

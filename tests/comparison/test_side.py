@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from betterbench.comparison import load_sides
-from betterbench.comparison.side import side_conventions
+from betterbench.comparison.conventions import side_conventions
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.recording import JournalEntry, RunFolder
 

@@ -47,7 +47,7 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_commands_exist(page):
     for block in blocks(page, "sh"):
-        for verb in re.findall(r"^(?:\.venv/bin/)?better ([\w-]+)", block, flags=re.MULTILINE):
+        for verb in re.findall(r"^(?:\.venv/bin/)?better ([a-z][\w-]*)", block, flags=re.MULTILINE):
             assert verb in VERBS
 
 

@@ -116,7 +116,7 @@ def evaluate_command(
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         uncertified: Also run trials that no certificate covers.
         allow_other_versions: With --from, repeat the run although versions differ that results depend on.
-        trust: With --from, let the policy that the run names execute code or send the key that its address names.
+        trust: With --from or --run-file, let what the file names run code, or send the key that its address names.
         allow_changed_policy: Resume although the policy declares something else than when the run began.
         json: Print one JSON document at the end.
     """
@@ -153,9 +153,10 @@ def _plan(
     from betterbench.evaluation.planning.repeat import repeated_plan
     from betterbench.tasks import suite_tasks
 
-    for option, given in (("--allow-other-versions", allow_other_versions), ("--trust", trust)):
-        if given and from_run is None:
-            raise InvalidInputError(option, "it needs a run to repeat", "Give --from too, or leave it out")
+    if allow_other_versions and from_run is None:
+        raise InvalidInputError(
+            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
+        )
     of_suite = suite_tasks(chosen.suite)  # also where --tasks names others, so that a mistyped suite is reported
     if from_run is not None:
         _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")

@@ -7,10 +7,11 @@ import inspect
 import logging
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, Literal, get_type_hints
 
 import tyro
 
@@ -18,20 +19,54 @@ from betterbench.cli.border import guarded
 from betterbench.cli.console import ERR, LONGEST_MESSAGE, say
 from betterbench.errors import BetterError, printable, system_error_text
 
+LogLevel = Literal["debug", "info", "warning", "error"]
+LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
+"""Environment variable that carries the level of the log to worker processes (read by ``prepare_process``)."""
+
+
+@dataclass(slots=True)
+class Telling:
+    """How much the program says about itself, as the command line asks for it."""
+
+    traceback: bool = False
+
+    def begin(self, level: LogLevel, *, with_traceback: bool) -> None:
+        """Set the level of the log of this process and of the workers that it starts."""
+        os.environ[LOG_LEVEL_VARIABLE] = level.upper()
+        logging.getLogger("betterbench").setLevel(level.upper())
+        self.traceback = with_traceback
+
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb; ``function`` is "module:name" within this package, ``takes_tasks`` whether users' files may matter."""
+    """A verb of the command line.
+
+    Attributes:
+        function: Its "module:name" within this package.
+        takes_tasks: Whether users' files may matter.
+        takes_run_file: Whether its options may stand in a file.
+    """
 
     function: str
     summary: str
     takes_tasks: bool = True
+    takes_run_file: bool = False
 
-    def load(self) -> Callable[..., None]:
-        """Import the function."""
+    def load(self, telling: Telling) -> Callable[..., None]:
+        """Import the function, and give it the options that every verb has."""
         module, _, name = self.function.partition(":")
         function: Callable[..., None] = getattr(importlib.import_module(f"betterbench.cli.{module}"), name)
-        return guarded(_with_task_files(function) if self.takes_tasks else function)
+        if self.takes_run_file:
+            function = _with_run_file(function)
+        return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
+
+    def words(self, given: Sequence[str]) -> list[str]:
+        """Return the words of a command line, with the options of a run file in its place."""
+        if not self.takes_run_file:
+            return list(given)
+        from betterbench.cli.run_file import with_run_file
+
+        return with_run_file(given)
 
 
 VERBS: dict[str, Verb] = {
@@ -40,10 +75,11 @@ VERBS: dict[str, Verb] = {
     "show": Verb("show:show_command", "Draw a training scene beside a test scene."),
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
-    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one."),
+    "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
+    "export": Verb("export:export_command", "Write a run's outcomes for others or a tracker."),
     "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
@@ -60,14 +96,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    logging.basicConfig(level=logging.WARNING, handlers=[_log_handler()])
+    logging.basicConfig(handlers=[_log_handler()])
     given = list(sys.argv[1:] if arguments is None else arguments)
+    telling = Telling()
     try:
         if given and given[0] in VERBS:
-            tyro.cli(VERBS[given[0]].load(), prog=f"better {given[0]}", args=given[1:])
+            verb = VERBS[given[0]]
+            tyro.cli(verb.load(telling), prog=f"better {given[0]}", args=verb.words(given[1:]))
         else:
             _show_overview(given)
     except BetterError as error:
+        if telling.traceback:
+            traceback.print_exc()
         ERR.print("[bold red]error:[/] ", end="")
         say(str(error))
         return EXIT_BAD_INPUT
@@ -98,7 +138,7 @@ def _log_handler() -> logging.Handler:
 
 
 def _show_overview(given: Sequence[str]) -> None:
-    """Print the verbs, or what is wrong with a command line that names none of them; always exits."""
+    """Print the verbs, what is wrong with a command line that names none, or a script for the shell; always exits."""
 
     def stand_in(summary: str) -> Callable[[], None]:
         def verb() -> None: ...
@@ -106,29 +146,65 @@ def _show_overview(given: Sequence[str]) -> None:
         verb.__doc__ = summary
         return verb
 
+    completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
     tyro.extras.subcommand_cli_from_dict(
-        {name: stand_in(verb.summary) for name, verb in VERBS.items()},
+        {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
         prog="better",
         description="Find out why a Vision-Language-Action policy fails.\n\nExample: better eval --help",
         args=list(given),
     )
 
 
+def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:
+    """Return a verb that also takes ``--log-level`` and ``--traceback``."""
+
+    def verb(*args: object, log_level: LogLevel = "warning", traceback: bool = False, **options: object) -> None:
+        telling.begin(log_level, with_traceback=traceback)
+        function(*args, **options)
+
+    return _with_options(
+        verb,
+        function,
+        log_level="How much is logged on standard error, also by worker processes.",
+        traceback="Also print where in the code an error was raised.",
+    )
+
+
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
     """Return a verb that also takes ``--task-file``, and loads these files before it does anything else."""
-    hints = get_type_hints(function, include_extras=True)
-    hints["task_file"] = tyro.conf.UseAppendAction[tuple[Path, ...]]
 
-    def verb(*args: object, task_file: tuple[Path, ...] = (), **options: object) -> None:
+    def verb(*args: object, task_file: tyro.conf.UseAppendAction[tuple[Path, ...]] = (), **options: object) -> None:
         from betterbench.tasks.user_files import load_task_files
 
         load_task_files(task_file)
         function(*args, **options)
 
-    option = inspect.signature(verb).parameters["task_file"]
+    text = "Python file that defines tasks or assets of your own; may be given several times."
+    return _with_options(verb, function, task_file=text)
+
+
+def _with_run_file(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a verb whose help names ``--run-file``, which :meth:`Verb.words` has dealt with."""
+
+    def verb(*args: object, run_file: Path | None = None, **options: object) -> None:
+        del run_file
+        function(*args, **options)
+
+    return _with_options(
+        verb,
+        function,
+        run_file="YAML file with these options; one that is also given here counts as given here.",
+    )
+
+
+def _with_options(verb: Callable[..., None], function: Callable[..., None], **texts: str) -> Callable[..., None]:
+    """Give a function that stands around a verb the options, hints and help of both; ``texts`` are help by option."""
+    added = inspect.signature(verb).parameters
+    hints: dict[str, Any] = get_type_hints(function, include_extras=True)
     signature = inspect.signature(function)
-    text = "    task_file: Python file that defines tasks or assets of your own; may be given several times."
-    verb.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n{text}"
-    verb.__annotations__ = hints
-    vars(verb)["__signature__"] = signature.replace(parameters=[*signature.parameters.values(), option])
+    lines = [inspect.cleandoc(function.__doc__ or ""), *(f"    {name}: {text}" for name, text in texts.items())]
+    verb.__doc__ = "\n".join(lines)
+    verb.__annotations__ = {**hints, **{name: get_type_hints(verb, include_extras=True)[name] for name in texts}}
+    parameters = [*signature.parameters.values(), *(added[name] for name in texts)]
+    vars(verb)["__signature__"] = signature.replace(parameters=parameters)
     return verb

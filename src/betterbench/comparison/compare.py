@@ -53,6 +53,13 @@ class Comparison:
         """Return a group, or None if the comparison does not have it."""
         return next((g for g in self.groups if (g.measure, g.scope) == (measure, scope)), None)
 
+    @property
+    def first_is_worse(self) -> bool:
+        """Whether the first side is told apart from another one over all variations and is the worse of the two."""
+        overall = self.group("success")
+        mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
+        return any(c.different and c.higher == c.second for c in mine)
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form that ``better compare --json`` prints."""
         rows = zip(self.sides, self.matching.trials, self.matching.left_out, strict=True)

@@ -6,15 +6,13 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
+from betterbench.comparison.conventions import side_conventions
+from betterbench.comparison.submission import Submission, read_submission
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
 from betterbench.recording import RunFolder, run_names, told_apart
 from betterbench.tasks import TrialId
-
-_PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
-"""Conventions that stand in a plan as one value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +35,12 @@ class Side:
 def load_sides(paths: Sequence[Path], *, names: Sequence[str] = (), allow_mixed: bool = False) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison, which are called by ``names`` if these are given.
 
+    A path is the folder of a run, or the file of a submission, whose outcomes are taken as they stand there.
+
     Raises:
-        InvalidInputError: If fewer than two runs are given, or one of them twice, or the names do not fit.
+        InvalidInputError: If fewer than two runs are given, or one of them twice, or the names do not fit; or if a
+            submission is damaged.
+        UnknownNameError: If a submission names a task or condition that does not exist here.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If a run mixes versions or engines and that is not allowed.
     """
@@ -48,30 +50,20 @@ def load_sides(paths: Sequence[Path], *, names: Sequence[str] = (), allow_mixed:
     twice = next((paths[i] for i, place in enumerate(places) if place in places[:i]), None)
     if twice is not None:
         raise InvalidInputError("runs", f"{twice} is given twice", "Name every run once")
-    runs = [RunFolder.open(path) for path in paths]
-    called = run_names(runs, names)
-    return tuple(_load(run, name, allow_mixed=allow_mixed) for run, name in zip(runs, called, strict=True))
+    sources = [read_submission(path) if path.is_file() else RunFolder.open(path) for path in paths]
+    called = run_names([_heading(s, path) for s, path in zip(sources, paths, strict=True)], names)
+    return tuple(
+        _of_submission(source, path, name)
+        if isinstance(source, Submission)
+        else _load(source, name, allow_mixed=allow_mixed)
+        for source, path, name in zip(sources, paths, called, strict=True)
+    )
 
 
 def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
     """Return the sides with names that tell them apart: a folder is added where two runs are of one policy."""
     names = told_apart([s.diagnosis.policy for s in sides], [s.path for s in sides])
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
-
-
-def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
-    """Return the conventions that a plan and the records made under it name.
-
-    Args:
-        plan: JSON form of a plan; what it lacks is left out.
-        versions: Versions found in the records, which count where both name one.
-    """
-    found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
-    for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):
-        listed = plan.get(group)
-        if isinstance(listed, dict):
-            found |= {f"{prefix}:{name}": _shown(value) for name, value in listed.items()}
-    return found | versions
 
 
 def _load(run: RunFolder, name: str, *, allow_mixed: bool) -> Side:
@@ -81,5 +73,12 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool) -> Side:
     return Side(name, diagnosis, str(run.path), unfinished, side_conventions(run.plan, diagnosis.versions))
 
 
-def _shown(value: object) -> str:
-    return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
+    """Return what names a source: a run itself, or for a submission a run with its address and name alone."""
+    if isinstance(source, RunFolder):
+        return source
+    return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})
+
+
+def _of_submission(submission: Submission, path: Path, name: str) -> Side:
+    return Side(name, submission.diagnosis(), str(path), submission.unfinished, submission.conventions)

@@ -13,6 +13,7 @@ from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.state import PrivilegedPolicy, WorldState
 
 AnyPolicy = Policy | PrivilegedPolicy
+"""A policy under test, or one that sees the privileged state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,3 +86,4 @@ class PolicyBoundary:
 
 
 POLICY_BOUNDARY = PolicyBoundary()
+"""The boundary at which errors of policies become errors of their trial."""

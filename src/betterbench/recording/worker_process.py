@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import threading
 
 
 def prepare_process() -> None:
-    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process."""
+    """Keep numerical libraries and the software renderer to one thread each, and end with the parent process.
+
+    What is logged follows ``BETTERBENCH_LOG_LEVEL``, in which the command line hands its ``--log-level`` down.
+    """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
+    logging.basicConfig(format="%(message)s")
+    level = os.environ.get("BETTERBENCH_LOG_LEVEL", "WARNING")
+    logging.getLogger("betterbench").setLevel(logging.getLevelNamesMapping().get(level, logging.WARNING))
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -175,7 +175,7 @@ def draw_for_parent(quality: str, size: int) -> None:
                 view = StoredView(model, quality_preset(quality), width=size, height=size)
                 kind, answer = _PIXELS, b""
             elif view is None:
-                raise RecordError("stored scene: none is open. Run the trial again to store it.")
+                kind, answer = _BROKEN, b"stored scene: none is open. Run the trial again to store it."
             elif "project" in request:
                 pixels = view.project(np.frombuffer(data).reshape(-1, 3), request["project"])
                 kind, answer = _PIXELS, np.ascontiguousarray(pixels, dtype=np.float64).tobytes()

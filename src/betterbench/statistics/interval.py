@@ -10,6 +10,7 @@ from scipy import special
 from betterbench.errors import InvalidInputError
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
+"""How the interval of a rate is made."""
 
 DEFAULT_CONFIDENCE = 0.95
 """Two-sided confidence level of every interval unless the caller says otherwise."""

@@ -10,6 +10,7 @@ Looks = Literal["seen", "unseen"]
 """The looks of objects and rooms that a run draws from: "seen" are those of training, "unseen" are held out."""
 
 LOOKS: tuple[Looks, ...] = get_args(Looks)
+"""The sets of looks by name."""
 
 
 def looks_named(name: str) -> Looks:

@@ -5,6 +5,7 @@ import hashlib
 import numpy as np
 
 SUITE_VERSION = "2.0"
+"""Version of the suite: it moves when the meaning of a seed changes for all tasks."""
 
 FIRST_DEMONSTRATION_SEED = 1_000_000
 """First seed of demonstrations; smaller ones belong to evaluation and certificates (law 8 of the suite)."""

@@ -195,3 +195,4 @@ TEMPLATES = {
         RECURSIVE_STACKING,
     )
 }
+"""The seven constraint templates by name."""

@@ -129,3 +129,4 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
+"""The thresholds in use."""

@@ -116,7 +116,7 @@ def render_twin_films(
     with _views(look, max(map(len, films), default=0)) as views:
         for panels in films:
             target = io.BytesIO()
-            still = _film(views, run, panels, look, target, None)
+            still = _film(views, run, panels, target, look=look)
             made.append(TwinFilm(target.getvalue(), _jpeg(still)))
             if on_progress is not None:
                 on_progress(len(made), len(films))
@@ -135,7 +135,7 @@ def write_twin_film(
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
     with part.open("wb") as target, _views(look, len(panels)) as views:
-        _film(views, run, panels, look, target, on_progress)
+        _film(views, run, panels, target, look=look, on_progress=on_progress)
     part.replace(path)
     return path
 
@@ -151,9 +151,10 @@ def _film(
     views: Sequence[LimitedView],
     run: RunFolder,
     panels: Sequence[Panel],
-    look: FilmLook,
     target: BinaryIO,
-    on_progress: Callable[[int, int], None] | None,
+    *,
+    look: FilmLook,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> Image.Image:
     """Encode a film and return its first image."""
     sides = [_Side(view, run, panel.trial, look) for view, panel in zip(views, panels, strict=False)]

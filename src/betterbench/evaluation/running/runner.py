@@ -161,6 +161,8 @@ def _record(
             failing.add(entry)
         if entry.status == "error":
             logger.error("%s/%s seed %d: %s", entry.task, entry.condition, entry.seed, entry.message)
+        else:
+            logger.info("%s: %d of %d trials done", entry.key, done, planned)
         if on_progress is not None:
             elapsed_s = time.perf_counter() - began
             on_progress(Progress(done, planned, elapsed_s, started_with, entry, schedule.decisions))

@@ -1,0 +1,171 @@
+"""Run files: the options of ``better eval`` in a YAML file that can be kept beside a result."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import read_bounded, read_form, strict_form
+
+_OPTION = "--run-file"
+_MAX_BYTES = 64 * 1024
+_MAX_DEPTH = 4
+_CURE = "Correct the run file; docs/command-line.md shows one"
+
+Name = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class RunFile:
+    """What a run file may hold: options of ``better eval`` under their names, each as the command line takes it."""
+
+    policy: Name | None = None
+    out: Name | None = None
+    suite: Name | None = None
+    tasks: tuple[Name, ...] = ()
+    variations: tuple[Name, ...] = ()
+    trials: int | None = None
+    seed: int | None = None
+    action_space: Name | None = None
+    observation: Name | None = None
+    quality: Name | None = None
+    looks: Name | None = None
+    until_decided: bool | None = None
+    workers: int | None = None
+    envs: int | None = None
+    engine: Literal["local", "ray"] | None = None
+    ray_address: Name | None = None
+    replicas: int | None = None
+    replica_gpus: float | None = None
+    policy_timeout: float | None = None
+    certificate: Name | None = None
+    uncertified: bool | None = None
+    task_file: tuple[Name, ...] = ()
+
+
+_FORM = TypeAdapter(RunFile)
+
+
+def with_run_file(words: Sequence[str]) -> list[str]:
+    """Return the words of a command line with the options of its run file in place of ``--run-file FILE``.
+
+    An option that the command line gives itself counts instead of the file's.
+
+    Raises:
+        InvalidInputError: If the file is missing, is not YAML, or a field of it is malformed; if two are named; or if
+            it names what would run code or send a secret and ``--trust`` is not given.
+        UnknownNameError: If it has a field that is no option.
+    """
+    path, rest = _named(words)
+    if path is None:
+        return rest
+    run = read_run_file(path)
+    given = {re.sub(r"^--(no-)?", "", word.partition("=")[0]).replace("-", "_") for word in rest if word[:2] == "--"}
+    chosen = [(f.name, getattr(run, f.name)) for f in fields(run) if f.name not in given]
+    if "trust" not in given:
+        _refuse_dangers(path, dict(chosen))
+    return [*(word for name, value in chosen for word in _words(path, name, value)), *rest]
+
+
+def read_run_file(path: Path) -> RunFile:
+    """Read a run file.
+
+    Raises:
+        InvalidInputError: If it is missing, is not YAML, or a field is malformed.
+        UnknownNameError: If it has a field that is no option.
+    """
+    import yaml
+
+    text = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
+    try:
+        _require_plain(path, text)
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        if not isinstance(node, yaml.MappingNode):
+            raise InvalidInputError(str(path), "it holds no options", f"Write lines like `trials: 20`. {_CURE}")
+        form = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).split())[:200] or "it is nested too deep"
+        raise InvalidInputError(str(path), f"is not YAML ({problem})", _CURE) from error
+    names = [str(key.value).replace("-", "_") for key, _ in node.value]
+    for i, name in enumerate(names):
+        if name not in RunFile.__dataclass_fields__:
+            raise UnknownNameError(f"option in {path}", name[:80], RunFile.__dataclass_fields__)
+        if name in names[:i]:
+            raise InvalidInputError(f"{path}: {name}", "is given twice", "Give each option once")
+    return read_form(_FORM, dict(zip(names, form.values(), strict=True)), where=str(path), cure=_CURE)
+
+
+def _require_plain(path: Path, text: bytes) -> None:
+    """Refuse aliases and deep nesting, which no option needs and which take the parser long, at the first one."""
+    import yaml
+
+    opening: tuple[type, ...] = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
+    opening += (yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)
+    closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+    depth = 0
+    for token in yaml.scan(text):
+        depth += isinstance(token, opening) - isinstance(token, closing)
+        if isinstance(token, yaml.AliasToken):
+            raise InvalidInputError(str(path), "it has an alias (*name)", "Write the value itself")
+        if depth > _MAX_DEPTH:
+            raise InvalidInputError(str(path), "it is nested too deep", _CURE)
+
+
+def _named(words: Sequence[str]) -> tuple[Path | None, list[str]]:
+    """Return the run file that a command line names, and the words without it."""
+    found: list[str] = []
+    rest: list[str] = []
+    waiting = iter(words)
+    for word in waiting:
+        option, equals, value = word.partition("=")
+        if option.replace("_", "-") != _OPTION:
+            rest.append(word)
+            continue
+        value = value if equals else next(waiting, "")
+        if not value:
+            raise InvalidInputError(_OPTION, "it names no file", f"Write {_OPTION} FILE.yaml")
+        found.append(value)
+    if len(found) > 1:
+        raise InvalidInputError(_OPTION, f"{len(found)} files are named", "Name one")
+    return (Path(found[0]) if found else None), rest
+
+
+def _words(path: Path, name: str, value: object) -> Iterator[str]:
+    """Yield the words that stand for one option."""
+    option = f"--{name.replace('_', '-')}"
+    if value is None or value == ():
+        return
+    if isinstance(value, bool):
+        yield option if value else option.replace("--", "--no-", 1)
+        return
+    values = [str(v) for v in value] if isinstance(value, tuple) else [str(value)]
+    for text in values:
+        if text.startswith("-") and isinstance(value, str | tuple):
+            raise InvalidInputError(f"{path}: {name}", f"{text!r} begins with a dash", "Write ./NAME for a path")
+    if name == "task_file":  # which is given once per file
+        yield from (word for text in values for word in (option, text))
+    else:
+        yield from (option, *values)
+
+
+def _refuse_dangers(path: Path, chosen: dict[str, object]) -> None:
+    """Refuse what would run code or send a secret because a file says so, until a person agrees.
+
+    Raises:
+        InvalidInputError: If there is any; the text shows it.
+    """
+    from betterbench.evaluation.planning.trust import require_trust
+
+    if chosen.get("policy"):
+        require_trust(str(chosen["policy"]), where=str(path))
+    files = chosen.get("task_file")
+    if isinstance(files, tuple) and files:
+        cure = "Look at it, then add --trust, or give the option on the command line"
+        raise InvalidInputError(f"{path}: task_file", f"{files[0]} runs the Python code in it", cure)

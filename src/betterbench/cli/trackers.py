@@ -1,0 +1,81 @@
+"""Experiment trackers: the metrics of a run as TensorBoard or Weights & Biases show them."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from pathlib import Path
+from typing import Literal
+
+from betterbench.diagnosis import RunDiagnosis
+from betterbench.errors import InvalidInputError, MissingDependencyError
+
+_MISSING = "--to {name}: the package is not installed. Run: pip install 'betterbench[{name}]'"
+
+
+def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
+    """Return the numbers of a run by name ("success_rate/fast_food/T1"), with the bounds of their intervals.
+
+    Labels are counted over the trials of variations ("labels/timeout").
+    """
+    numbers: dict[str, float] = {}
+    for metric in diagnosis.metrics:
+        parts = {"": metric.value, "/low": metric.low, "/high": metric.high, "/n": float(metric.n)}
+        name = f"{metric.name}/{metric.scope}".replace(":", "/")
+        numbers |= {f"{name}{part}": value for part, value in parts.items() if value is not None}
+    labels = Counter(t.label.value for t in diagnosis.trials if t.variation is not None)
+    return numbers | {f"labels/{label}": float(n) for label, n in sorted(labels.items())}
+
+
+def write_metrics(
+    diagnosis: RunDiagnosis, to: Literal["tensorboard", "wandb"], out: Path, *, name: str | None, project: str
+) -> Path:
+    """Hand the numbers of a run to a tracker, and return the folder that it wrote to.
+
+    Args:
+        diagnosis: Diagnosis of the run.
+        to: The tracker.
+        out: Folder for its files; made if missing.
+        name: What the run is called there; the policy if None.
+        project: Project of Weights & Biases.
+
+    Raises:
+        MissingDependencyError: If its package is not installed.
+        InvalidInputError: If the folder cannot be written.
+    """
+    numbers = tracked_numbers(diagnosis)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if to == "tensorboard":
+            _to_tensorboard(numbers, out)
+        else:
+            _to_wandb(diagnosis, numbers, out, name or diagnosis.policy, project)
+    except ImportError as error:
+        raise MissingDependencyError(_MISSING.format(name=to)) from error
+    except OSError as error:
+        raise InvalidInputError("--out", f"{out} cannot be written ({error.strerror})", "Name another place") from error
+    return out
+
+
+def _to_tensorboard(numbers: dict[str, float], out: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of protobuf, at import
+        from tensorboardX import SummaryWriter
+
+    with SummaryWriter(str(out)) as writer:
+        for key, value in numbers.items():
+            writer.add_scalar(key, value, 0)
+
+
+def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
+    import wandb
+
+    config = {"policy": diagnosis.policy, "versions": diagnosis.versions, "thresholds": diagnosis.thresholds}
+    columns = ["task", "condition", "seed", "success", "label", "progress", "steps"]
+    rows = [
+        [t.task, t.variation or t.condition, t.seed, t.success, t.label.value, t.progress, t.steps]
+        for t in diagnosis.trials
+    ]
+    with wandb.init(project=project, name=name, dir=str(out), config=config, job_type="evaluation") as run:
+        run.summary.update(numbers)
+        run.log({"trials": wandb.Table(columns=columns, data=rows)})

@@ -1,0 +1,27 @@
+"""Conventions: what a plan and its records name, and what outcomes depend on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_PLAIN = ("suite_version", "package_version", "robot", "action_space", "control_rate_hz", "looks")
+"""Conventions that stand in a plan as one value."""
+
+
+def side_conventions(plan: Any, versions: dict[str, str]) -> dict[str, str]:  # noqa: ANN401 -- JSON of a file
+    """Return the conventions that a plan and the records made under it name.
+
+    Args:
+        plan: JSON form of a plan; what it lacks is left out.
+        versions: Versions found in the records, which count where both name one.
+    """
+    found = {name: _shown(plan[name]) for name in _PLAIN if name in plan}
+    for prefix, group in (("engine", "engine"), ("task_version", "task_versions")):
+        listed = plan.get(group)
+        if isinstance(listed, dict):
+            found |= {f"{prefix}:{name}": _shown(value) for name, value in listed.items()}
+    return found | versions
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)

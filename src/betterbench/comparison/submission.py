@@ -1,0 +1,271 @@
+"""Submissions: the outcomes of a run in one file, with what they were made under and the hashes of their records."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+import betterbench
+from betterbench.comparison.conventions import side_conventions
+from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
+from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
+from betterbench.json_form import form_errors, read_bounded, read_form, strict_form
+from betterbench.recording import RunFolder, first_difference
+from betterbench.recording.metadata import dump_json
+from betterbench.tasks import TrialId
+from betterbench.tasks.labels import Label, all_labels
+
+SUBMISSION_FORMAT = "betterbench-submission"
+SUBMISSION_SCHEMA_VERSION = 1
+"""Version of the file; it moves when an older reader would misunderstand a newer file."""
+
+_MAX_BYTES = 64 * 1024 * 1024
+_CURE = "Give the folder of a run, or a file that better export wrote"
+
+Line = Annotated[str, Field(min_length=1, max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]+$")]
+Text = Annotated[str, Field(max_length=400, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+Count = Annotated[int, Field(ge=0, le=2**31)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SubmittedTrial:
+    """One planned trial.
+
+    Attributes:
+        condition: Name of the variation or of the training condition.
+        status: "done" with a record, "broken" without one, "unfinished" if the run has not reached it.
+        progress: Subgoals completed in a valid order divided by subgoals asked.
+        steps: Control steps.
+        duration_s: Simulated time [s].
+        record_sha256: Hash of the file of its record, or None without one.
+    """
+
+    task: Line
+    condition: Line
+    seed: Count
+    status: Literal["done", "broken", "unfinished"]
+    success: bool
+    label: Line
+    progress: Annotated[float, Field(ge=0.0, le=1.0)]
+    steps: Count
+    duration_s: Annotated[float, Field(ge=0.0)]
+    record_sha256: Sha256 | None
+
+    def __post_init__(self) -> None:
+        """Check that the fields agree with each other; raise InvalidInputError if not."""
+        if (self.status == "done") != (self.record_sha256 is not None):
+            raise InvalidInputError(self.key, f"a trial that is {self.status} has the wrong record_sha256", _CURE)
+        labels = {label.value: label for label in all_labels()}
+        if self.label not in labels:
+            raise InvalidInputError(self.key, f"{self.label!r} is no label here", _CURE)
+        if self.success != (labels[self.label].kind is Kind.NONE):
+            raise InvalidInputError(self.key, f"success is {self.success} and its label {self.label}", _CURE)
+
+    @property
+    def key(self) -> str:
+        """Text form of the trial ("fast_food/T1/3")."""
+        return str(TrialId(self.task, self.condition, self.seed))
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Submission:
+    """The outcomes of one run.
+
+    Attributes:
+        name: What the policy is called.
+        policy: Its address.
+        declared: What it declared about itself.
+        betterbench: Version that judged the trials.
+        conventions: Versions and conventions by name, of the plan and of the records.
+        thresholds: Thresholds of the diagnosis by name.
+        plan_sha256: Hash of the plan as canonical JSON.
+        left_out: Trials of a run until decided that its outcomes have chosen: they are no fair sample.
+        trials: Every other planned trial, in plan order.
+        sha256: Hash of all other fields as canonical JSON. It shows damage, and does not prove who wrote the file.
+    """
+
+    format: Literal["betterbench-submission"]
+    schema_version: Literal[1]
+    name: Line
+    policy: Line
+    declared: dict[str, Any]
+    betterbench: Line
+    conventions: dict[Line, Text]
+    thresholds: dict[Line, float]
+    plan_sha256: Sha256
+    left_out: Count
+    trials: Annotated[tuple[SubmittedTrial, ...], Field(max_length=1_000_000)]
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+    def file_bytes(self) -> bytes:
+        """Return the file: JSON with one field or one trial a line, so that two versions can be compared as text."""
+        form = self.to_json()
+        trials, seal = form.pop("trials"), form.pop("sha256")
+        fields = [f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in form.items()]
+        listed = ",\n".join(json.dumps(trial, ensure_ascii=False) for trial in trials)
+        text = ",\n".join([*fields, f'"trials": [\n{listed}\n]', f'"sha256": {json.dumps(seal)}'])
+        return f"{{\n{text}\n}}\n".encode()
+
+    def sealed(self) -> Submission:
+        """Return the submission with the hash of its content."""
+        form = self.to_json()
+        del form["sha256"]
+        return replace(self, sha256=_hash_of(form))
+
+    def diagnosis(self) -> RunDiagnosis:
+        """Return the outcomes as a diagnosis, whose trials hold no attempts and no evidence.
+
+        Raises:
+            UnknownNameError: If a task or a condition does not exist here.
+        """
+        trials = tuple(_diagnosed(t, self.policy) for t in self.trials)
+        return RunDiagnosis(
+            policy=self.policy, trials=trials, metrics=compute_metrics(trials), findings=(), notes=(),
+            thresholds=self.thresholds, versions=self.conventions,
+        )  # fmt: skip
+
+    @property
+    def unfinished(self) -> frozenset[str]:
+        """Keys of the trials that the run has not reached."""
+        return frozenset(t.key for t in self.trials if t.status == "unfinished")
+
+
+_FORM = TypeAdapter(Submission)
+
+
+def submission_of(run: RunFolder, *, name: str | None = None) -> Submission:
+    """Return the outcomes of a run, diagnosed now.
+
+    Args:
+        run: The run; of one until decided, the trials of its first round are taken.
+        name: What the policy is to be called; the name that it declared if None.
+
+    Raises:
+        RecordError: If the run or a record cannot be read.
+        RunConflictError: If the run mixes versions, engines or policies.
+        InvalidInputError: If the name is empty, too long or not printable.
+    """
+    diagnosis = diagnose_run(run, whole=True)
+    ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
+    declared = run.context.get("policy")
+    declared = dict(declared) if isinstance(declared, Mapping) else {}
+    called = name if name is not None else str(declared.get("name") or diagnosis.policy)
+    even = diagnosis.even_trials
+    form = {
+        "format": SUBMISSION_FORMAT,
+        "schema_version": SUBMISSION_SCHEMA_VERSION,
+        "name": called,
+        "policy": diagnosis.policy,
+        "declared": declared,
+        "betterbench": betterbench.__version__,
+        "conventions": side_conventions(run.plan, diagnosis.versions),
+        "thresholds": diagnosis.thresholds,
+        "plan_sha256": _hash_of(run.plan),
+        "left_out": len(diagnosis.trials) - len(even),
+        "trials": [asdict(_submitted(run, t, ended=t.key in ended)) for t in even],
+    }
+    return read_form(_FORM, form, where=str(run.path), cure="Give a short printable --name").sealed()
+
+
+def read_submission(path: Path) -> Submission:
+    """Read a submission, and check that it is whole.
+
+    Raises:
+        InvalidInputError: If it cannot be read, a field is malformed or contradicts another one, a trial stands in it
+            twice, or the content does not have the hash that it states.
+    """
+    where = str(path)
+    raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE)
+    with form_errors(where, _CURE):
+        found = _FORM.validate_json(raw)
+        whole = found.sealed()
+    twice = [key for key, n in Counter(t.key for t in found.trials).items() if n > 1]
+    if twice:
+        raise InvalidInputError(f"{where}: trials", f"{twice[0]} stands there twice", _CURE)
+    if whole.sha256 != found.sha256:
+        raise InvalidInputError(where, "its content does not have the sha256 that it states: it was changed", _CURE)
+    return found
+
+
+def require_same(run: RunFolder, submission: Submission) -> None:
+    """Check that a submission states what the records of a run prove.
+
+    Raises:
+        RunConflictError: If it does not; the text names the first difference.
+    """
+    own = submission_of(run, name=submission.name).to_json()
+    difference = first_difference(json.loads(dump_json(own)), json.loads(dump_json(submission.to_json())), "submission")
+    if difference is not None:
+        where, there, stated = difference
+        raise RunConflictError(
+            f"{where} is {there} by the records of {run.path}, and the submission states {stated}. "
+            "Export the run again, or ask for the run that the submission was made of."
+        )
+
+
+def _submitted(run: RunFolder, trial: TrialDiagnosis, *, ended: bool) -> SubmittedTrial:
+    record = None if trial.record is None else _file_hash(run.path / trial.record)
+    return SubmittedTrial(
+        task=trial.task, condition=trial.variation or trial.condition, seed=trial.seed,
+        status="done" if record else "broken" if ended else "unfinished", success=trial.success,
+        label=trial.label.value, progress=trial.progress, steps=trial.steps, duration_s=trial.duration_s,
+        record_sha256=record,
+    )  # fmt: skip
+
+
+@functools.cache
+def _resolved(task: str, condition: str) -> ResolvedCondition:
+    return resolve_condition(task, condition)
+
+
+def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
+    """Return the diagnosis of a submitted trial, as far as it tells."""
+    resolved = _resolved(trial.task, trial.condition)
+    text = "A submission holds outcomes alone; the evidence is in the run that it was made of."
+    return TrialDiagnosis(
+        task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
+        axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
+        success=trial.success, expected=resolved.condition.expected.value, label=Label(trial.label),
+        first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
+        intended_any=(), intention_correct=None, progress=trial.progress, attempts=(),
+        evidence=Evidence("submission", text, 0.0, trial.duration_s), collisions=None, steps=trial.steps,
+        duration_s=trial.duration_s, record=None if trial.record_sha256 is None else f"sha256:{trial.record_sha256}",
+    )  # fmt: skip
+
+
+def _hash_of(form: object) -> str:
+    return hashlib.sha256(dump_json(form)).hexdigest()
+
+
+def _file_hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def submission_lines(submission: Submission) -> Iterator[str]:
+    """Yield what a submission holds, in sentences for a person."""
+    counts = Counter(t.status for t in submission.trials)
+    solved = sum(t.success for t in submission.trials)
+    yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"
+    for status in ("broken", "unfinished"):
+        if counts[status]:
+            yield f"{counts[status]} of them are {status} and count as failures"
+    if submission.left_out:
+        yield f"{submission.left_out} trials that the outcomes of a run until decided have chosen are left out"

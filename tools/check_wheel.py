@@ -1,0 +1,118 @@
+"""Build the wheel, install it in a clean environment, and run `better demo` there from an empty folder.
+
+The environment has the locked packages and nothing of this clone; its caches are empty, so that what a first user waits
+for is part of the check.
+
+Examples:
+    python tools/check_wheel.py                 dist/betterbench-VERSION-py3-none-any.whl, with one trial per variation
+    python tools/check_wheel.py --trials 4      as much as `better demo` does by itself
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import setup_environment
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCKS = ROOT / "requirements"
+
+
+class CheckError(Exception):
+    """The wheel is not what it should be; the text says in which way."""
+
+
+def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = ROOT) -> str:
+    """Run a command and return its standard output.
+
+    Raises:
+        CheckError: If it fails; the text ends with what it said.
+    """
+    words = [str(word) for word in command]
+    done = subprocess.run(words, env=env, cwd=cwd, check=False, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise CheckError(f"`{' '.join(words[:4])}` failed with {done.returncode}:\n{done.stderr[-3000:]}")
+    return done.stdout
+
+
+def build(uv: Path, out: Path, env: Mapping[str, str]) -> Path:
+    """Build the wheel with the locked back end, and return it; older wheels in the folder are removed."""
+    shutil.rmtree(out, ignore_errors=True)
+    locked: list[str | Path] = ["--build-constraints", LOCKS / "bootstrap.lock", "--require-hashes"]
+    call([uv, "build", "--quiet", "--wheel", "--out-dir", out, *locked, ROOT], env=env)
+    (wheel,) = out.glob("*.whl")
+    return wheel
+
+
+def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
+    """Return how the package in a wheel differs from the tracked files of src; empty if it does not."""
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+    wanted = {name.removeprefix("src/") for name in tracked}
+    lacking, more = sorted(wanted - packed), sorted(packed - wanted)
+    words = [f"{wheel.name} lacks {', '.join(lacking[:5])}"] if lacking else []
+    return " and ".join([*words, *([f"{wheel.name} holds {', '.join(more[:5])}, which git does not"] if more else [])])
+
+
+def try_out(uv: Path, wheel: Path, env: Mapping[str, str], *, trials: int) -> None:
+    """Install a wheel in a clean environment and run its commands from an empty folder.
+
+    Raises:
+        CheckError: If a command fails or leaves no report.
+    """
+    with tempfile.TemporaryDirectory(prefix="betterbench-wheel-") as folder:
+        home = Path(folder)
+        python, better, work = home / "venv" / "bin" / "python", home / "venv" / "bin" / "better", home / "work"
+        work.mkdir()
+        install: list[str | Path] = [uv, "pip", "install", "--quiet", "--no-deps", "--python", python]
+        call([uv, "venv", "--quiet", "--python", sys.executable, home / "venv"], env=env)
+        call([*install, "--require-hashes", "--only-binary", ":all:", "-r", LOCKS / "runtime.lock"], env=env)
+        call([*install, wheel], env=env)
+        kept = ("PATH", "LANG", "MUJOCO_GL", "LD_LIBRARY_PATH")
+        clean = {name: os.environ[name] for name in kept if name in os.environ} | {"HOME": str(home)}
+        clean |= {"LP_NUM_THREADS": "0", "OMP_NUM_THREADS": "1"}
+        print(call([better, "--version"], env=clean, cwd=work).strip())
+        began = time.monotonic()
+        told = call([better, "demo", "--out", "demo", "--trials", str(trials)], env=clean, cwd=work)
+        report = work / "demo" / "report" / "index.html"
+        if not report.is_file():
+            raise CheckError(f"better demo has written no {report.relative_to(work)}; it said:\n{told}")
+        size = report.stat().st_size / 1e6
+        print(f"better demo: {time.monotonic() - began:.0f} s, a report of {size:.1f} MB")
+
+
+def main() -> int:
+    """Return the exit status: 0, or 1 where the wheel does not work."""
+    parser = argparse.ArgumentParser(description="Build the wheel and try it in a clean environment.")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the wheel")
+    parser.add_argument("--trials", type=int, default=1, help="trials per variation of the demo; 0 to leave it out")
+    options = parser.parse_args()
+    env = setup_environment.uv_environment(os.environ)
+    try:
+        uv = setup_environment.find_uv(env)
+        wheel = build(uv, options.out.resolve(), env)
+        tracked = call(["git", "ls-files", "src/betterbench"], env=env).split()
+        problem = content_problem(wheel, tracked)
+        if problem:
+            print(problem, file=sys.stderr)
+            return 1
+        print(f"{wheel.name}: {len(tracked)} files, {wheel.stat().st_size / 1e6:.1f} MB")
+        if options.trials:
+            try_out(uv, wheel, env, trials=options.trials)
+    except (CheckError, setup_environment.SetupError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
