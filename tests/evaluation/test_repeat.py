@@ -208,11 +208,6 @@ def test_with_a_yes_the_named_policy_is_shown_and_made(uninterrupted, tmp_path, 
     assert mark.exists()
 
 
-def test_trust_is_about_a_file(capsys):
-    assert main(["eval", "--policy", "noop", "--trust"]) == 2
-    assert "--trust: it needs a run to repeat" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     "address", ["expert", "noop", "zoo:lexical?strength=0.5", "replay:runs/a", "openpi://h:1?size=9"]
 )
