@@ -6,12 +6,15 @@ The tables are data: ``truth_table.txt`` for relations, ``harm_table.txt`` for w
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from tests.tasks.arranging import arranged, condition_of, one_step_before
 
+from betterbench.geometry import Pose, from_yaw
+from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, get_task
 from betterbench.tasks.relations import RELATIONS, RestWatch, relation, released
 
@@ -57,6 +60,32 @@ def test_a_relation_says_what_a_person_would_say(line):
     done = place is not None and rest.at_rest(thing) and released(state, thing)
     found = (verdict(place), "yes" if done else "no", verdict(kind.anyhow(state, thing, target)))
     assert found == (line.there, line.done, line.anyhow), f"{line.why}: {state.pose(thing)}"
+
+
+def test_a_relation_reads_poses_contacts_and_what_is_held_and_nothing_else():
+    # The goal tracker asks relations again only where one of these has changed.
+    moved = Pose((0.3, 0.3, 0.6), from_yaw(1.0))
+    for line in LINES:
+        thing, target = line.pair.split(" > ")
+        _, state = arranged(line.setting, line.arrangement)
+        other = replace(
+            state,
+            step=state.step + 7,
+            time_s=state.time_s + 1.0,
+            linear_speeds=tuple(v + 1.0 for v in state.linear_speeds),
+            angular_speeds=tuple(v + 1.0 for v in state.angular_speeds),
+            ee_pose=moved,
+            commanded_pose=moved,
+            finger_width_m=0.5 * state.finger_width_m,
+            gripper_command=-state.gripper_command,
+            joint_positions=tuple(v + 0.1 for v in state.joint_positions),
+            joint_velocities=tuple(v + 0.1 for v in state.joint_velocities),
+            contacts=tuple(c._replace(force_n=c.force_n + 5.0) for c in state.contacts),
+        )
+        same = {f.name for f in fields(WorldState) if getattr(other, f.name) == getattr(state, f.name)}
+        assert same <= {"info", "positions", "quaternions", "held", "gripper_command"}, same
+        where = relation(line.relation).where
+        assert where(other, thing, target) == where(state, thing, target), line
 
 
 @pytest.mark.parametrize("cells", HARMS, ids=[f"{i}-{c[0]}-{c[3].replace(' ', '_')}" for i, c in enumerate(HARMS)])
