@@ -112,7 +112,7 @@ class GoalTracker:
         return Truth(relations, done, self._in_order, goal, self._forbidden, success)
 
     def _places(self, state: WorldState) -> Places:
-        """Return where every subject is, strictly; relations are asked only where something has moved or touches anew."""
+        """Return where every subject is, strictly; relations are asked only where something moved or touches anew."""
         if self._last is not None and _arranged_alike(self._last[0], state):
             return self._last[1]
         return self._targets.places(state)
