@@ -1,35 +1,56 @@
-"""The documentation's page of the packaged calibration, with the confusion matrix as a picture."""
+"""The documentation's pages of the packaged calibrations: confusion matrices as pictures, and every wrong label."""
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
 
-from betterbench.diagnosis import packaged_calibration
+from betterbench.cli.output.calibration import film_strips
+from betterbench.diagnosis import Calibration, packaged_calibration
+from betterbench.diagnosis.confusion import Family
 from betterbench.diagnosis.power_matrix import packaged_power_matrix
-from betterbench.report.calibration_page import calibration_markdown, write_calibration_page
+from betterbench.report.calibration_page import calibration_markdown, label_name, write_calibration_page
 from betterbench.report.power_page import power_markdown
 
 HEAD = """# Calibration
 
-Calibration measures how often the diagnosis gives the true label. Every [faulty policy](diagnosis.md#faulty-policies)
-decides by one wrong rule, at several strengths and with action noise. It records its own first wrong decision, and the
-diagnosis, which reads only the records, has to find this fault.
+Calibration measures how often the diagnosis gives the true label. Policies whose fault is known are run, and the
+diagnosis, which reads only the records, has to find the fault. There are two families of such policies, and their
+numbers stay apart.
+
+- The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
+  hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
+  fixed in the code before its first action, and who wrote it had not read the diagnosis. Half of the habits was used
+  to develop the diagnosis. The other half was held out, and used once: **its numbers are what the diagnosis is worth**
+  for policies that nobody here wrote.
+- The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
+  several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
+  authors thought of; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --out runs/calibration
+better calibrate --family held_out       # the held-out half of the independent family
+better calibrate --family development    # the half that the diagnosis was developed on
+better calibrate                         # the faulty policies
 ```
 
-computes these numbers again and writes a page that lists every wrong label with its evidence. It can be interrupted and
-resumed; with `--tasks fast_food` it takes a few minutes. The table of policies names the strengths that were used for
-the packaged numbers.
+compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can be
+interrupted and resumed. [All wrong labels](mistakes.md) of the packaged numbers are shown with their film strips.
 
-The matrix has one limit: the faulty policies were written together with the diagnosis, so they only have faults that
-its authors thought of. A policy with another kind of fault gets the label whose evidence fits best; the report shows
-the film beside it.
+"""
 
-![confusion matrix](pictures/confusion.png)
+SECTIONS: dict[Family, str] = {
+    "held_out": "The independent family, held out",
+    "development": "The independent family, used for development",
+    "faulty": "The faulty policies",
+}
+
+MISTAKES = """# Wrong labels
+
+Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
+whole path of the gripper (blue while it is open, orange while it is closed), then states at equal distances in time
+with the path so far.
 
 """
 
@@ -55,17 +76,66 @@ everything new. The **shortcut ceiling** is the best success rate among the rule
 blind probes and the replays; the **margin** is a policy's success rate minus the ceiling.
 
 """
-NOT_MEASURED = "This version of the suite has not been measured yet.\n"
+NOT_MEASURED = "Not measured yet for this version of the suite.\n"
 
 
 def write(out: Path) -> None:
-    """Write ``calibration.md`` and its picture below the folder of the documentation."""
-    found = packaged_calibration()
+    """Write ``calibration.md``, ``mistakes.md`` and pictures of the matrices into the folder of the documentation."""
+    parts, mistakes = [HEAD], [MISTAKES]
+    for family, title in SECTIONS.items():
+        found = packaged_calibration(family)
+        parts.append(f"## {title}\n\n{NOT_MEASURED if found is None else _section(found, family, out)}\n")
+        mistakes += [] if found is None else [f"## {title}\n\n{_mistakes(found, family, out)}\n"]
+    power = packaged_power_matrix()
+    parts.append(POWER + (NOT_MEASURED if power is None else power_markdown(power)))
+    (out / "calibration.md").write_text("".join(parts), encoding="utf-8")
+    (out / "mistakes.md").write_text("".join(mistakes).rstrip("\n") + "\n", encoding="utf-8")
+
+
+def _section(found: Calibration, family: Family, out: Path) -> str:
+    """Return the numbers of a family, and draw its matrix."""
+    picture = f"confusion_{family}.png"
+    with tempfile.TemporaryDirectory() as folder:
+        write_calibration_page(found, Path(folder), family=family)
+        shutil.copy(Path(folder) / "confusion.png", out / "pictures" / picture)
+    return f"![confusion matrix: {SECTIONS[family]}](pictures/{picture})\n\n{calibration_markdown(found)}"
+
+
+def _mistakes(found: Calibration, family: Family, out: Path) -> str:
+    """Return the wrong labels of a family, each with its film strip where there is one."""
+    lines = []
+    for number, j in enumerate(found.wrong):
+        lines.append(f"**{j.trial}**, `{j.policy}`: {label_name(j.truth)}, and not {label_name(j.label)}.")
+        lines += [j.text] + ([f"Debatable: {j.debatable}."] if j.debatable else [])
+        picture = strip_of(out, family, number)
+        lines += ["", *([f"![film strip of {j.trial}]({picture.relative_to(out)})"] if picture.is_file() else []), ""]
+    return "\n".join(lines) if lines else "None.\n"
+
+
+def strip_of(out: Path, family: Family, number: int) -> Path:
+    """Return where the film strip of a wrong label is."""
+    return out / "pictures" / "mistakes" / f"{family}_{number}.jpg"
+
+
+def main() -> None:
+    """Copy the film strips of the wrong labels from finished runs: ``calibration_page.py held_out RUNS``."""
+    parser = argparse.ArgumentParser(description="Draw the film strips of the wrong labels of a packaged calibration.")
+    parser.add_argument("family", choices=list(SECTIONS))
+    parser.add_argument("runs", type=Path, help="folder of the calibration that was packaged")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
+    arguments = parser.parse_args()
+    found = packaged_calibration(arguments.family)
     if found is None:
         raise SystemExit("no packaged calibration; run better calibrate --write-package")
-    with tempfile.TemporaryDirectory() as folder:
-        write_calibration_page(found, Path(folder))
-        shutil.copy(Path(folder) / "confusion.png", out / "pictures" / "confusion.png")
-    power = packaged_power_matrix()
-    text = HEAD + calibration_markdown(found) + POWER + (NOT_MEASURED if power is None else power_markdown(power))
-    (out / "calibration.md").write_text(text, encoding="utf-8")
+    folder = strip_of(arguments.out, arguments.family, 0).parent
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.glob(f"{arguments.family}_*.jpg"):
+        old.unlink()
+    strips = film_strips(found.wrong, arguments.runs)
+    for number, j in enumerate(found.wrong):
+        strip_of(arguments.out, arguments.family, number).write_bytes(strips[j.policy, j.trial])
+    write(arguments.out)
+
+
+if __name__ == "__main__":
+    main()

@@ -20,8 +20,8 @@ from betterbench.tasks import all_labels
 S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION
 
 
-def judged(truth: Label, label: Label, *, policy: str = "zoo:x", trial: str = "fast_food/T1/0") -> Judged:
-    return Judged(policy, trial, truth, label, "decision 0: something", "a_rule", "It did something.")
+def judged(truth: Label, label: Label, *, policy: str = "zoo:x", trial: str = "fast_food/T1/0", **more) -> Judged:
+    return Judged(policy, trial, truth, label, "decision 0: something", "a_rule", "It did something.", **more)
 
 
 @pytest.fixture
@@ -45,6 +45,19 @@ def test_rates_are_counts_over_counts(calibration):
     assert sum(calibration.counts.values()) == calibration.total == 13
 
 
+def test_what_is_hard_and_what_is_unjust_is_counted_apart():
+    hovers = [judged(R, R, grasped=False), judged(R, E, grasped=False), judged(S, S, grasped=False), judged(C, R)]
+    honest = [judged(E, E, honest=True), judged(S, S, honest=True), judged(E, R, honest=True, grasped=False)]
+    found = Calibration.of(hovers + honest, left_out=2)
+    assert (found.failed_kinds.k, found.failed_kinds.n) == (3, 5)
+    assert (found.without_grasp.k, found.without_grasp.n) == (1, 3)
+    assert (found.accused.k, found.accused.n) == (1, 3)
+    text = calibration_markdown(found)
+    assert "Where no grasp was attempted, 33.3 % (1/3)" in text
+    assert "called a failure of reasoning in 1 of 3 trials" in text
+    assert "2 trials said nothing about the habit" in text
+
+
 def test_only_reasoning_against_execution_is_crossed():
     crossed = {(a, b) for a in all_labels() for b in all_labels() if judged(a, b).crossed}
     kinds = {Kind.REASONING, Kind.EXECUTION}
@@ -53,23 +66,30 @@ def test_only_reasoning_against_execution_is_crossed():
 
 
 def test_the_json_form_reads_back(calibration):
-    again = Calibration.from_json(json.dumps(calibration.to_json()).encode())
+    again = Calibration.from_json(json.dumps(calibration.to_json()).encode(), where="calibration.json")
     assert again == calibration
 
 
-@pytest.mark.parametrize("spoil", ["counts", "policies", "wrong", "crossed", "versions"])
+@pytest.mark.parametrize(
+    "spoil", ["counts", "policies", "wrong", "crossed", "without_grasp", "accused", "left_out", "versions"]
+)
 def test_a_spoilt_file_is_one_clear_error(calibration, spoil):
     form = calibration.to_json()
-    for bad in ({k: v for k, v in form.items() if k != spoil}, {**form, spoil: 3.5 if spoil != "crossed" else "x"}):
+    for bad in (
+        {k: v for k, v in form.items() if k != spoil},
+        {**form, spoil: "x" if spoil in ("crossed", "left_out") else 3.5},
+    ):
         with pytest.raises(RecordError, match=f"calibration.json: {spoil}.*better calibrate"):
-            Calibration.from_json(json.dumps(bad).encode())
+            Calibration.from_json(json.dumps(bad).encode(), where="calibration.json")
     with pytest.raises(RecordError):
-        Calibration.from_json(b"[]")
+        Calibration.from_json(b"[]", where="calibration.json")
     with pytest.raises(RecordError, match=r"rate: 3 successes in 2 trials is impossible"):
-        Calibration.from_json(json.dumps({**form, "policies": {"zoo:x": {"k": 3, "n": 2}}}).encode())
+        Calibration.from_json(
+            json.dumps({**form, "policies": {"zoo:x": {"k": 3, "n": 2}}}).encode(), where="calibration.json"
+        )
     unknown = {**form, "counts": [{"truth": "success", "label": "succes", "n": 1}]}
     with pytest.raises(RecordError, match=r"counts\[0\]\.label: .*Did you mean 'success'"):
-        Calibration.from_json(json.dumps(unknown).encode())
+        Calibration.from_json(json.dumps(unknown).encode(), where="calibration.json")
 
 
 def test_the_truth_is_what_was_decided_unless_the_goal_was_met():

@@ -1,19 +1,17 @@
-"""Running the independent family: plans of the trials in which its habits show, and runs whose journals hold truths.
-
-:func:`betterbench.calibration.run.assess` compares the labels of such runs with the true ones.
-"""
+"""The diagnosis measured on the independent family: plans of the trials in which its habits show."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from betterbench.calibration.run import CalibrationProgress, assess, run_plans
+from betterbench.diagnosis import Calibration
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation import Plan, Trial, evaluate
+from betterbench.evaluation import Plan, Trial
 from betterbench.independent import HALVES, INDEPENDENT, IndependentPolicy, Shown, shown_in
 from betterbench.independent.registry import Half
 from betterbench.interventions import resolve_condition
-from betterbench.recording import RunFolder
 from betterbench.tasks import stream
 
 
@@ -37,20 +35,21 @@ def independent_plans(half: Half, *, trials: int = 4, seed: int = 0) -> tuple[Pl
     return tuple(Plan(p.address, _chosen(p, trials, seed), "ee_delta", "state_only", "standard") for p in policies)
 
 
-def run_independent(
-    plans: Sequence[Plan], out: Path, *, workers: int = 1, on_plan: Callable[[str], None] | None = None
-) -> tuple[RunFolder, ...]:
-    """Run plans into one folder each below ``out``; the same call resumes.
+def calibrate_independent(
+    half: Half,
+    out: Path,
+    *,
+    trials: int = 4,
+    seed: int = 0,
+    workers: int = 1,
+    on_progress: Callable[[CalibrationProgress], None] | None = None,
+) -> Calibration:
+    """Run a half of the independent family, diagnose it from its records, and compare the labels with the true ones.
 
-    Raises:
-        RunConflictError: If a folder holds another run.
+    Raises what :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate` raise.
     """
-    runs: list[RunFolder] = []
-    for plan in plans:
-        if on_plan is not None:
-            on_plan(plan.policy)
-        runs.append(evaluate(plan, out / plan.policy.replace(":", "-"), workers=workers))
-    return tuple(runs)
+    plans = {plan.policy.replace(":", "-"): plan for plan in independent_plans(half, trials=trials, seed=seed)}
+    return assess(run_plans(plans, out, workers=workers, on_progress=on_progress))
 
 
 def _chosen(policy: IndependentPolicy, trials: int, seed: int) -> tuple[Trial, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,39 +43,72 @@ def calibrate(
         InvalidInputError: If a number is out of range.
         RecordError: If a record cannot be read.
     """
-    plans = [plan_of(entry, tasks) for entry in planned]
-    total = sum(len(plan.trials) for plan in plans)
+    plans = {entry.folder: plan_of(entry, tasks) for entry in planned}
+    return assess(run_plans(plans, out, workers=workers, on_progress=on_progress))
+
+
+def run_plans(
+    plans: Mapping[str, Plan],
+    out: Path,
+    *,
+    workers: int = 1,
+    on_progress: Callable[[CalibrationProgress], None] | None = None,
+) -> tuple[RunFolder, ...]:
+    """Run plans, each into the folder of its name below ``out``; the same call resumes.
+
+    Raises:
+        RunConflictError: If a folder holds another run.
+    """
+    total = sum(len(plan.trials) for plan in plans.values())
     before = 0
     runs: list[RunFolder] = []
-    for entry, plan in zip(planned, plans, strict=True):
+    for folder, plan in plans.items():
 
-        def told(progress: Progress, entry: CalibrationPolicy = entry, offset: int = before) -> None:
+        def told(progress: Progress, policy: str = plan.policy, offset: int = before) -> None:
             if on_progress is not None:
-                on_progress(CalibrationProgress(offset + progress.done, total, str(entry.address)))
+                on_progress(CalibrationProgress(offset + progress.done, total, policy))
 
-        runs.append(evaluate(plan, out / entry.folder, workers=workers, on_progress=told))
+        runs.append(evaluate(plan, out / folder, workers=workers, on_progress=told))
         before += len(plan.trials)
-    return assess(runs)
+    return tuple(runs)
 
 
 def assess(runs: Sequence[RunFolder]) -> Calibration:
     """Return the calibration that finished runs give, from their records and journals."""
     trials: list[Judged] = []
     versions: dict[str, str] = {}
+    left_out = 0
     for run in runs:
         diagnosis = diagnose_run(run)
         versions |= {k: v for k, v in diagnosis.versions.items() if not k.startswith("policy")}
-        trials += _judged(run, diagnosis)
-    return Calibration.of(trials, versions=versions)
+        said = _said(run)
+        left_out += sum(bool(truth.get("left_out")) for truth in said.values())
+        trials += _judged(diagnosis, said)
+    return Calibration.of(trials, versions=versions, left_out=left_out)
 
 
-def _judged(run: RunFolder, diagnosis: RunDiagnosis) -> Iterator[Judged]:
-    entries = (e for e in run.entries() if e.status == "done")
-    ground_truth = {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in entries}
+def _said(run: RunFolder) -> dict[TrialId, Mapping[str, str]]:
+    """Return what the policy of a run said of its episodes, where they ended."""
+    done = (e for e in run.entries() if e.status == "done")
+    return {TrialId(e.task, e.variation or e.condition, e.seed): e.ground_truth for e in done}
+
+
+def _judged(diagnosis: RunDiagnosis, said: Mapping[TrialId, Mapping[str, str]]) -> Iterator[Judged]:
     for trial in diagnosis.trials:
-        said = ground_truth.get(trial.trial_id)
-        if said is None:
-            continue  # it broke down outside the policy; evaluate has said so, and runs it again
-        truth = true_label(said, expected=trial.expected, success=trial.success)
+        truth = said.get(trial.trial_id)
+        # A trial that broke down outside the policy has none; evaluate has said so, and runs it again.
+        if truth is None or truth.get("left_out"):
+            continue
         why = trial.evidence
-        yield Judged(diagnosis.policy, trial.key, truth, trial.label, said.get("fault", ""), why.rule, why.text)
+        yield Judged(
+            diagnosis.policy,
+            trial.key,
+            true_label(truth, expected=trial.expected, success=trial.success),
+            trial.label,
+            truth.get("fault", ""),
+            why.rule,
+            why.text,
+            grasped=any(a.object is not None or a.slot is not None for a in trial.attempts),
+            honest=truth.get("stated") == "honest" or diagnosis.policy == "expert",
+            debatable=truth.get("debatable", ""),
+        )

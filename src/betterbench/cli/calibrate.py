@@ -8,16 +8,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
+
+STRENGTHS = (1.0, 0.6, 0.3)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from betterbench.calibration import CalibrationProgress
-    from betterbench.diagnosis.confusion import Calibration
+    from betterbench.diagnosis.confusion import Calibration, Family
     from betterbench.diagnosis.power_matrix import PowerMatrix
 
 
@@ -26,30 +28,37 @@ def calibrate_command(
     out: Path | None = None,
     tasks: tuple[str, ...] = (),
     policies: tuple[str, ...] = (),
-    strengths: tuple[float, ...] = (1.0, 0.6, 0.3),
-    trials: int = 1,
+    strengths: tuple[float, ...] = STRENGTHS,
+    trials: int | None = None,
     seed: int = 0,
     workers: int | None = None,
+    family: Literal["faulty", "development", "held_out"] = "faulty",
+    films: int = 100,
     power: bool = False,
     write_package: bool = False,
     json: bool = False,
 ) -> None:
     """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
 
-    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. With --power,
-    the same rules at full strength, blind probes and replayed demonstrations show instead what each variation can tell
-    apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
+    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. The policies
+    of the independent family have another controller and other habits; half of them was never used to develop the
+    diagnosis. With --power, the faulty rules at full strength, blind probes and replayed demonstrations show instead
+    what each variation can tell apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
 
     Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
 
     Args:
-        out: Folder of the calibration; runs/calibration, or runs/power, if not given.
+        out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
         tasks: Tasks to run; the whole suite if none is named.
         policies: Faulty policies to run; all if none is named.
         strengths: Shares of the trials in which a faulty rule is followed; smaller shares also get more action noise.
-        trials: Trials per variation of each policy at each strength.
+        trials: Trials per variation of each faulty policy at each strength, 1 if not given; trials of each policy of
+            the independent family, 4 if not given.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
+        family: Faulty policies, or the half of the independent family that was used to develop the diagnosis, or the
+            half that was held out.
+        films: Film strips of wrong labels on the page, at most; 0 renders nothing.
         power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
         write_package: Also write the file that ships with the package; for its maintainers.
         json: Print the result as one JSON document at the end.
@@ -60,23 +69,32 @@ def calibrate_command(
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
         problem = "it replaces the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
-    if power and (policies or strengths != (1.0, 0.6, 0.3) or trials != 1 or seed != 0):
+    if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
         raise InvalidInputError(
             "--power", "it fixes policies, strengths, trials and seeds", "Leave those options out, or leave out --power"
+        )
+    if family != "faulty" and (tasks or policies or strengths != STRENGTHS):
+        raise InvalidInputError(
+            "--family",
+            "the independent family has its own tasks and habits, at full strength",
+            "Leave out --tasks, --policies and --strengths, or --family",
         )
     prepare_robot("panda")
     count = workers or os.cpu_count() or 1
     if power:
         _power(out or Path("runs/power"), tasks, count, write_package=write_package, as_json=json)
         return
-    from betterbench.calibration import calibrate, calibration_policies
+    from betterbench.calibration import calibrate, calibrate_independent, calibration_policies
     from betterbench.cli.output.calibration import print_calibration
 
-    out = out or Path("runs/calibration")
-    planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials)
+    out = out or Path("runs") / ("calibration" if family == "faulty" else family)
     with _progress("calibrate") as told:
-        found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
-    page = _store(found, out, write_package=write_package)
+        if family == "faulty":
+            planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials or 1)
+            found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
+        else:
+            found = calibrate_independent(family, out, trials=trials or 4, seed=seed, workers=count, on_progress=told)
+    page = _store(found, out, family, films=films, write_package=write_package)
     if json:
         print_json(found.to_json())
         return
@@ -121,8 +139,9 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
     return write_power_page(found, out)
 
 
-def _store(found: Calibration, out: Path, *, write_package: bool) -> Path:
+def _store(found: Calibration, out: Path, family: Family, *, films: int, write_package: bool) -> Path:
     """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
+    from betterbench.cli.output.calibration import film_strips
     from betterbench.diagnosis.confusion import PACKAGED
     from betterbench.diagnosis.power_matrix import packaged_power_matrix
     from betterbench.recording import write_durably
@@ -132,6 +151,7 @@ def _store(found: Calibration, out: Path, *, write_package: bool) -> Path:
     write_durably(out / "calibration.json", text)
     if write_package:
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
-            write_durably(folder / PACKAGED, text)
-            say(f"packaged calibration: {folder / PACKAGED}")
-    return write_calibration_page(found, out, power=packaged_power_matrix())
+            write_durably(folder / PACKAGED[family], text)
+            say(f"packaged calibration: {folder / PACKAGED[family]}")
+    strips = film_strips(found.wrong[:films], out)
+    return write_calibration_page(found, out, family=family, power=packaged_power_matrix(), strips=strips)

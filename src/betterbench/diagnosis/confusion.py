@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
@@ -16,8 +16,15 @@ from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-PACKAGED = "calibration.json"
-"""File of the packaged calibration, beside this module in ``data``."""
+Family = Literal["faulty", "development", "held_out"]
+"""What a diagnosis is measured on: the faulty policies, or a half of the independent family."""
+
+PACKAGED: dict[Family, str] = {
+    "faulty": "calibration.json",
+    "development": "calibration_development.json",
+    "held_out": "calibration_held_out.json",
+}
+"""Files of the packaged calibrations, beside this module in ``data``."""
 
 
 @open_form
@@ -29,6 +36,9 @@ class Judged:
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
         fault: What was decided wrongly, in the policy's own words.
+        grasped: Whether the record holds a grasp attempt, so that a grasp shows what was decided.
+        honest: Whether the policy has no fault.
+        debatable: Why a careful reader of the suite might give another label; "" if none would.
     """
 
     policy: str
@@ -38,6 +48,9 @@ class Judged:
     fault: str
     rule: str
     text: str
+    grasped: bool = True
+    honest: bool = False
+    debatable: str = ""
 
     @property
     def right(self) -> bool:
@@ -71,6 +84,9 @@ class Calibration:
     Attributes:
         policies: Per policy its right trials and all its trials.
         crossed: Trials in which reasoning was called execution or the other way round.
+        without_grasp: Trials with the right label, of the failed ones without a grasp attempt.
+        accused: Trials of policies without a fault that were called a failure of reasoning, of all their trials.
+        left_out: Trials that say nothing about the policy's fault, which are not judged.
     """
 
     counts: dict[tuple[Label, Label], int]
@@ -78,9 +94,12 @@ class Calibration:
     wrong: tuple[Judged, ...]
     crossed: int
     versions: dict[str, str]
+    without_grasp: Rate
+    accused: Rate
+    left_out: int
 
     @classmethod
-    def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None) -> Calibration:
+    def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
         """Return the calibration that judged trials give."""
         judged = list(trials)
         per_policy: dict[str, list[bool]] = {}
@@ -92,6 +111,9 @@ class Calibration:
             tuple(j for j in judged if not j.right),
             sum(j.crossed for j in judged),
             dict(versions or {}),
+            _share(j.right for j in judged if not j.grasped and j.truth.kind is not Kind.NONE),
+            _share(j.label.kind is Kind.REASONING for j in judged if j.honest),
+            left_out,
         )
 
     @property
@@ -108,6 +130,12 @@ class Calibration:
     def failed(self) -> Rate:
         """Trials with the right label, of those that deserve the label of a failure: successes are the easy part."""
         counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
+        return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
+
+    @property
+    def failed_kinds(self) -> Rate:
+        """Trials that were given a label of the right kind, of those that deserve the label of a failure."""
+        counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
         return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
 
     @property
@@ -143,11 +171,14 @@ class Calibration:
             "policies": {name: {"k": rate.k, "n": rate.n} for name, rate in sorted(self.policies.items())},
             "wrong": [{**asdict(j), "truth": j.truth.value, "label": j.label.value} for j in self.wrong],
             "crossed": self.crossed,
+            "without_grasp": asdict(self.without_grasp),
+            "accused": asdict(self.accused),
+            "left_out": self.left_out,
             "versions": self.versions,
         }
 
     @classmethod
-    def from_json(cls, raw: bytes, *, where: str = PACKAGED) -> Calibration:
+    def from_json(cls, raw: bytes, *, where: str) -> Calibration:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
@@ -160,6 +191,9 @@ class Calibration:
             file.wrong,
             file.crossed,
             file.versions,
+            file.without_grasp,
+            file.accused,
+            file.left_out,
         )
 
 
@@ -178,17 +212,26 @@ class _File:
     policies: dict[str, Rate]
     wrong: tuple[Judged, ...]
     crossed: int
+    without_grasp: Rate
+    accused: Rate
+    left_out: int
     versions: dict[str, str]
 
 
 _FILE = TypeAdapter(_File)
 
 
-def packaged_calibration() -> Calibration | None:
-    """Return the calibration that ships with the package, or None if this build has none.
+def packaged_calibration(family: Family = "faulty") -> Calibration | None:
+    """Return the calibration of a family that ships with the package, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.
     """
-    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED)
-    return Calibration.from_json(file.read_bytes()) if file.is_file() else None
+    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED[family])
+    return Calibration.from_json(file.read_bytes(), where=PACKAGED[family]) if file.is_file() else None
+
+
+def _share(found: Iterable[bool]) -> Rate:
+    """Return how many are true, of all."""
+    values = list(found)
+    return Rate(sum(values), len(values))

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         Panel,
         TwinFilm,
         render_paths,
+        render_strips,
         render_twin_films,
         write_twin_film,
     )
@@ -54,6 +55,7 @@ __all__ = [
     "probe_encoder",
     "render_paths",
     "render_shots",
+    "render_strips",
     "render_twin_films",
     "run_preflight",
     "show_comparison",
@@ -70,6 +72,7 @@ _MODULES = {
         "Panel",
         "TwinFilm",
         "render_paths",
+        "render_strips",
         "render_twin_films",
         "write_twin_film",
     ),

@@ -3,24 +3,45 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from betterbench.diagnosis import Calibration, Kind, Label
+from betterbench.diagnosis.confusion import Family
 from betterbench.diagnosis.power_matrix import PowerMatrix
 from betterbench.report.html import data_uri, environment, write
 from betterbench.report.power_page import blind_sentences, blind_table
 from betterbench.statistics import Rate, percent
+from betterbench.statistics.wording import plural
 
 KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
 
 
-def write_calibration_page(calibration: Calibration, out: Path, *, power: PowerMatrix | None = None) -> Path:
+WHAT_IT_IS: dict[Family, str] = {
+    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
+    "first wrong decision; the diagnosis sees the records alone.",
+    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was developed on this half.",
+    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was never developed on this half.",
+}
+
+
+def write_calibration_page(
+    calibration: Calibration,
+    out: Path,
+    *,
+    family: Family = "faulty",
+    power: PowerMatrix | None = None,
+    strips: Mapping[tuple[str, str], bytes] | None = None,
+) -> Path:
     """Write the page, the matrix as SVG and PNG and the tables as Markdown into a folder; return the page's path.
 
-    With a power matrix the page also shows which variations can be solved blind.
+    With a power matrix the page also shows which variations can be solved blind; ``strips`` are film strips (JPEG) of
+    trials with a wrong label, by policy and trial.
     """
     figure = confusion_figure(calibration)
     svg = _drawn(figure, "svg")
@@ -31,6 +52,9 @@ def write_calibration_page(calibration: Calibration, out: Path, *, power: PowerM
     pages.filters.update(rate=rate_text, name=label_name)
     page = pages.get_template("calibration.html.jinja").render(
         calibration=calibration,
+        what=WHAT_IT_IS[family],
+        summary=calibration_summary(calibration),
+        strips={key: data_uri(image, "image/jpeg") for key, image in (strips or {}).items()},
         matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
         blind=blind_sentences(power.blind_cells()) if power is not None else (),
@@ -83,12 +107,12 @@ def confusion_figure(calibration: Calibration) -> Figure:
 
 def calibration_markdown(calibration: Calibration) -> str:
     """Return the tables of a calibration as Markdown."""
-    verdict = (
-        f"{rate_text(calibration.overall)} of the trials got their true label, and of the failed ones "
-        f"{rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
-        f"{rate_text(calibration.crossed_rate)} of those that failed for either."
-    )
-    lines = [verdict, "", "| true label | kind | found (recall) | right when given (precision) |", "|---|---|---|---|"]
+    lines = [
+        calibration_summary(calibration),
+        "",
+        "| true label | kind | found (recall) | right when given (precision) |",
+        "|---|---|---|---|",
+    ]
     lines += [
         f"| `{s.label.value}` | {KINDS[s.label.kind]} | {rate_text(s.recall)} | {rate_text(s.precision)} |"
         for s in calibration.scores()
@@ -96,6 +120,29 @@ def calibration_markdown(calibration: Calibration) -> str:
     lines += ["", "| policy | right |", "|---|---|"]
     lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in calibration.policies.items()]
     return "\n".join(lines) + "\n"
+
+
+def calibration_summary(calibration: Calibration) -> str:
+    """Return what a calibration shows in a few sentences."""
+    kinds, overall = rate_text(calibration.failed_kinds), rate_text(calibration.overall)
+    labels = (
+        f"Of the failed trials {rate_text(calibration.failed)} got their true label and {kinds} a label of the right "
+        f"kind; of all trials {overall} got their true label."
+    )
+    crossed = (
+        f"Reasoning was called execution or the other way round in {rate_text(calibration.crossed_rate)} of those that "
+        "failed for either."
+    )
+    sentences = [labels, crossed]
+    if calibration.without_grasp.n:
+        found = rate_text(calibration.without_grasp)
+        sentences.append(f"Where no grasp was attempted, {found} of the failed trials got their true label.")
+    if calibration.accused.n:
+        found = f"{calibration.accused.k} of {plural(calibration.accused.n, 'trial')}"
+        sentences.append(f"A policy without a fault was called a failure of reasoning in {found}.")
+    if calibration.left_out:
+        sentences.append(f"{plural(calibration.left_out, 'trial')} said nothing about the habit and are left out.")
+    return " ".join(sentences)
 
 
 def rate_text(rate: Rate) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import RunDiagnosis, packaged_calibration
 from betterbench.diagnosis.power_matrix import CURE, packaged_power_matrix
-from betterbench.report.calibration_page import rate_text
+from betterbench.report.calibration_page import calibration_summary, rate_text
 from betterbench.report.power_page import flagged, redundant
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed
@@ -19,14 +19,12 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}
-    calibration = packaged_calibration()
-    if calibration is None:
-        facts["Calibration"] = "This build ships none; run better calibrate."
-        return facts
+    held_out = packaged_calibration("held_out")
     facts["Calibration"] = (
-        f"{rate_text(calibration.overall)} of the trials of policies with one known fault got their true label, and of "
-        f"the failed ones {rate_text(calibration.failed)}; reasoning was called execution or the other way round in "
-        f"{rate_text(calibration.crossed_rate)} of those that failed for either. Command: better calibrate."
+        "This build ships none; run better calibrate --family held_out."
+        if held_out is None
+        else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
+        f"{calibration_summary(held_out)} Command: better calibrate --family held_out."
     )
     facts |= _blind({name for name, _ in trials})
     return facts

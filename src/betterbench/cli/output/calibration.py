@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from betterbench.cli.console import OUT, print_table
-from betterbench.diagnosis import Calibration
+from collections.abc import Sequence
+from pathlib import Path
+
+from betterbench.cli.console import OUT, print_table, progress_bar, say
+from betterbench.diagnosis import Calibration, Judged
 from betterbench.diagnosis.power_matrix import PowerMatrix
-from betterbench.report.calibration_page import KINDS, label_name, rate_text
+from betterbench.errors import MissingDependencyError
+from betterbench.evaluation import render_strips
+from betterbench.recording import RunFolder
+from betterbench.report.calibration_page import KINDS, calibration_summary, label_name, rate_text
 from betterbench.report.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
@@ -29,13 +35,29 @@ def print_calibration(found: Calibration) -> None:
         OUT.print(f"• {j.policy} {j.trial}: {j.truth.value} was labeled {j.label.value}. {j.text}", markup=False)
     if len(found.wrong) > WRONG_SHOWN:
         OUT.print(f"  and {len(found.wrong) - WRONG_SHOWN} more on the page", markup=False)
-    OUT.print(
-        f"right       {rate_text(found.overall)} of all trials, {rate_text(found.failed)} of the failed ones",
-        markup=False,
-    )
-    OUT.print(
-        f"reasoning taken for execution, or execution for reasoning: {rate_text(found.crossed_rate)}", markup=False
-    )
+    OUT.print(calibration_summary(found), markup=False)
+
+
+def film_strips(wrong: Sequence[Judged], out: Path) -> dict[tuple[str, str], bytes]:
+    """Return a film strip (JPEG) of each wrong label, by policy and trial, from the runs below a folder."""
+    strips: dict[tuple[str, str], bytes] = {}
+    runs = {run.plan["policy"]: run for run in map(RunFolder.open, sorted(p.parent for p in out.glob("*/run.json")))}
+    with progress_bar("film strips", len(wrong)) as (bar, task):
+        for policy in dict.fromkeys(j.policy for j in wrong):
+            keys = {_trial(j.trial): j.trial for j in wrong if j.policy == policy}
+            try:
+                images = render_strips(runs[policy], list(keys))
+            except MissingDependencyError as error:
+                say(f"no film strips: {error}")
+                return {}
+            strips |= {(policy, keys[trial]): image for trial, image in images.items()}
+            bar.update(task, completed=len(strips))
+    return strips
+
+
+def _trial(key: str) -> tuple[str, str, int]:
+    task, condition, seed = key.split("/")
+    return task, condition, int(seed)
 
 
 def print_power(found: PowerMatrix) -> None:

@@ -101,6 +101,32 @@ def render_paths(
     return images
 
 
+def render_strips(
+    run: RunFolder,
+    trials: Sequence[tuple[str, str, int]],
+    *,
+    frames: int = 6,
+    look: FilmLook = FilmLook(size=160),
+    on_progress: Callable[[int, int], None] | None = None,
+) -> dict[tuple[str, str, int], bytes]:
+    """Return one JPEG per trial: its start with the whole path, then states at equal distances with the path so far.
+
+    Raises what :func:`render_paths` raises.
+    """
+    images: dict[tuple[str, str, int], bytes] = {}
+    with _views(look, 1 if trials else 0) as views:
+        for trial in dict.fromkeys(trials):
+            side = _Side(views[0], run, trial, look)
+            times = np.linspace(0.0, side.duration_s, frames)[1:]
+            strip = Image.new("RGB", (frames * look.size, look.size), _PAPER)
+            for i, image in enumerate([side.start, *(side.at(time_s) for time_s in times)]):
+                strip.paste(image, (i * look.size, 0))
+            images[trial] = _jpeg(strip)
+            if on_progress is not None:
+                on_progress(len(images), len(trials))
+    return images
+
+
 def render_twin_films(
     run: RunFolder,
     films: Sequence[Sequence[Panel]],
