@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import json
 from itertools import chain
 from pathlib import Path
 
 import pytest
 
 import betterbench.independent
+from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
 from betterbench.independent import HALVES, INDEPENDENT, is_independent, make_independent, shown_in
@@ -168,3 +170,27 @@ def test_plans_hold_trials_in_which_the_habits_show():
         assert len(set(plan.trials)) == len(plan.trials)
     with pytest.raises(InvalidInputError, match="trials"):
         independent_plans("development", trials=0)
+
+
+def test_a_half_is_run_judged_and_resumed_by_the_command_line(tmp_path, monkeypatch, capsys):
+    from betterbench.calibration import independent
+
+    two = [p for p in independent.independent_plans("development", trials=1) if "brisk" in p.policy][:2]
+    monkeypatch.setattr(independent, "independent_plans", lambda *_, **__: tuple(two))
+    arguments = ["calibrate", "--family", "development", "--out", str(tmp_path), "--workers", "1", "--films", "0"]
+    arguments.append("--json")
+    assert main(arguments) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert sum(c["n"] for c in found["counts"]) == sum(len(p.trials) for p in two)
+    assert set(found["policies"]) == {p.policy for p in two}
+    assert found["accused"]["n"] >= 1
+    assert found["accused"]["k"] == 0
+    assert "developed on this half" in (tmp_path / "calibration.html").read_text()
+    records = {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+    assert main(arguments) == 0
+    assert records == {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
+
+
+def test_the_independent_family_has_its_own_tasks_and_strengths(capsys):
+    assert main(["calibrate", "--family", "held_out", "--tasks", "fast_food"]) == 2
+    assert "--family: the independent family has its own tasks" in " ".join(capsys.readouterr().err.split())
