@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import BetterError, InvalidInputError, UnknownNameError
+from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
 from betterbench.interface import BatchPolicy, Execution, Policy, PolicyInfo
 from betterbench.policies.plugin import load_plugin, source_of
 
@@ -122,18 +122,16 @@ def _told(problem: BaseException) -> tuple[str, str, Sequence[str]]:
         return "error", "UnknownNameError", (problem.kind, problem.name, *problem.known)
     if isinstance(problem, InvalidInputError):
         return "error", "InvalidInputError", (problem.where, problem.problem, problem.cure)
-    kind = type(problem).__name__
+    known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
+    known = known if isinstance(problem, BetterError) else ""
     try:
-        text = str(problem)
+        text = str(problem) if known else described(problem)
     except BaseException:  # noqa: BLE001 - an error that cannot be shown is an error all the same
-        text = "it cannot be shown as text"
+        text = f"{type(problem).__name__}: it cannot be shown as text"
     if len(text) > MAX_TEXT:
         text = text[:MAX_TEXT] + " ..."
     text = text.encode("utf-8", "backslashreplace").decode()
-    known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), None)
-    if isinstance(problem, BetterError) and known is not None:
-        return "error", known, (text,)
-    return "error", "", (f"{kind}: {text}",)
+    return "error", known, (text,)
 
 
 def _close(policy: Policy) -> None:
