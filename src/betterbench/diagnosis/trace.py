@@ -167,8 +167,8 @@ def _touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
     """Return which object each part of the gripper touches, shape (parts, rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
-    part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies])
-    object_of = np.array([names.get(b, -1) for b in record.bodies])
+    part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies], dtype=np.intp)
+    object_of = np.array([names.get(b, -1) for b in record.bodies], dtype=np.intp)
     row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
     pairs = contacts.bodies[: int(contacts.offsets[rows])]
     touched = np.zeros((len(parts), rows, len(names)), dtype=np.bool_)
