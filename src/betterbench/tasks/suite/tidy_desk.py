@@ -11,7 +11,7 @@ TAPE, BIN = a.distractor("tape", "tape roll"), a.container("bin", "waste bin")
 TRASH_1, TRASH_2 = a.Slot("trash_1", 0.48, -0.235), a.Slot("trash_2", 0.62, -0.24)
 TRASH_3, TRASH_4 = a.Slot("trash_3", 0.475, -0.12), a.Slot("trash_4", 0.605, -0.13, yaw=1.5708)
 PLACE_1, PLACE_2 = a.Slot("place_1", 0.33, -0.02), a.Slot("place_2", 0.51, -0.01)
-PLACE_3 = a.Slot("place_3", 0.72, 0.03)
+PLACE_3 = a.Slot("place_3", 0.72, 0.042)
 FLOOR = a.Slot("floor", 0.52, 0.168, jitter_m=0.005, yaw_jitter=0.0)
 UNSEEN_1, UNSEEN_2 = a.Slot("unseen_1", 0.545, -0.225), a.Slot("unseen_2", 0.535, -0.115)
 VALUABLES = {MOUSE: PLACE_1, MUG: PLACE_2, KEYBOARD: PLACE_3, BIN: FLOOR}
@@ -52,7 +52,7 @@ def tidy_desk() -> a.Task:
     three = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE))
     novel = a.Support.NOVEL
     return a.Task(
-        version=2,
+        version=3,
         title="Tidying the Desk",
         template=a.LOOSE_PACKING,
         slots=(TRASH_1, TRASH_2, TRASH_3, TRASH_4, PLACE_1, PLACE_2, PLACE_3, FLOOR, UNSEEN_1, UNSEEN_2),
