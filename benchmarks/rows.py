@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from betterbench.diagnosis import diagnose_run
-from betterbench.episodes import Observer, describe
+from betterbench.episodes import Observer, append_row, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.evaluation.workers.worker import USUAL_ENVS
 from betterbench.interface import ObservationSpec, observation_spec
@@ -324,18 +324,7 @@ def record_row(*, quick: bool) -> Iterator[Figure]:
                     state = scene.state()
                 truth = tracker.update(state)
                 stepped = time.perf_counter()
-                builder.append(
-                    state,
-                    qpos=scene.data.qpos,
-                    qvel=scene.data.qvel,
-                    ctrl=scene.data.ctrl,
-                    action=action,
-                    applied=applied,
-                    predicates=truth.relations,
-                    subgoals=truth.subgoals,
-                    goal=truth.goal,
-                    forbidden=truth.forbidden,
-                )
+                append_row(builder, scene, state, truth, action=action, applied=applied)
                 ended = time.perf_counter()
                 loop += ended - began
                 recording += ended - stepped
