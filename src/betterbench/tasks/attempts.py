@@ -151,7 +151,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
     free[list(motion.items)] = True
     free &= ~motion.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
     stopped = (
-        limit - start >= motion.steps(THRESHOLDS.stop_time)
+        limit - settled >= motion.steps(THRESHOLDS.stop_time)
         and motion.width[limit - 1] > THRESHOLDS.closed_width
         and not _still_closing(motion, limit)
     )
