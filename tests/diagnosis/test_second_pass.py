@@ -26,7 +26,7 @@ def coffee_choice(name: str, slot: str) -> Choice:
         (s, condition.object(o).kind) for o, s in condition.layout.items() if condition.object(o).role == "item"
     )
     words = frozenset(training_distribution_of(setting.task).word_slots[goal.word])
-    return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
+    return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), frozenset(), 2)
 
 
 def coffee_run(follow, strength: float, seeds: int = 20, *, names: tuple[str, ...] = COFFEE[:8]) -> dict[str, Choice]:
@@ -147,9 +147,11 @@ def lunch(n_wrong: int = 1) -> dict[str, Choice]:
     trained = frozenset({("first", "apple"), ("second", "orange")})
     swapped = frozenset({("first", "orange"), ("second", "apple")})
     first = frozenset(("first",))
-    right = {f"lunch/train1/{i}": Choice(trained, first, "first", True, first, frozenset(), 2) for i in range(3)}
+    right = {
+        f"lunch/train1/{i}": Choice(trained, first, "first", True, first, frozenset(), frozenset(), 2) for i in range(3)
+    }
     wrong = {
-        f"lunch/L1/{i}": Choice(swapped, frozenset(("second",)), "first", False, first, frozenset(), 2)
+        f"lunch/L1/{i}": Choice(swapped, frozenset(("second",)), "first", False, first, frozenset(), frozenset(), 2)
         for i in range(n_wrong)
     }
     return right | wrong

@@ -99,10 +99,11 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """The row after the last grasp attempt and what came of it; 0 if there is none."""
-        if not self.steps:
+        """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
+        grasps = [*(step.grasp for step in self.steps), *self.on_nothing]
+        if not grasps:
             return 0
-        last = self.steps[-1].grasp
+        last = max(grasps, key=lambda g: g.start)
         return min(self.trace.rows - 1, last.release if last.object is not None else last.end + 1)
 
     @property

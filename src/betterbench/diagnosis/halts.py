@@ -1,10 +1,10 @@
-"""Halts: the arm stands still although something is left to do, and does so to the end."""
+"""Halts: the arm stands still, or trembles in place, although something is left to do, and does so to the end."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.motion import Bools
@@ -16,15 +16,24 @@ HALT_RADIUS = threshold(
     "less than 1 cm.",
 )  # fmt: skip
 
+TREMBLE_TIME = threshold(
+    "tremble_time", 8.0, "s",
+    "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
+    "policies that hesitate go on within 6 s.",
+)  # fmt: skip
+
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the arm goes on is
-    none: a policy that pauses is slow.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
+    moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
+    that pauses is slow.
     """
     trace = episode.trace
     still = _still(trace)
+    if not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+        still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that lets go of something has not halted yet
@@ -36,6 +45,14 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         if stop - begin >= needed and episode.open_goals(begin + needed - 1) and _stays(trace, begin):
             return begin, stop - 1
     return None
+
+
+def _in_place_from(trace: Trace) -> int:
+    """Return a row from which the arm moves in place to the end, if it does so long enough, else the number of rows."""
+    for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(0.5)):
+        if _stays(trace, begin):
+            return begin
+    return trace.rows
 
 
 def _stays(trace: Trace, begin: int) -> bool:

@@ -58,7 +58,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     found = []
     for start, stop in _closings(motion):
         before, travel = start - 1, _finger_travel(motion, start, stop)
-        if motion.held[before] >= 0 or travel is None:
+        if motion.held[before] >= 0 or travel is None or _unresolved(motion, start, travel.limit):
             continue
         touched = bool((motion.left | motion.right)[start : travel.limit].any())
         shut = float(motion.width[before : travel.limit].min()) <= THRESHOLDS.closed_width
@@ -130,9 +130,15 @@ def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
             slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
-    if limit == motion.rows and (limit - start < motion.steps(THRESHOLDS.stop_time) or _still_closing(motion, limit)):
-        return None  # the episode ended before the fingers could reach anything
+    if _unresolved(motion, start, limit):
+        return None
     return _air_grasp(motion, before, settled, stop)
+
+
+def _unresolved(motion: Motion, start: int, limit: int) -> bool:
+    """Tell whether the episode ended before the fingers could reach anything."""
+    short = limit - start < motion.steps(THRESHOLDS.stop_time)
+    return limit == motion.rows and (short or _still_closing(motion, limit))
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
