@@ -14,7 +14,6 @@ from betterbench.diagnosis.verdict import Evidence
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-
 FIRST_STEP = "most_frequent_first_step"
 """The rule of evidence that the second pass may reject: other evidence of behavioral inertia is proof by itself."""
 
