@@ -235,7 +235,7 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("Unloadable", r"cannot be loaded \(RuntimeError: CUDA out of memory\)"),
+        ("Unloadable", r"Unloadable cannot be made: RuntimeError: CUDA out of memory \(misbehaving_policy\.py, line"),
         ("Gone", r"its process ended while loading \(exit status 9\)"),
     ],
 )
@@ -271,7 +271,8 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
     for name in ("Elsewhere", "Killed"):
         run = evaluate(tiny_plan(f"{plugin}:{name}", trials=3), Path(name))
         entries = {e.seed: (e.status, e.message) for e in run.entries()}
-        assert entries == dict.fromkeys(range(3), ("done", "RuntimeError: enough"))
+        enough = "RuntimeError: enough (misbehaving_policy.py, line 21, in act)"
+        assert entries == dict.fromkeys(range(3), ("done", enough))
         assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
         assert len(list(run.records())) == 3
 

@@ -672,7 +672,10 @@ def test_a_server_that_comes_back_with_other_modalities_stops_the_run(client):
     with Server() as server:
         policy = client(server, "timeout=5&retries=3&patience=10")
         port = server.port
-    with Server(port=port, modalities_=modalities(steps=(-1, 0))), pytest.raises(HandshakeError, match="came back"):
+    with (
+        Server(port=port, modalities_=modalities(steps=(-1, 0))),
+        pytest.raises(HandshakeError, match="come back as another"),
+    ):
         policy.act(seen())
 
 
