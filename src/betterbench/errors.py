@@ -173,7 +173,7 @@ class PolicyUnavailableError(PolicyError):
 
 
 class PolicyProcessError(PolicyError):
-    """The process of a policy cannot load it."""
+    """A policy cannot be loaded, perhaps for want of memory: fewer instances may be possible."""
 
 
 class PolicyKilledError(PolicyError):

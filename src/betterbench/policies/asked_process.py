@@ -26,7 +26,14 @@ MAX_ANSWER_BYTES = 64 << 20
 MAX_TEXT = 2000
 """Characters of an error that are passed on."""
 
-ERRORS = ("PolicyError", "PolicyUnavailableError", "HandshakeError", "RecordError", "MissingDependencyError")
+ERRORS = (
+    "PolicyError",
+    "PolicyProcessError",
+    "PolicyUnavailableError",
+    "HandshakeError",
+    "RecordError",
+    "MissingDependencyError",
+)
 """Errors of betterbench that keep their class on the way to the run; others of a policy become PolicyError."""
 
 

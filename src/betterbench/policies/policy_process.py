@@ -61,7 +61,7 @@ class PolicyProcess:
             PolicyProcessError: If it raised something else, or the process ended.
         """
         self._address = address
-        self._asking = threading.Lock()
+        self._asking, self._closing = threading.Lock(), threading.Lock()
         self._closed = False
         self._running: _Started | None = started or _Started(address)
         self.info, self.takes_batches, self.source = self._running.info, self._running.batches, self._running.source
@@ -87,11 +87,15 @@ class PolicyProcess:
             self._ask("check", **conventions)
 
     def close(self) -> None:
-        """Let the policy close, and end its process; at once where the policy is just being asked."""
-        self._closed = True
+        """Let the policy close, and end its process; at once where the policy is just being asked.
+
+        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        """
+        with self._closing:
+            first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
-            if running is not None:
+            if first and running is not None:
                 running.kill()  # whoever is asking sees that it has ended
             return
         try:
