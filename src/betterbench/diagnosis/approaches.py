@@ -151,7 +151,7 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the nearest object that an open, empty gripper is over, or -1."""
+    """Return the nearest object that an open, empty gripper is over, or -1; a target is come over to let go there."""
     if trace.closing[row] or trace.held[row] >= 0:
         return -1
     tool = trace.tool[row]
@@ -159,7 +159,7 @@ def _over(trace: Trace, row: int) -> int:
     reach = trace.within_reach(row, tool)
     best = -1
     for i in trace.items:
-        if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i):
+        if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
             continue
         height = float(tool[2] - trace.positions[row, i, 2] - trace.info.objects[i].size_m[2])
         # Wide things are taken at the rim, so that the gripper is over them far from their middle.
