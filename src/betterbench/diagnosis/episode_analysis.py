@@ -16,6 +16,13 @@ from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, f
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
+from betterbench.tasks.thresholds import threshold
+
+DOUBT = threshold(
+    "doubt", 0.03, "m",
+    "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else is, "
+    "for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
+)  # fmt: skip
 
 
 class AttemptTarget(StrEnum):
@@ -230,6 +237,12 @@ class EpisodeAnalysis:
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
+    def slots_in_training(self, i: int) -> tuple[str, ...]:
+        """Return the slots in which training had objects of this kind, apart from that in which this one stands."""
+        own = self.trace.slot_of(0, i, THRESHOLDS.slot_reach)
+        kinds = self.trained.standing_kinds.items()
+        return tuple(sorted(slot for slot, there in kinds if self.kind(i) in there and slot != own))
+
     def evidence(
         self,
         rule: str,
@@ -375,7 +388,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
     """Return a push or a stay as a step."""
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
-    return replace(_step(trace, instruction, known, grasp), means=means)
+    return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
@@ -433,13 +446,26 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - PUSHED_IN else set()
 
 
-def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:
+def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
+    """Return what a gripper that closed on nothing missed: in doubt, what was asked for now."""
+    if grasp.aim is None or grasp.aim in needed:
+        return grasp.aim
+    gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
+    near = [i for i in sorted(needed) if gaps[i] <= gaps[grasp.aim] + DOUBT]
+    return min(near, key=lambda i: float(gaps[i]), default=grasp.aim)
+
+
+def _step(
+    trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
+) -> Step:
+    """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
     row = grasp.start
     due = _open_goals(trace, instruction.subgoals, row)
     now = due[:1] if instruction.ordered else due
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
-    at = grasp.object if grasp.object is not None else grasp.aim
+    if at is None:
+        at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
     open_now = {i for g in due for i in wanted[g]}
     target = _target_of(trace, at, needed=needed, due=open_now, known=known)
     goal = next((g for g in now if at in wanted[g]), due[0] if due else None)

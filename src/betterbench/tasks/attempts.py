@@ -64,6 +64,9 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
         shut = float(motion.width[before : travel.limit].min()) <= THRESHOLDS.closed_width
         if touched or not shut or not _low_and_away(motion, before, travel.settled):
             continue
+        near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
+        if (near & motion.there[before]).any():
+            continue  # beside what is at its target, as after letting go of it
         if _resolve(motion, start, stop) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
