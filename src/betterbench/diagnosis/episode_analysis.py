@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -13,6 +14,7 @@ from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
+from betterbench.tasks.harm import DISPLACED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
@@ -238,10 +240,10 @@ class EpisodeAnalysis:
         return where in self.trained.kind_targets.get(self.kind(i), ())
 
     def slots_in_training(self, i: int) -> tuple[str, ...]:
-        """Return the slots in which training had objects of this kind, apart from that in which this one stands."""
-        own = self.trace.slot_of(0, i, THRESHOLDS.slot_reach)
-        kinds = self.trained.standing_kinds.items()
-        return tuple(sorted(slot for slot, there in kinds if self.kind(i) in there and slot != own))
+        """Return the slots in which training had objects of this kind, apart from where this one stands at first."""
+        info, start = self.trace.info, self.trace.positions[0, i, :2]
+        trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
+        return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
 
     def evidence(
         self,

@@ -16,11 +16,6 @@ HALT_RADIUS = threshold(
     "less than 1 cm.",
 )  # fmt: skip
 
-PAUSES = threshold(
-    "pauses", 1.5, "1",
-    "Length of a halt, in lengths of the longest pause after which the same policy went on in the same episode; what "
-    "is no longer than that may be one more pause.",
-)  # fmt: skip
 TREMBLE_TIME = threshold(
     "tremble_time", 8.0, "s",
     "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
@@ -33,7 +28,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
     A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
     moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
-    that pauses is slow, and what is hardly longer than its pauses may be the next one.
+    that pauses is slow, and what is shorter than an earlier pause may be one more.
     """
     trace = episode.trace
     still = _still(trace)
@@ -49,7 +44,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     for start, stop in _runs(still):
         begin = max(start, last + 1)
         if stop - begin >= needed and episode.open_goals(begin + needed - 1) and _stays(trace, begin):
-            return (begin, stop - 1) if stop - begin >= PAUSES * pause else None
+            return (begin, stop - 1) if stop - begin >= pause else None
         pause = max(pause, stop - start)
     return None
 
