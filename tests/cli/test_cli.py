@@ -219,7 +219,7 @@ def test_nothing_that_is_no_record_is_called_damaged_or_to_be_deleted(capsys, sm
     (tmp_path / "thesis.parquet").write_bytes(b"years of work")
     for path in (small_run, small_run / "records", tmp_path / "thesis.parquet", tmp_path):
         status, out, err = run(capsys, "replay", str(path), *options)
-        said = err.replace("\n", " ")
+        said = " ".join(err.split())
         assert status == 2
         assert not out
         assert "delete" not in said.lower()

@@ -44,7 +44,7 @@ MAX_UNPACKED_BYTES = 2 << 30
 
 _CURE = "Record the trial again"
 
-AGAIN = "The same better eval command records the trial of a damaged or missing record again"
+AGAIN = "The same better eval command records the trial again"
 """What to do about a record of a run that cannot be read."""
 
 
@@ -100,7 +100,7 @@ class RecordBrief(BaseModel):
 
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
-_PLACE = "Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet"
+_PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 
 
 def write_record(record: Record, path: Path) -> None:
@@ -147,7 +147,7 @@ def _seal_span(data: bytes) -> tuple[int, int]:
     """Return where the digest stands; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
-        raise RecordError(f"is damaged or no record. {_PLACE}. {AGAIN}")
+        raise RecordError(f"is damaged or no record. {_PLACE}")
     return spans[0]
 
 
