@@ -81,7 +81,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
                 if count:
                     wrong = row != column
                     dark = shares[row][column] > 0.55
-                    color = "#b3261e" if wrong else "white" if dark else "#1b1b1b"
+                    color = ("#ffc9c3" if dark else "#b3261e") if wrong else "white" if dark else "#1b1b1b"
                     axes.text(
                         column,
                         row,
