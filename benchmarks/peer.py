@@ -1,9 +1,8 @@
 """The peers that speed is compared with: an installation of their own, a process to ask, and when to believe it.
 
-A peer can be wrong about itself. robosuite frees the graphics resources of an environment that was replaced when
-Python's garbage collector finds it; if that is after its successor began to draw, it frees the successor's, and from
-then on every step is ten times faster and draws nothing (README, "When a peer is believed"). So a figure is believed
-only if every image is one and a new one, and if two processes that were started separately agree.
+A peer can be wrong about itself: robosuite has been seen to step ten times faster and to draw nothing (README, "When a
+peer is believed"). So a figure is believed only if every image shows something new, and if two processes that were
+started separately agree.
 """
 
 from __future__ import annotations

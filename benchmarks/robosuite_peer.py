@@ -16,6 +16,10 @@ from peer_loop import ACTION_SIZE, CONTROL_RATE_HZ, SIZE, Images, serve
 
 CAMERAS = ("frontview", "robot0_eye_in_hand")
 
+OWN_RENDERER = "mujoco"
+"""With this option a reset frees the graphics resources of the simulation that it replaces. With the default they are
+freed whenever Python's garbage collector comes by, and with them those of the simulation in use."""
+
 
 class PickPlace:
     """The environment and the names of its images."""
@@ -41,6 +45,7 @@ class PickPlace:
             camera_widths=SIZE,
             control_freq=CONTROL_RATE_HZ,
             ignore_done=True,
+            renderer=OWN_RENDERER,
             **modalities,
         )
 
