@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
+import logging
 import os
 import re
 import time
@@ -27,6 +29,8 @@ from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
+
+logger = logging.getLogger(__name__)
 
 RUN_SCHEMA_VERSION = 1
 """Version of ``run.json`` and of the layout of the folder."""
@@ -152,6 +156,16 @@ class RunFolder:
         with RunLock(self.path / LOCK_NAME):
             write_durably(self.path / "run.json", _run_json(form))
         return RunFolder(self.path, form["plan"], form["context"])
+
+    def restore(self) -> None:
+        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened."""
+        form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": dict(self.context)}
+        path = self.path / "run.json"
+        with contextlib.suppress(OSError, ValueError):
+            if json.loads(path.read_bytes()) == form:
+                return
+        logger.warning("%s was removed or changed by somebody else and is written again", path)
+        write_durably(path, _run_json(form))
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
         """Write a plan that holds this one and more, and return the run."""
