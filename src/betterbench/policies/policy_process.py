@@ -112,7 +112,7 @@ class PolicyProcess:
         """
         return self._ask("act", observation, answers=1)[0]
 
-    def check(self, **conventions: Any) -> None:
+    def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
         """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
         if self._address.startswith("lerobot:"):
             self._ask("check", **conventions)
