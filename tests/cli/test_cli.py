@@ -238,8 +238,8 @@ def test_replay_checks_bit_for_bit(capsys, small_run):
 
 @pytest.mark.render
 def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
-    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
-    out = tmp_path / "t1.mp4"
+    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
+    out = tmp_path / "l1.mp4"
     status, _, _ = run(capsys, "replay", str(record), "--out", str(out), "--size", "64")
     assert status == 0
     assert out.read_bytes()[4:8] == b"ftyp"
@@ -251,7 +251,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
     import av
     import numpy as np
 
-    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
+    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     out = tmp_path / "twin.mp4"
     status, _, err = run(capsys, "replay", str(record), "--twin", "--size", "96", "--out", str(out))
     assert status == 0
