@@ -479,7 +479,9 @@ def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_a
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
 
 
-@pytest.mark.parametrize("policy", ["Raising", "Bent", "Exits"])
+@pytest.mark.parametrize(
+    "policy", ["Raising", pytest.param("Bent", marks=pytest.mark.slow), pytest.param("Exits", marks=pytest.mark.slow)]
+)
 def test_what_a_policy_breaks_with_is_told_in_the_same_words_whoever_asks(
     plugin, tiny_plan, tmp_path, run_content, policy
 ):
