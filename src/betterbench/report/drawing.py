@@ -305,7 +305,7 @@ class _Pen:
             left, right = 0.0, float(self.width)
         else:
             self.text(0, self.y + 14, fitted(row.name, self.left - 8), "soft", row.name)
-            left, right = self.left, self.width - 62.0
+            left, right = self.left, self.width - 76.0
             self.text(right + 10, self.y + 14, total, "soft")
         for family, x, width, count in _segments(row, left, right):
             self.box(x, width - 1, 19, family)
