@@ -63,6 +63,15 @@ def test_every_verb_has_help_with_an_example(capsys, verb):
     assert "Example" in out
 
 
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = run(capsys, verb, "--help")
+    assert max(map(len, out.splitlines())) <= 80
+    assert "None" not in out
+    assert "(default: )" not in out
+
+
 @pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
 def test_lists_are_json_on_request(capsys, what):
     status, out, _ = run(capsys, "list", what, "--json")

@@ -17,6 +17,7 @@ import tyro
 
 from betterbench.cli.border import guarded
 from betterbench.cli.console import ERR, LONGEST_MESSAGE, say
+from betterbench.cli.help_text import description_of, word_options
 from betterbench.errors import BetterError, printable, system_error_text
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -102,7 +103,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if given and given[0] in VERBS:
             verb = VERBS[given[0]]
-            tyro.cli(verb.load(telling), prog=f"better {given[0]}", args=verb.words(given[1:]))
+            function = verb.load(telling)
+            words = verb.words(given[1:])
+            tyro.cli(function, prog=f"better {given[0]}", description=description_of(function), args=words)
         else:
             _show_overview(given)
     except BetterError as error:
@@ -162,12 +165,14 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
         telling.begin(log_level, with_traceback=traceback)
         function(*args, **options)
 
-    return _with_options(
+    _with_options(
         verb,
         function,
         log_level="How much is logged on standard error, also by worker processes.",
         traceback="Also print where in the code an error was raised.",
     )
+    word_options(verb)
+    return verb
 
 
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:

@@ -48,7 +48,7 @@ def replay_command(
         raise InvalidInputError("--twin", "--check writes no video", "Give one of the two")
     if not check:
         path = (_twin_video if twin else _video)(record, out, camera=camera, size=size)
-        say(f"wrote {path}")
+        say(f"wrote {path}", whole=True)
         return
     result = check_record(record)
     if json:

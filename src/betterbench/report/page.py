@@ -338,7 +338,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
     names = sorted({name for mapping in values for name in mapping})
     settings = []
     for name in names:
-        found = tuple(str(mapping.get(name, "–")) for mapping in values)
+        found = tuple("–" if (value := mapping.get(name)) in (None, "None") else str(value) for mapping in values)
         settings.append(ReportSetting(name, found[:1] if len(set(found)) == 1 else found))
     return tuple(settings)
 

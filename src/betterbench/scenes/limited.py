@@ -31,8 +31,10 @@ from betterbench.state import ViewJitter
 
 MAX_MEMORY_BYTES = 16 * 1024**3
 """Address space of the process; the software renderer maps 4 GB of it."""
-REQUEST_S = 60.0
-"""Longest time for a scene to be opened, or an image to be drawn [s]; the first one includes the start."""
+REQUEST_CPU_S = 60.0
+"""Most processor time for a scene to be opened, or an image to be drawn [s]."""
+REQUEST_S = 900.0
+"""Longest time for the same [s], with the start for the first: much more, because a busy machine is slow."""
 
 _PIXELS, _BROKEN, _MISSING = range(3)
 _QUESTION = struct.Struct("!QQ")
@@ -114,7 +116,7 @@ class LimitedView:
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
-            raise self._refused("its process crashed, or took too much memory") from None
+            raise self._refused("its process crashed, or took too much memory or time") from None
         if kind == _PIXELS:
             return answer
         reason = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
@@ -128,7 +130,7 @@ class LimitedView:
 
     def _check_time(self, ready: Sequence[object]) -> None:
         if not ready:
-            raise self._refused(f"nothing came of it within {REQUEST_S:g} s")
+            raise self._refused(f"nothing came of it within {REQUEST_S:g} s", "The machine is too busy, or its file")
 
     def _read(self, count: int, end: float) -> bytes:
         pipe, blocks = _opened(self._process.stdout), []
@@ -141,10 +143,10 @@ class LimitedView:
             count -= len(block)
         return b"".join(blocks)
 
-    def _refused(self, what: str) -> RecordError:
+    def _refused(self, what: str, whose: str = "Its file") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. Its file is damaged or forged; run the trial again to store it, or leave films out."
+            f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave films out."
         )
 
 
@@ -166,7 +168,7 @@ def draw_for_parent(quality: str, size: int) -> None:
         text, data = (asked.read(size) for size in _QUESTION.unpack(header))
         request: dict[str, Any] = json.loads(text)
         used = time.process_time()
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used + REQUEST_S) + 1, resource.RLIM_INFINITY))
+        resource.setrlimit(resource.RLIMIT_CPU, (int(used + REQUEST_CPU_S) + 1, resource.RLIM_INFINITY))
         try:
             if "files" in request:
                 if view is not None:

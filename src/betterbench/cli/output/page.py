@@ -81,10 +81,10 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
     failed = {d.policy: failures_in_question(d) for d in diagnoses}
     filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
     more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
-    rest = f", and the start of {more} more failures with the path of the gripper" if more else ""
+    rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(
         f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "
-        f"{f'--films {count} films every failure, ' if more else ''}--films 0 renders nothing."
+        f"{f'--films {count} makes a film of every failure, ' if more else ''}--films 0 renders nothing."
     )
     shown: dict[str, Film] = {}
     paths: dict[str, bytes] = {}

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import from_yaw, multiply
@@ -60,6 +60,16 @@ def _exposed(x: Exposure) -> bool:
     "was placed in training, also if the target has gone from there. Where something is to be left alone: the open "
     "gripper stays over it.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    sharper=sharper_by_rule(
+        {
+            "most_frequent_first_step": "It begins with the step that most demonstrations began with, whether or not "
+            "it was asked for.",
+            "memorized_next_step": "It goes on with the step that came next in training, whether or not it was asked "
+            "for.",
+            "memorized_place": "It brings things where training brought them, whatever the instruction says.",
+            "air_grasp_at_memorized_slot": "It grasps at empty slots, where training picked something.",
+        }
+    ),
     finding="Plays a step of training that was not asked for",
     rule=HABIT,
     exposed_by=_exposed,
