@@ -19,7 +19,7 @@ HALT_RADIUS = threshold(
 TREMBLE_TIME = threshold(
     "tremble_time", 8.0, "s",
     "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
-    "policies that hesitate go on within 6 s.",
+    "policies of the independent family go on after at most 6.5 s.",
 )  # fmt: skip
 
 
