@@ -98,14 +98,14 @@ def line_of(figure: Figure) -> str:
     else:
         shown, spread, verdict = "not measured", "", ""
     required = "" if figure.bound is None else f"{figure.relation} {figure.bound:g} {figure.unit}"
-    line = f"{figure.row:<9} {figure.text:<55} {shown:>12} {spread:<13} {required:<11} {verdict:<11}"
-    return f"{line.rstrip()}\n{'':<10}{figure.note}" if figure.note else line.rstrip()
+    line = f"{figure.row:<10} {figure.text:<55} {shown:>12} {spread:<13} {required:<11} {verdict:<11}"
+    return f"{line.rstrip()}\n{'':<11}{figure.note}" if figure.note else line.rstrip()
 
 
 def _head(machine: dict[str, Any]) -> str:
     renderer = ", ".join(str(v) for v in machine["renderer"].values())
     versions = ", ".join(f"{k} {v}" for k, v in machine["versions"].items())
-    title = f"{'row':<9} {'what':<55} {'median':>12} {'[min-max]':<13} {'required':<11} verdict"
+    title = f"{'row':<10} {'what':<55} {'median':>12} {'[min-max]':<13} {'required':<11} verdict"
     return (
         f"{machine['processor']}, {machine['usable_cores']} of {machine['cores']} cores, load {machine['load']}\n"
         f"{renderer}\n{versions}\n\n{title}\n{'-' * len(title)}"
