@@ -137,10 +137,15 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
     return wrong if raises is InvalidInputError else raises(str(wrong))
 
 
+_MOST_OF_A_FIELD = 200
+"""Characters of the name of a field in a message; the keys of a map are a stranger's."""
+
+
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Return the field of the first problem ("trials[3].label", empty for the whole) and what is wrong with it."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    field = one_line(field, most=_MOST_OF_A_FIELD)
     match first["type"]:
         case "missing" | "missing_argument":
             return field, "is missing"

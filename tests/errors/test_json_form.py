@@ -81,3 +81,10 @@ def test_a_file_is_read_up_to_a_limit(tmp_path):
     assert read_bounded(file, max_bytes=3, cure="Give one") == b"123"
     with pytest.raises(InvalidInputError, match="is larger than 2 bytes"):
         read_bounded(file, max_bytes=2, cure="Give one")
+
+
+def test_the_name_of_a_field_is_bounded_in_a_message():
+    adapter = TypeAdapter(dict[str, int])
+    with pytest.raises(InvalidInputError) as raised:
+        read_form(adapter, {"x" * 100_000: "no number"}, where="f.json", cure="Mend it")
+    assert len(str(raised.value)) < 500

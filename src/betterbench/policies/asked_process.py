@@ -144,10 +144,15 @@ def _told(number: int, problem: BaseException) -> Answer:
         return _error(number, "InvalidInputError", (problem.where, problem.problem, problem.cure))
     known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
     known = known if isinstance(problem, BetterError) else ""
-    try:
-        text = text_of(problem if known else described(problem))
-    except BaseException:  # noqa: BLE001 - an error that cannot be shown is an error all the same
-        text = f"{type(problem).__name__}: it cannot be shown as text"
+    text = kind = type(problem).__name__
+    for shown in (
+        str if known else described,
+        lambda p: f"{kind}: {p}",
+        lambda _: f"{kind}: it cannot be shown as text",
+    ):
+        with contextlib.suppress(BaseException):  # an error that cannot be shown is an error all the same
+            text = text_of(shown(problem))
+            break
     if len(text) > MAX_TEXT:
         text = text[:MAX_TEXT] + " ..."
     return _error(number, known, (text,))

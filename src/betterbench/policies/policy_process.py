@@ -115,7 +115,7 @@ class PolicyProcess:
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
         """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
         if self._address.startswith("lerobot:"):
-            self._ask("check", **conventions)
+            self._ask("check", options=conventions)
 
     def close(self) -> None:
         """Let the policy close, and end its process; at once where the policy is just being asked.
@@ -136,7 +136,9 @@ class PolicyProcess:
         finally:
             self._asking.release()
 
-    def _ask(self, method: str, *args: object, answers: int = 0, **options: object) -> list[np.ndarray]:
+    def _ask(
+        self, method: str, *args: object, answers: int = 0, options: dict[str, object] | None = None
+    ) -> list[np.ndarray]:
         with self._asking:
             if self._closed:
                 raise PolicyError("the policy is closed")
@@ -145,7 +147,7 @@ class PolicyProcess:
             if running is None:
                 raise AssertionError("it was just prepared")
             try:
-                answer, arrays = running.ask(method, args, options)
+                answer, arrays = running.ask(method, args, options or {})
                 if answer.error is None and len(arrays) != answers:
                     raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
