@@ -33,8 +33,7 @@ LOCKS = Path(__file__).resolve().parents[1] / "requirements"
 INSTALL_LIMIT_S = 1800.0
 
 ANSWER_LIMIT_S = 600.0
-"""Longest wait for one answer [s]: building an environment with cameras takes 2 to 10 s, much longer where numba has
-yet to compile and the machine is busy."""
+"""Longest wait for one answer [s]; an environment with cameras is built in 2 to 10 s, but numba compiles at first."""
 
 ANSWER_LIMIT_BYTES = 1_000_000
 
