@@ -298,7 +298,7 @@ def test_each_environment_has_an_instance_of_a_plain_policy_in_a_process_of_its_
 ):
     evaluate(tiny_plan(f"{plugin}:Closing", trials=3), tmp_path / "run", envs=2)
     closed = {int(p.name.partition("-")[2]) for p in tmp_path.glob("closed-*")}
-    assert len(closed) == 2
+    assert len(closed) == 3, "the third trial begins in a process in which none has failed"
     assert os.getpid() not in closed
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -277,12 +278,10 @@ class _Started:
     def waits(self) -> bool:
         """Whether it waits for a question: it has not ended, and has said nothing that nobody asked for."""
         try:
-            self._link.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return self._process.poll() is None
-        except OSError:
+            said = bool(select.select([self._link], [], [], 0.0)[0])
+        except (OSError, ValueError):
             return False
-        return False
+        return not said and self._process.poll() is None
 
     def ask(
         self, method: str, args: Sequence[object], options: dict[str, object]
