@@ -108,4 +108,4 @@ def test_eval_says_what_its_trials_cannot_show():
     one = what_trials_show(make_plan("expert", tasks=["fast_food"], variations=["L1"], trials=1))
     assert one.startswith("They are too few")
     few = what_trials_show(make_plan("expert", tasks=["fast_food"], trials=1))
-    assert "96 points overall (6 pairs). If 10 % of the pairs differ the other way, they show none." in few
+    assert "96 points overall (6 pairs). If 10 % of the pairs differ the other way, they show no drop." in few

@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
 from tests.diagnosis.small_matrix import matrix
 
+from betterbench.cli.output.page import panel_of
 from betterbench.diagnosis import Label, standing
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
@@ -434,3 +435,19 @@ def test_a_policy_that_breaks_down_has_its_reason_on_the_first_screen():
     text = "The episode ended early (policy error): KeyError: 'actions' (mine.py, line 8, in act)"
     sentences = headline_of(diagnosis(_failed(Label.POLICY_ERROR, text=text))).sentences
     assert text in " ".join(sentences)
+
+
+def test_a_film_writes_a_success_in_another_color_than_a_failure():
+    assert panel_of(trial(), "training twin").right
+    assert not panel_of(trial(label=Label.TIMEOUT), "this trial").right
+
+
+def test_a_tie_with_look_alikes_of_the_same_rule_is_not_called_most_often():
+    made = [trial(seed=s, label=Label.SEMANTIC_FEATURE_COLLAPSE) for s in range(2)]
+    taken = [replace(t, evidence=replace(t.evidence, shared=("color", "slot"))) for t in made]
+    headline = headline_of(
+        diagnosis([*taken, *(trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in (2, 3))])
+    )
+    assert headline.failure is not None
+    assert headline.failure.lead == "The rule behind most failures"
+    assert "explains 2 look-alikes" in headline.failure.share

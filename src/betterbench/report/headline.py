@@ -33,7 +33,7 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """The leading failure mode of some trials: how many of the failures and of all trials ended with its label.
 
-    ``look_alikes`` counts those that its rule took from a trained slot, where there are more of them than of its own.
+    ``look_alikes`` counts those that its rule took from a trained slot, if there are no fewer of them than of its own.
     """
 
     label: Label
@@ -139,9 +139,9 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return how many look-alikes the rule of a label explains where they outnumber its own trials, else 0."""
+    """Return how many look-alikes the rule of a label explains if they are no fewer than its own trials, else 0."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
-    if label not in SLOT_RULES or len(taken) <= count:
+    if label not in SLOT_RULES or len(taken) < count:
         return 0
     return sum("slot" in trial.evidence.shared for trial in taken)
 

@@ -120,7 +120,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
     """Return the side of a twin film that shows a trial."""
     place = trial.variation or trial.condition
-    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name)
+    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
 
 def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis]) -> dict[str, bytes]:

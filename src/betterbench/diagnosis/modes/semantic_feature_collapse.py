@@ -18,7 +18,7 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
     """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
-    return f" {_likeness(shared)}" if shared else " that shares nothing with the target"
+    return f", {_likeness(shared)}" if shared else ", nothing like the target"
 
 
 def _likeness(shared: Sequence[str]) -> str:
@@ -65,7 +65,7 @@ def _find(trial: TrialView) -> Evidence | None:
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
             shared = shares(episode, step)
-            common = f"the target's {', '.join(shared)}" if shared else "nothing with the target"
+            common = f"the target's {listed(shared)}" if shared else "nothing with the target"
             text = (
                 f"It goes for {episode.describe(step)}, which no instruction of this task names, although "
                 f"{_asked_for(episode, step)}; it shares {common}."
