@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import json
 import re
+import shutil
 import sys
 
 import pytest
@@ -300,6 +301,17 @@ def test_report_is_one_page(capsys, small_run, tmp_path):
     assert out.strip().endswith("index.html")
     assert "zoo:lexical" in page
     assert "data:image/jpeg" in page
+
+
+def test_a_scene_that_cannot_be_drawn_costs_the_films_and_not_the_report(capsys, small_run, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(small_run, copy)
+    for scene in copy.rglob("*.zip"):
+        scene.write_bytes(scene.read_bytes()[:100])
+    status, _, err = run(capsys, "report", str(copy), "--out", str(tmp_path / "page"), "--films", "1")
+    assert status == 0
+    assert "no films: " in err
+    assert "zoo:lexical" in (tmp_path / "page" / "index.html").read_text()
 
 
 def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):

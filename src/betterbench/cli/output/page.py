@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from betterbench.cli.console import ERR, progress_bar, say
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
-from betterbench.errors import MissingDependencyError
+from betterbench.errors import MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
@@ -52,7 +52,7 @@ def build_report(
     if films > 0:
         try:
             media = _media(runs, diagnoses, films)
-        except MissingDependencyError as error:
+        except (MissingDependencyError, RecordError) as error:
             say(f"no films: {error}")
     media = replace(media, folders={d.policy: str(run.path) for d, run in zip(diagnoses, runs, strict=True)})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
