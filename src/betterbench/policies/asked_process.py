@@ -21,7 +21,7 @@ from typing import Any
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
 from betterbench.interface import BatchPolicy, Policy
 from betterbench.policies.plugin import load_plugin, source_of
-from betterbench.policies.process_link import LENGTH, Answer, Declared, answer_frame, plain_array, text_of
+from betterbench.policies.process_link import LENGTH, Declared, ProcessAnswer, answer_frame, plain_array, text_of
 
 MAX_TEXT = 2000
 """Characters of an error that are passed on."""
@@ -46,7 +46,7 @@ def main(address: str, link: int, life: int) -> None:
     try:
         policy = _load(address)
         source = source_of(address.removeprefix("python:")) if address.startswith("python:") else ""
-        run.sendall(answer_frame(Answer(0, declared=_declared(policy, source))))
+        run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
         if not (isinstance(problem, BetterError) or address.startswith("python:")):
             traceback.print_exc()
@@ -124,12 +124,12 @@ def _answered(policy: Policy, number: int, method: str, args: tuple[Any, ...], o
         given = getattr(policy, method)(*args, **options)
         answers = [given] if method == "act" else list(given) if method == "act_batch" else []
         forms = [plain_array(answer) for answer in answers]
-        return answer_frame(Answer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
+        return answer_frame(ProcessAnswer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
     except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
         return answer_frame(_told(number, problem))
 
 
-def _told(number: int, problem: BaseException) -> Answer:
+def _told(number: int, problem: BaseException) -> ProcessAnswer:
     """Return the class of an error and its texts, without the objects that it may hold."""
     if isinstance(problem, UnknownNameError):
         return _error(number, "UnknownNameError", (problem.kind, problem.name, *problem.known))
@@ -151,8 +151,8 @@ def _told(number: int, problem: BaseException) -> Answer:
     return _error(number, known, (text,))
 
 
-def _error(number: int, kind: str, texts: Sequence[object]) -> Answer:
-    return Answer(number, error=kind, texts=tuple(text_of(text) for text in texts))
+def _error(number: int, kind: str, texts: Sequence[object]) -> ProcessAnswer:
+    return ProcessAnswer(number, error=kind, texts=tuple(text_of(text) for text in texts))
 
 
 def _close(policy: Policy) -> None:

@@ -31,7 +31,7 @@ from betterbench.errors import (
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.asked_process import ERRORS
 from betterbench.policies.leftovers import end_leftovers
-from betterbench.policies.process_link import LENGTH, MAX_FRAME_BYTES, Answer, Declared, read_answer
+from betterbench.policies.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer, read_answer
 from betterbench.policies.process_output import ProcessOutput
 
 logger = logging.getLogger(__name__)
@@ -279,7 +279,9 @@ class _Started:
             return False
         return False
 
-    def ask(self, method: str, args: Sequence[object], options: dict[str, object]) -> tuple[Answer, list[np.ndarray]]:
+    def ask(
+        self, method: str, args: Sequence[object], options: dict[str, object]
+    ) -> tuple[ProcessAnswer, list[np.ndarray]]:
         """Return the answer to a question.
 
         Raises:
@@ -306,10 +308,10 @@ class _Started:
                 if self._process.poll() is not None:
                     raise EOFError from None
 
-    def _receive(self, until: float | None = None) -> tuple[Answer, list[np.ndarray]]:
+    def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
         """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
         (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
-        if size > MAX_FRAME_BYTES:
+        if size > MAX_LINK_BYTES:
             raise PolicyError(f"a frame of {size} bytes")
         return read_answer(self._read(size, until))
 

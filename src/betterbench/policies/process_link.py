@@ -26,7 +26,7 @@ LENGTH = struct.Struct(">Q")
 MAX_ANSWER_BYTES = 64 << 20
 """Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
 
-MAX_FRAME_BYTES = 4 * MAX_ANSWER_BYTES
+MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
 """Largest frame of a process [byte]; one batch is one frame."""
 
 MAX_HEAD_BYTES = 4 << 20
@@ -76,7 +76,7 @@ class Declared:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ProcessAnswer:
     """What a process sends.
 
     Attributes:
@@ -94,7 +94,7 @@ class Answer:
     declared: Declared | None = None
 
 
-_ANSWER = TypeAdapter(Answer)
+_ANSWER = TypeAdapter(ProcessAnswer)
 # Bound here, before a policy can put something else into the place of the function.
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 _pack, _array = _SIZES.pack, np.asarray
@@ -113,16 +113,16 @@ def plain_array(answer: object) -> tuple[ArrayForm, bytes]:
     return (array.dtype.str, array.shape), b"" if array.dtype.hasobject else array.tobytes()
 
 
-def answer_frame(answer: Answer, data: Sequence[bytes] = ()) -> bytes:
+def answer_frame(answer: ProcessAnswer, data: Sequence[bytes] = ()) -> bytes:
     """Return the frame of an answer and its arrays, with its length before it; ValueError if it is too large."""
     head = _encode(asdict(answer)).encode("ascii")
     size = _SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
-    if size > MAX_FRAME_BYTES or len(head) > MAX_HEAD_BYTES:
+    if size > MAX_LINK_BYTES or len(head) > MAX_HEAD_BYTES:
         raise ValueError(f"{size} bytes are no answer")
     return b"".join([_pack(size, len(head)), head, *data])
 
 
-def read_answer(frame: bytes) -> tuple[Answer, list[np.ndarray]]:
+def read_answer(frame: bytes) -> tuple[ProcessAnswer, list[np.ndarray]]:
     """Return what a process has sent, and its arrays; raise PolicyError if it is no answer."""
     begin = _SIZES.size - LENGTH.size
     length = int.from_bytes(frame[:begin], "big")
