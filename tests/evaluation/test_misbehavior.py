@@ -159,7 +159,7 @@ def stage(tmp_path_factory):
         status, out, _ = made.run()
         assert status == 0
         made.known = content(out)
-        assert len(made.known) == TRIALS + 1
+        assert len(made.known) == 2 * TRIALS  # a record and a scene each
         for path in (out / "records").rglob("*.parquet"):
             assert check_record(path).identical
         yield made

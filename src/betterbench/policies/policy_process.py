@@ -33,7 +33,7 @@ from betterbench.errors import (
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.asked_process import ERRORS
 from betterbench.policies.leftovers import end_leftovers
-from betterbench.policies.process_link import LENGTH, MAX_FRAME_BYTES, Declared, ProcessAnswer, read_answer
+from betterbench.policies.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer, read_answer
 from betterbench.policies.process_output import ProcessOutput
 
 logger = logging.getLogger(__name__)
@@ -315,7 +315,7 @@ class _Started:
     def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
         """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
         (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
-        if size > MAX_FRAME_BYTES:
+        if size > MAX_LINK_BYTES:
             raise PolicyError(f"a frame of {size} bytes")
         return read_answer(self._read(size, until))
 

@@ -26,7 +26,7 @@ LENGTH = struct.Struct(">Q")
 MAX_ANSWER_BYTES = 64 << 20
 """Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
 
-MAX_FRAME_BYTES = 4 * MAX_ANSWER_BYTES
+MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
 """Largest frame of a process [byte]; one batch is one frame."""
 
 MAX_HEAD_BYTES = 4 << 20
@@ -117,7 +117,7 @@ def answer_frame(answer: ProcessAnswer, data: Sequence[bytes] = ()) -> bytes:
     """Return the frame of an answer and its arrays, with its length before it; ValueError if it is too large."""
     head = _encode(asdict(answer)).encode("ascii")
     size = _SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
-    if size > MAX_FRAME_BYTES or len(head) > MAX_HEAD_BYTES:
+    if size > MAX_LINK_BYTES or len(head) > MAX_HEAD_BYTES:
         raise ValueError(f"{size} bytes are no answer")
     return b"".join([_pack(size, len(head)), head, *data])
 
