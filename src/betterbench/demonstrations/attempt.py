@@ -77,7 +77,7 @@ def collect_attempt(scene: Scene, number: int) -> Attempt:
         functools.partial(stream, scene.task.id, scene.seed),
         measured_releases(scene),
         manner=manner,
-        draw=draw,
+        chance=draw,
     )
     rule = BrokenRule(Situation(scene.task, scene.condition, scene.seed))
     agent = PrivilegedAgent(EXPERT, scene, rule, skills=skills)

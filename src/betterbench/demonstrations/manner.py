@@ -30,7 +30,7 @@ class Manner:
         approach_height_m: Height above the grasp at which the last stretch begins [m].
         approach_offset_m: How far aside of the grasp it begins [m].
         approach_bearing_rad: To which side, in the world frame [rad].
-        grasp_turn_rad: Largest preference for one of several equal grasps over another, as turning of the gripper [rad].
+        grasp_turn_rad: Largest preference for one of several equal grasps, as turning of the gripper [rad].
         raise_m: Height by which transits are higher than they need to be [m].
         detour_m: Largest sideways displacement of the middle of a transit [m].
         pause_s: Mean of a pause [s].
@@ -84,11 +84,11 @@ class VariedSkills(Skills):
 
     Attributes:
         manner: How to move.
-        draw: Stream of the demonstration, from which pauses, detours and misses come in the order in which they happen.
+        chance: Stream of the demonstration, from which pauses, detours and misses come in the order of their events.
     """
 
     manner: Manner = Manner()
-    draw: np.random.Generator | None = None
+    chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:
         """Return a pace at the speed and acceleration of the manner."""
@@ -182,6 +182,6 @@ class VariedSkills(Skills):
 
     @property
     def _stream(self) -> np.random.Generator:
-        if self.draw is None:
+        if self.chance is None:
             raise PlanningError("varied skills need a stream to draw from")
-        return self.draw
+        return self.chance

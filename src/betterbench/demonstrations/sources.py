@@ -65,11 +65,11 @@ class SourceSkill:
     targets: tuple[Pose, ...]
     gripper: tuple[float, ...]
     change: int
-    T_tcp_foot: Pose = Pose()
-    anchor: tuple[float, float, float] | None = None
-    spread_m: float = 0.0
-    slid_m: float = 0.0
-    width_m: float = 0.08
+    T_tcp_foot: Pose
+    anchor: tuple[float, float, float] | None
+    spread_m: float
+    slid_m: float
+    width_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

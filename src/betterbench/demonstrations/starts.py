@@ -197,5 +197,7 @@ def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple
         reachable = max(1, min(factor.levels, len(seeds)))
         mean = len(seeds) / factor.levels
         filled = sum(c > 0 for c in listed) / reachable
-        found.append(FactorCoverage(factor.name, listed, round(filled, 4), round(min(listed) / mean, 4) if mean else 0.0))
+        found.append(
+            FactorCoverage(factor.name, listed, round(filled, 4), round(min(listed) / mean, 4) if mean else 0.0)
+        )
     return tuple(found)

@@ -89,7 +89,7 @@ def _closures(record: Record) -> Iterator[_Closure]:
         held = record.held[start:stop]
         counts = np.bincount(held[held >= 0], minlength=len(names))
         counts[drawers] = 0
-        taken = int(counts.argmax()) if len(names) else -1
+        taken = int(counts.argmax()) if names else -1
         if taken >= 0 and counts[taken] >= HELD_ROWS:
             yield _Closure(start, stop, "pick", names[taken])
         elif slid >= 0 and moved[slid] > SLID_M:

@@ -83,7 +83,7 @@ def check_record(path: Path) -> ReplayCheck:
         again, truth, met = _simulate(scene, record, found)
     except InvalidActionError as problem:
         raise RecordError(f"{path}: its actions cannot be executed ({problem}). Record it again.") from problem
-    return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, again, truth, met))
+    return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 
 def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
@@ -162,7 +162,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
     return again, truth, met
 
 
-def _outcome(scene: Scene, record: Record, again: Record, truth: Truth, met: int | None) -> Iterator[str]:
+def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
     """Yield what of an outcome does not follow from the actions."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
