@@ -43,10 +43,11 @@ from betterbench.json_form import open_form, read_form, strict_form
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.line_journal import complete_lines
 from betterbench.recording.parquet import file_digest
-from betterbench.scenes import Scene
+from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.appearance import look_set_of
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Expected, Task, TrialId, get_task
+from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
@@ -317,6 +318,8 @@ def _produce(
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
     wanted = [s for task in chosen for s in planned_starts(task, demos, first_seed=method.first_seed)]
+    for task in chosen:
+        demonstrated(task, engine=engine_version())  # which the support is judged by
     versions = versions_in_use([task.id for task in chosen])
     out = out.absolute()
     found = attempts_of(out) if (out / "run.json").exists() else {}
