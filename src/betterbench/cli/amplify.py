@@ -39,7 +39,7 @@ def amplify_command(
         out: Folder of the run.
         tasks: Tasks to amplify; all that the sources demonstrate if none is named.
         demos: Demonstrations per training condition.
-        seed: First seed, 1000000 or above; 100000000 if not given.
+        seed: First seed, 1000000 or above; 1000000000 if not given.
         attempts: Most attempts at one start, each with another source in the lead.
         select: How the source of each subgoal is chosen: any, by where its object stood, or by where its motion begins.
         noise: Standard deviation of the noise on executed actions, in action units of 5 cm and 0.5 rad; the action

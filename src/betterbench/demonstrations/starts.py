@@ -18,14 +18,16 @@ from betterbench.scenes.builder import slot_pose
 from betterbench.tasks import Condition, Slot, Task, TrialId
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
-FIRST_AMPLIFIED_SEED = 100_000_000
+FIRST_AMPLIFIED_SEED = 1_000_000_000
 """First seed of amplified demonstrations, unless another one is asked for: far from those of their sources."""
 GRID = 3
 """Cells of a slot's jitter region along each axis."""
 BLOCK = 16
 """Consecutive seeds of which a start is the best."""
-SPARE_BLOCK = 64
+SPARE_BLOCK = 256
 """Consecutive seeds of which a replacement is the best."""
+SLOT_WEIGHT = 3
+"""What another cell of a slot counts for in a replacement, against another turn or other looks."""
 SPARE_ROUNDS = 4
 """How often a start may be replaced."""
 SPARES_FROM = 20_000_000
@@ -164,7 +166,8 @@ def replacement(task: Task, start: Start, *, first_seed: int) -> Start | None:
 
     def unlike(seed: int) -> tuple[int, int]:
         levels = _levels(task, slots, seed)
-        return sum(f.levels for f in factors if levels[f.name] != wanted[f.name]), seed
+        differing = (f.name for f in factors if levels[f.name] != wanted[f.name])
+        return sum(SLOT_WEIGHT if name.startswith("slot ") else 1 for name in differing), seed
 
     seed = min(range(begin, begin + SPARE_BLOCK), key=unlike)
     return Start(start.task, start.condition, start.number, start.round + 1, seed)
