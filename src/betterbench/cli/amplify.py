@@ -45,7 +45,7 @@ def amplify_command(
         noise: Standard deviation of the noise on executed actions, in action units of 5 cm and 0.5 rad; the action
             without it is recorded as the label.
         workers: Worker processes; one per processor if not given.
-        films: Render the first failed attempt of each kind.
+        films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print what became of the attempts as one JSON document.
     """
     from betterbench.cli.evaluate import prepare_robot

@@ -36,7 +36,7 @@ def collect_command(
         seed: First seed, 1000000 or above; 1000000 if not given.
         attempts: Most attempts at one start, each in another manner.
         workers: Worker processes; one per processor if not given.
-        films: Render the first failed attempt of each kind.
+        films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print what became of the attempts as one JSON document.
     """
     from betterbench.cli.evaluate import prepare_robot

@@ -156,19 +156,25 @@ def _tally(notes: Iterable[AttemptNote]) -> Tally:
     return Tally(sum(note.accepted for note in found), len(found))
 
 
-def write_acceptance(run: RunFolder, found: Acceptance, films: Mapping[tuple[str, str], str]) -> Path:
+def write_acceptance(
+    run: RunFolder, found: Acceptance, films: Mapping[tuple[str, str], str], pictures: Mapping[str, str]
+) -> Path:
     """Write ``acceptance.json`` and ``index.md`` into the run, and return the path of the page.
 
-    ``films`` names the file of each film, relative to the page, by task and kind of failure; or says why there is none.
+    Args:
+        run: The run.
+        found: What became of its attempts.
+        films: File of each film, relative to the page, by task and kind of failure; or why there is none.
+        pictures: File of each picture of paths, likewise, by task.
     """
     folder = run.path / FOLDER
     text = json.dumps(found.to_json(), indent=1, ensure_ascii=False) + "\n"
     write_durably(folder / "acceptance.json", text.encode())
-    write_durably(folder / "index.md", page_of(found, films).encode())
+    write_durably(folder / "index.md", page_of(found, films, pictures).encode())
     return folder / "index.md"
 
 
-def page_of(found: Acceptance, films: Mapping[tuple[str, str], str]) -> str:
+def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: Mapping[str, str]) -> str:
     """Return the page about a run of demonstrations, as Markdown."""
     mean = "none yet" if found.mean_rate is None else f"{100.0 * found.mean_rate:.1f} %"
     lines = [
@@ -186,8 +192,17 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str]) -> str:
         covered = sum(c.filled for c in t.coverage) / len(t.coverage)
         lines.append(f"| {t.task} | {t.attempts} | {t.starts} | {steps:.0f} | {100.0 * covered:.0f} % |")
     for t in found.tasks:
-        lines += ["", f"## {t.task}", "", *_failure_lines(t, films), *_coverage_lines(t), *_source_lines(t)]
+        lines += ["", f"## {t.task}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
+        lines += [*_coverage_lines(t), *_source_lines(t)]
     return "\n".join(lines) + "\n"
+
+
+def _picture_lines(t: TaskAcceptance, pictures: Mapping[str, str]) -> list[str]:
+    file = pictures.get(t.task, "none: it was not asked for")
+    if not file.endswith(".jpg"):
+        return [f"No picture of the paths ({file.removeprefix('none: ')})", ""]
+    said = "Paths of the tool, one color per source in the lead; a ring is where the gripper begins to close."
+    return [f"![Paths of {t.task}]({file})", "", said, ""]
 
 
 def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> list[str]:

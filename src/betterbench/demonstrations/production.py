@@ -348,7 +348,7 @@ def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], meth
     for start in wanted:
         chain = [start]
         while (outcome := found.get(chain[-1].trial)) is not None and not outcome.accepted:
-            other = replacement(get_task(start.task), chain[-1], first_seed=method.first_seed)
+            other = replacement(get_task(start.task), start, len(chain), first_seed=method.first_seed)
             if other is None:
                 break
             chain.append(other)

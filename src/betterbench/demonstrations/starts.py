@@ -22,7 +22,7 @@ FIRST_AMPLIFIED_SEED = 1_000_000_000
 """First seed of amplified demonstrations, unless another one is asked for: far from those of their sources."""
 GRID = 3
 """Cells of a slot's jitter region along each axis."""
-BLOCK = 16
+BLOCK = 32
 """Consecutive seeds of which a start is the best."""
 SPARE_BLOCK = 256
 """Consecutive seeds of which a replacement is the best."""
@@ -154,14 +154,17 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
     return number * len(task.training) + task.training.index(condition)
 
 
-def replacement(task: Task, start: Start, *, first_seed: int) -> Start | None:
-    """Return what takes the place of a start that had to be given up; None once it was replaced often enough."""
-    if start.round >= SPARE_ROUNDS:
+def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
+    """Return what takes the place of a planned start when it has to be given up for the time ``round_``, from 1.
+
+    Every replacement is like the planned start, and not like the one before it. There is none after a few rounds.
+    """
+    if round_ > SPARE_ROUNDS:
         return None
     condition = task.train(start.condition)
     slots, factors = _slots(task, condition), factors_of(task, condition)
     wanted = _levels(task, slots, start.seed)
-    block = _block_number(task, condition, start.number) * SPARE_ROUNDS + start.round
+    block = _block_number(task, condition, start.number) * SPARE_ROUNDS + round_ - 1
     begin = first_seed + SPARES_FROM + SPARE_BLOCK * block
 
     def unlike(seed: int) -> tuple[int, int]:
@@ -170,7 +173,7 @@ def replacement(task: Task, start: Start, *, first_seed: int) -> Start | None:
         return sum(SLOT_WEIGHT if name.startswith("slot ") else 1 for name in differing), seed
 
     seed = min(range(begin, begin + SPARE_BLOCK), key=unlike)
-    return Start(start.task, start.condition, start.number, start.round + 1, seed)
+    return Start(start.task, start.condition, start.number, round_, seed)
 
 
 @dataclass(frozen=True, slots=True)

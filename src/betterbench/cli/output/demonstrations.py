@@ -21,6 +21,7 @@ def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     """Write the report of a set of demonstrations, and print what it says and how long the attempts took."""
     from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
     from betterbench.demonstrations.failure_films import film_failures
+    from betterbench.demonstrations.paths import draw_paths
 
     found = acceptance_of(run)
     rendered: dict[tuple[str, str], str] = {}
@@ -28,7 +29,8 @@ def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     if films and failures:
         with progress_bar("film failures", failures) as (bar, shown):
             rendered = film_failures(run, found, on_progress=lambda done, _: bar.update(shown, completed=done))
-    page = write_acceptance(run, found, rendered)
+    pictures = draw_paths(run) if films else {}
+    page = write_acceptance(run, found, rendered, pictures)
     if json:
         print_json(found.to_json())
         return
