@@ -113,7 +113,8 @@ class Amplifier:
             return action
         noisy = action.copy()
         noisy[:6] += np.clip(self._noise.standard_normal(6), -5.0, 5.0) * self._settings.action_noise
-        return np.clip(noisy, -1.0, 1.0)
+        np.clip(noisy, -1.0, 1.0, out=noisy)
+        return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         """Yield the actions of an episode."""

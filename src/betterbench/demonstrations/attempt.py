@@ -146,7 +146,7 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
     )
-    tracker.update(scene.state())
+    truth = tracker.update(scene.state())
     for _ in range(LASTING_STEPS):
         scene.step(still)
         truth = tracker.update(scene.state())

@@ -94,9 +94,7 @@ class Skills:
 
     def wait(self, state: WorldState, *, gripper: float) -> Motion:
         """Wait before the next stretch; no time at all unless a subclass knows better."""
-        del gripper
-        return state
-        yield  # a motion is a generator
+        return (yield from hold(state, 0, gripper=gripper))
 
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
         """Move above an object and down to its grasp.
