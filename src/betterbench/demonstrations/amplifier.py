@@ -34,6 +34,10 @@ STILL_M, STILL_STEPS = 2e-4, 4
 """Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
 LEAVE_M = 0.10
 """Height by which the tool leaves what it let go of at the end, if the source had not left yet [m]."""
+NOISE_BLOCK = 256
+"""Control steps for which noise is drawn at once."""
+MOST_DEVIATIONS = 5.0
+"""Largest noise in standard deviations; a replay believes 6."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal has to be met."""
 PRESS_M = 0.004
@@ -82,6 +86,7 @@ class Amplifier:
         self._shut = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
         self._noise = np.random.Generator(np.random.PCG64(int(draw.integers(1 << 62))))
         self._speed = lead.speed
+        self._block, self._drawn = np.empty((0, 7)), 0
         self._quiet = False
         self._run: Generator[np.ndarray, WorldState, None] | None = None
         self.used: list[str] = []
@@ -108,13 +113,20 @@ class Amplifier:
             raise
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return what is executed in place of the last action: with noise, unless the arm settles."""
+        """Return what is executed in place of the last action: with noise, unless the arm settles.
+
+        What is out of bounds is clipped where it is applied.
+        """
         if self._quiet or not self._settings.action_noise:
             return action
-        noisy = action.copy()
-        noisy[:6] += np.clip(self._noise.standard_normal(6), -5.0, 5.0) * self._settings.action_noise
-        np.clip(noisy, -1.0, 1.0, out=noisy)
-        return noisy
+        if self._drawn >= len(self._block):
+            # Drawn in blocks, because a control step has little time.
+            drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
+            drawn[:, 6] = 0.0
+            self._block, self._drawn = self._settings.action_noise * drawn, 0
+        noise = self._block[self._drawn]
+        self._drawn += 1
+        return action + noise
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         """Yield the actions of an episode."""

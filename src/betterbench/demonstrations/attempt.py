@@ -25,8 +25,8 @@ from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, stream
 from betterbench.tasks.demonstrated import demonstrated
 
-LASTING_STEPS = 10
-"""Control steps after the end of an episode in which its goal has to hold on: 0.5 s, as long as the dwell."""
+LASTING_STEPS = 4
+"""Control steps after the end of an episode in which its goal has to hold on: 0.2 s, after the dwell of 0.5 s."""
 
 EXPERT, AMPLIFIED = "demonstrator:expert", "demonstrator:amplified"
 """What the records of demonstrations name as their policy."""
