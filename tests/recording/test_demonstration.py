@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.recording import Demonstrator, Segment, SkillWindow, read_record, record_bytes, write_record
+from betterbench.recording import Demonstrator, SkillWindow, SubgoalSegment, read_record, record_bytes, write_record
 
 PICK = SkillWindow("pick", "thing_0", "", "", "", 0, 1, 2)
 
@@ -16,8 +16,8 @@ def test_a_demonstration_survives_the_disk(make_record, tmp_path):
     record, _ = make_record(rows=5)
     demonstrator = Demonstrator("amplified", "amplify", {"speed": 0.5}, ("fast_food/train1/1000000",), 0.02)
     segments = (
-        Segment("pack", "thing_0", "thing_1", "inside", "", 0, 3, (PICK,)),
-        Segment("", "", "", "", "", 3, 5),
+        SubgoalSegment("pack", "thing_0", "thing_1", "inside", "", 0, 3, (PICK,)),
+        SubgoalSegment("", "", "", "", "", 3, 5),
     )
     changed = replace(record, metadata=replace(record.metadata, demonstrator=demonstrator, segments=segments))
     write_record(changed, tmp_path / "record.parquet")
@@ -37,7 +37,7 @@ def test_other_records_do_not_mention_it(make_record):
     [
         lambda: SkillWindow("pick", "a", "", "", "", 3, 2, 5),
         lambda: SkillWindow("place", "a", "", "", "", 1, 4, 4),
-        lambda: Segment("s", "a", "b", "inside", "", 4, 4),
+        lambda: SubgoalSegment("s", "a", "b", "inside", "", 4, 4),
         lambda: Demonstrator("ghost", "x"),
     ],
 )

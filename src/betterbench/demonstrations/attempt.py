@@ -19,7 +19,7 @@ from betterbench.experts.faulty import BrokenRule
 from betterbench.experts.planner import Planner
 from betterbench.experts.privileged import PrivilegedAgent, measured_releases
 from betterbench.json_form import strict_form
-from betterbench.recording import Demonstrator, Record, segments_of
+from betterbench.recording import Demonstrator, Record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, stream
@@ -60,14 +60,14 @@ class AttemptNote:
 
 
 @dataclass(frozen=True, slots=True)
-class Attempt:
+class DemonstrationAttempt:
     """An attempt and its record."""
 
     note: AttemptNote
     record: Record
 
 
-def collect_attempt(scene: Scene, number: int) -> Attempt:
+def collect_attempt(scene: Scene, number: int) -> DemonstrationAttempt:
     """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt."""
     draw = _stream(scene, "collect", number)
     manner = draw_manner(draw)
@@ -91,7 +91,7 @@ def collect_attempt(scene: Scene, number: int) -> Attempt:
     return _judged(scene, record, number, failure)
 
 
-def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> Attempt:
+def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
     """Carry source demonstrations over to a scene; another attempt follows another source."""
     draw = _stream(scene, "amplify", number)
     leads = library.of_condition(scene.condition.name)
@@ -117,14 +117,14 @@ def _said(record: Record, demonstrator: Demonstrator) -> Record:
     return replace(record, metadata=replace(record.metadata, demonstrator=demonstrator))
 
 
-def _judged(scene: Scene, record: Record, number: int, failure: tuple[FailureKind, str] | None) -> Attempt:
+def _judged(scene: Scene, record: Record, number: int, failure: tuple[FailureKind, str] | None) -> DemonstrationAttempt:
     """Return an attempt with the segments in its record, accepted only if everything holds that a set promises."""
     condition = scene.condition
-    record = replace(record, metadata=replace(record.metadata, segments=segments_of(record, condition)))
+    record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
     found = None if record.outcome.success else _why_not(record, failure)
     found = found or _not_lasting(scene, record) or _outside(scene, record)
     kind, reason = found or ("", "")
-    return Attempt(AttemptNote(number, kind, reason, record.n_steps), record)
+    return DemonstrationAttempt(AttemptNote(number, kind, reason, record.n_steps), record)
 
 
 def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[FailureKind, str]:

@@ -21,7 +21,7 @@ MISS_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class DemonstrationManner:
     """How one demonstration is given.
 
     Attributes:
@@ -55,13 +55,13 @@ class Manner:
         return {name: float(value) for name, value in asdict(self).items()}
 
 
-def draw_manner(draw: np.random.Generator) -> Manner:
+def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
     """Return a manner drawn from a stream.
 
     People who teleoperate move at a third to all of the speed of a scripted expert, pause before contact, come in at a
     slant and now and then close the gripper too early. The ranges are ours; no data of people stands behind them.
     """
-    return Manner(
+    return DemonstrationManner(
         speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
         acceleration=round(float(draw.uniform(0.5, 1.0)), 4),
         approach_height_m=round(float(draw.uniform(0.05, 0.11)), 4),
@@ -87,7 +87,7 @@ class VariedSkills(Skills):
         chance: Stream of the demonstration, from which pauses, detours and misses come in the order of their events.
     """
 
-    manner: Manner = Manner()
+    manner: DemonstrationManner = DemonstrationManner()
     chance: np.random.Generator | None = None
 
     def paced(self, pace: Pace) -> Pace:

@@ -26,8 +26,8 @@ from betterbench.demonstrations.amplifier import AmplifierSettings, Selection
 from betterbench.demonstrations.attempt import (
     AMPLIFIED,
     EXPERT,
-    Attempt,
     AttemptNote,
+    DemonstrationAttempt,
     amplify_attempt,
     collect_attempt,
 )
@@ -435,7 +435,7 @@ def scene_of(trial: TrialId, quality: str) -> Scene:
     return Scene(task, condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
 
 
-def attempt_at(scene: Scene, number: int, method: Method) -> Attempt:
+def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
     """Make one attempt at a start; the same number gives the same attempt."""
     if method.policy == EXPERT:
         return collect_attempt(scene, number)
@@ -447,7 +447,7 @@ def _library(sources: str, task: str) -> Library:
     return load_library(RunFolder.open(Path(sources)), task)
 
 
-def _write(run: RunFolder, scene: Scene, attempt: Attempt) -> str:
+def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> str:
     """Write the record of an accepted attempt and, once, its scene; return the SHA-256 of the record's file."""
     with on_disk(run.path):
         path = run.write_record(attempt.record)

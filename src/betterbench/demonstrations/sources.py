@@ -10,7 +10,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.experts.planner import turned_grasps
 from betterbench.geometry import Pose, angle_between, distance, rotate
 from betterbench.interventions import resolve_condition
-from betterbench.recording import Record, RunFolder, Segment, SkillWindow, segments_of
+from betterbench.recording import Record, RunFolder, SkillWindow, SubgoalSegment, subgoal_segments
 from betterbench.scenes.builder import place_objects
 from betterbench.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks import TrialId
@@ -84,7 +84,7 @@ class Source:
     """
 
     trial: TrialId
-    segments: tuple[Segment, ...]
+    segments: tuple[SubgoalSegment, ...]
     skills: tuple[SourceSkill, ...]
     speed: float
 
@@ -138,19 +138,19 @@ def load_library(run: RunFolder, task: str) -> Library:
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
         if record.outcome.success:
-            found.append(source_of(record))
+            found.append(read_source(record))
     if not found:
         cure = f"Collect some: better collect --tasks {task} --out RUN"
         raise InvalidInputError(str(run.path), f"it holds no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 
 
-def source_of(record: Record) -> Source:
+def read_source(record: Record) -> Source:
     """Return what a successful record demonstrates; its segments are derived where it holds none."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
-    segments = meta.segments or segments_of(record, condition.condition)
+    segments = meta.segments or subgoal_segments(record, condition.condition)
     placed = place_objects(condition.task, condition.condition, meta.seed, shown=meta.looks)
     assets = {p.spec.name: p.asset for p in placed}
     skills = tuple(

@@ -86,7 +86,7 @@ class SkillWindow:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Segment:
+class SubgoalSegment:
     """The rows [start, stop) that serve one subgoal; the segments of a record follow each other without a gap.
 
     Attributes:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
-from betterbench.recording.demonstration import Demonstrator, Segment
+from betterbench.recording.demonstration import Demonstrator, SubgoalSegment
 from betterbench.state import NO_JITTER, SceneInfo, ViewJitter
 from betterbench.tasks import Looks
 
@@ -113,7 +113,7 @@ class RecordMetadata:
     room: str = ""
     view_jitter: ViewJitter = NO_JITTER
     demonstrator: Demonstrator | None = None
-    segments: tuple[Segment, ...] = ()
+    segments: tuple[SubgoalSegment, ...] = ()
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.recording.demonstration import Segment, SkillKind, SkillWindow
+from betterbench.recording.demonstration import SkillKind, SkillWindow, SubgoalSegment
 from betterbench.recording.record import Record
 from betterbench.tasks import Condition, Subgoal
 from betterbench.tasks.relations import relation
@@ -40,7 +40,7 @@ class _Closure:
     object: str
 
 
-def segments_of(record: Record, condition: Condition) -> tuple[Segment, ...]:
+def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
     """Return the segments of an episode, which cover all its rows; none if the gripper never closed.
 
     Args:
@@ -51,7 +51,7 @@ def segments_of(record: Record, condition: Condition) -> tuple[Segment, ...]:
     if not found:
         return ()
     credited: set[int] = set()
-    segments: list[Segment] = []
+    segments: list[SubgoalSegment] = []
     skills: list[SkillWindow] = []
     start, free_from = 0, 0
     for i, closure in enumerate(found):
@@ -67,12 +67,12 @@ def segments_of(record: Record, condition: Condition) -> tuple[Segment, ...]:
             segments.append(_segment(served, closure.object, start, stop, skills))
             start, skills = stop, []
     if start < len(record):
-        segments.append(Segment("", "", "", "", "", start, len(record), tuple(skills)))
+        segments.append(SubgoalSegment("", "", "", "", "", start, len(record), tuple(skills)))
     return tuple(segments)
 
 
-def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[SkillWindow]) -> Segment:
-    return Segment(goal.name, name, goal.target, goal.relation, goal.region, start, stop, tuple(skills))
+def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[SkillWindow]) -> SubgoalSegment:
+    return SubgoalSegment(goal.name, name, goal.target, goal.relation, goal.region, start, stop, tuple(skills))
 
 
 def _closures(record: Record) -> Iterator[_Closure]:

@@ -12,7 +12,7 @@ from betterbench.episodes import TrialContext, append_row, describe
 from betterbench.errors import InvalidActionError, RecordError
 from betterbench.interface.actions import action_space
 from betterbench.interventions import ResolvedCondition, resolve_condition
-from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record, segments_of
+from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.stage import QUALITIES, quality_preset
 from betterbench.tasks import GoalTracker, Truth
@@ -158,7 +158,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
         met = row if met is None and truth.success else met
     again = builder.finish(termination="step_limit", success=False)
     if meta.demonstrator is not None:
-        again = replace(again, metadata=replace(again.metadata, segments=segments_of(again, scene.condition)))
+        again = replace(again, metadata=replace(again.metadata, segments=subgoal_segments(again, scene.condition)))
     return again, truth, met
 
 
