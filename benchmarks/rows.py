@@ -21,7 +21,7 @@ import numpy as np
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.attempt import amplify_attempt, collect_attempt
 from betterbench.demonstrations.production import scene_of
-from betterbench.demonstrations.sources import Library, read_source
+from betterbench.demonstrations.sources import Library, demonstrated_source
 from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, describe
@@ -498,7 +498,7 @@ def amplify_row(*, quick: bool) -> Iterator[Figure]:
     for task in TASKS:
         own, physics, steps = [], [], 0
         starts = planned_starts(get_task(task), 1, first_seed=FIRST_DEMONSTRATION_SEED)
-        library = Library([read_source(_collected(start)) for start in starts])
+        library = Library([demonstrated_source(_collected(start)) for start in starts])
         planned = planned_starts(get_task(task), 1 if quick else 3, first_seed=FIRST_AMPLIFIED_SEED)
         amplify_attempt(scene_of(planned[0].trial, "fast"), 0, library, AmplifierSettings())  # which warms every cache
         for start in planned:

@@ -8,7 +8,7 @@ import pytest
 
 from betterbench.assets import build
 from betterbench.demonstrations.retarget import carry_pick, carry_place
-from betterbench.demonstrations.sources import grasp_shift, load_library, read_source
+from betterbench.demonstrations.sources import demonstrated_source, grasp_shift, load_library
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, angle_between, distance, from_yaw
 from betterbench.recording import RunFolder
@@ -23,7 +23,7 @@ def record(sources):
 
 @pytest.fixture(scope="module")
 def source(record):
-    return read_source(record)
+    return demonstrated_source(record)
 
 
 def near(a: Pose, b: Pose, tolerance: float) -> bool:

@@ -51,13 +51,13 @@ def amplify_command(
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
     from betterbench.demonstrations.amplifier import AmplifierSettings
-    from betterbench.demonstrations.production import Progress, amplify
+    from betterbench.demonstrations.production import SetProgress, amplify
     from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED
 
     prepare_robot("panda")
     with progress_bar("amplify", 1) as (bar, shown):
 
-        def told(progress: Progress) -> None:
+        def told(progress: SetProgress) -> None:
             bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))
 
         run = amplify(

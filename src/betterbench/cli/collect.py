@@ -41,7 +41,7 @@ def collect_command(
     """
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
-    from betterbench.demonstrations.production import Progress, collect
+    from betterbench.demonstrations.production import SetProgress, collect
     from betterbench.tasks import suite_tasks
     from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
@@ -49,7 +49,7 @@ def collect_command(
     prepare_robot("panda")
     with progress_bar("collect", 1) as (bar, shown):
 
-        def told(progress: Progress) -> None:
+        def told(progress: SetProgress) -> None:
             bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))
 
         run = collect(

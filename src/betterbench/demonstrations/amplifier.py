@@ -124,9 +124,9 @@ class Amplifier:
             drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
             drawn[:, 6] = 0.0
             self._block, self._drawn = self._settings.action_noise * drawn, 0
-        noise = self._block[self._drawn]
+        noisy: np.ndarray = action + self._block[self._drawn]
         self._drawn += 1
-        return action + noise
+        return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
         """Yield the actions of an episode."""

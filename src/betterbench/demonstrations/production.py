@@ -162,7 +162,7 @@ class _Produced:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class SetProgress:
     """How far a set is: demonstrations there are, demonstrations asked for, attempts, and what was tried last."""
 
     done: int
@@ -216,7 +216,7 @@ def collect(
     first_seed: int = FIRST_DEMONSTRATION_SEED,
     attempts: int = 4,
     workers: int = 1,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
     """Let the expert give demonstrations in varied manners, into a run folder; the same call resumes it.
 
@@ -250,7 +250,7 @@ def amplify(
     attempts: int = 6,
     settings: AmplifierSettings | None = None,
     workers: int = 1,
-    on_progress: Callable[[Progress], None] | None = None,
+    on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
     """Carry the demonstrations of a run over to new starts, into another run folder; the same call resumes it.
 
@@ -311,7 +311,7 @@ def _produce(
     *,
     demos: int,
     workers: int,
-    on_progress: Callable[[Progress], None] | None,
+    on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
     """Make a set: round after round, until there is no start left whose demonstration is missing."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
@@ -375,14 +375,14 @@ def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[s
 
 
 def _teller(
-    on_progress: Callable[[Progress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
+    on_progress: Callable[[SetProgress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
 ) -> Callable[[StartOutcome | None], None]:
     def tell(last: StartOutcome | None) -> None:
         if on_progress is None:
             return
         found = attempts.found
         done = sum(any(s.trial in found and found[s.trial].accepted for s in chain) for chain in chains)
-        on_progress(Progress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
+        on_progress(SetProgress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
 
     return tell
 

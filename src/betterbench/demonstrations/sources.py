@@ -138,14 +138,14 @@ def load_library(run: RunFolder, task: str) -> Library:
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
         if record.outcome.success:
-            found.append(read_source(record))
+            found.append(demonstrated_source(record))
     if not found:
         cure = f"Collect some: better collect --tasks {task} --out RUN"
         raise InvalidInputError(str(run.path), f"it holds no successful demonstration of {task}", cure)
     return Library(sorted(found, key=lambda s: s.trial))
 
 
-def read_source(record: Record) -> Source:
+def demonstrated_source(record: Record) -> Source:
     """Return what a successful record demonstrates; its segments are derived where it holds none."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from betterbench.demonstrations.production import Progress
+    from betterbench.demonstrations.production import SetProgress
     from betterbench.recording import RunFolder
 
 
-def bar_note(progress: Progress) -> str:
+def bar_note(progress: SetProgress) -> str:
     """Return what stands beside the bar: the start that was tried last, and how many attempts there were."""
     last = "" if progress.last is None else f"{progress.last.trial}, "
     return f"{last}{progress.attempts} attempts"
