@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from betterbench.demonstrations.failure import AttemptFailedError, FailureKind
 from betterbench.demonstrations.retarget import CarriedOver, carry_pick, carry_place, carry_slide
-from betterbench.demonstrations.sources import Library, Source, SourceSkill, key_of
+from betterbench.demonstrations.sources import Library, Source, SourceSkill, key_of, other_goals, region_frame
 from betterbench.experts.motion import CARRY, FREE, OPEN, Motion, Pace, delta_action, follow
 from betterbench.experts.planner import Planner
+from betterbench.experts.privileged import measured_releases
+from betterbench.experts.skills import SURE
 from betterbench.geometry import Pose, angle_between, distance
 from betterbench.recording import SkillWindow
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
+from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 Selection = Literal["random", "nearest_object", "nearest_robot"]
@@ -28,6 +34,8 @@ OTHER_INSTANCE_M = 0.05
 """What another instance of the category counts for as distance of two objects [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
+TURNS_RAD = tuple(sign * step * math.pi / 8.0 for step in (2, 4, 6) for sign in (1.0, -1.0))
+"""Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
 STILL_M, STILL_STEPS = 2e-4, 4
@@ -87,6 +95,8 @@ class Amplifier:
         self._noise = np.random.Generator(np.random.PCG64(int(draw.integers(1 << 62))))
         self._speed = lead.speed
         self._block, self._drawn = np.empty((0, 7)), 0
+        self._trained = measured_releases(scene)
+        self._blocked: list[str] = []
         self._quiet = False
         self._run: Generator[np.ndarray, WorldState, None] | None = None
         self.used: list[str] = []
@@ -157,6 +167,7 @@ class Amplifier:
         slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
         key = key_of(state.info, window, out=slide_m > 0.0)
         held = window.object if window.kind == "place" else None
+        self._blocked.clear()
         for skill, moved in self._candidates(state, window, self._ordered(state, key, window, source), slide_m):
             found = self._way_in(state, window, skill, moved)
             if found is None:
@@ -171,7 +182,8 @@ class Amplifier:
                 raise AttemptFailedError("missed grasp", f"{window.object} is not in the gripper after the lift")
             return state, skill.source
         what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
-        raise AttemptFailedError("no free way", f"{what}: none of the sources can be carried over")
+        why = "; ".join(dict.fromkeys(self._blocked)) or "there is none"
+        raise AttemptFailedError("no free way", f"{what}: none of the sources can be carried over ({why})")
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
         """Return by how much a drawer has to be moved [m]: home, or out as far as the lead drew it."""
@@ -222,8 +234,14 @@ class Amplifier:
     def _candidates(
         self, state: WorldState, window: SkillWindow, skills: Sequence[SourceSkill], slide_m: float
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills carried over to this scene; those of things that may be turned freely in two ways."""
+        """Yield skills carried over to this scene; those of things that may be turned freely in two ways.
+
+        Where something is in the way of all of them, a thing that may be grasped from any side is taken from another
+        one. Where a container is filled otherwise than it was in the sources, what is let go may go to another goal of
+        the expert at which training lets go of things.
+        """
         asset = self._planner.asset(window.object)
+        symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
         for skill in skills:
             if window.kind == "pick":
                 yield skill, carry_pick(skill, state, window.object, asset)
@@ -231,10 +249,27 @@ class Amplifier:
                 yield skill, carry_slide(skill, state, window.object, asset, slide_m=slide_m)
             elif (moved := carry_place(skill, state, window)) is not None:
                 yield skill, moved
-                if any(grasp.symmetric_yaw for grasp in asset.grasps):
+                if symmetric:
                     turned = carry_place(skill, state, window, keep_tool=True)
                     if turned is not None:
                         yield skill, turned
+        if window.kind == "place" and skills and relation(window.relation).falls:
+            for foot in filter(partial(self._is_trained, state, window), other_goals(state, window)):
+                moved = carry_place(skills[0], state, window, foot=foot)
+                if moved is not None:
+                    yield skills[0], moved
+        if window.kind == "pick" and symmetric:
+            for skill, turn in itertools.product(skills[:NEAREST], TURNS_RAD):
+                yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
+
+    def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
+        """Tell whether training lets go of things where the foot of an object would be [m], as far as that is known."""
+        trained = self._trained(window.target, window.relation, window.region)
+        if trained is None:
+            return True
+        x, y, _ = region_frame(state, window).inverse().apply(foot)
+        near = trained.aside_mm(1000.0 * x, 1000.0 * y) <= SURE * REACH_MM
+        return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
     def _way_in(
         self, state: WorldState, window: SkillWindow, skill: SourceSkill, moved: CarriedOver
@@ -252,6 +287,7 @@ class Amplifier:
             tried.add(begin)
             found = self._planner.way_to(state, moved.targets[begin], width, held=held, T_tcp_object=T_tcp_object)
             if found is None:
+                self._blocked.append("no free way there")
                 continue
             way, joints = found
             points = moved.checkpoints(begin, moved.change)
@@ -259,6 +295,7 @@ class Amplifier:
                 joints, points, width, held=held, T_tcp_object=T_tcp_object, ignore=ignore
             )
             if blocked is not None:
+                self._blocked.append(blocked)
                 continue
             if held is not None:
                 opened = state.finger_width_m + skill.spread_m
@@ -267,6 +304,7 @@ class Amplifier:
                     joints, there, opened, held=held, T_tcp_object=T_tcp_object, ignore=frozenset({held})
                 )
                 if blocked is not None:
+                    self._blocked.append(blocked)
                     continue
             return way, begin
         return None

@@ -20,7 +20,7 @@ from betterbench.demonstrations.sources import (
     nearest_goal,
     region_frame,
 )
-from betterbench.geometry import Pose, angle_between, distance, rotate
+from betterbench.geometry import Pose, angle_between, distance, from_yaw, rotate
 from betterbench.recording import SkillWindow
 from betterbench.state import WorldState
 from betterbench.tasks.relations.placing import foot_offset
@@ -66,10 +66,11 @@ class CarriedOver:
         return found
 
 
-def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset) -> CarriedOver:
-    """Return a pick carried over to an object of a scene."""
+def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, turn_rad: float = 0.0) -> CarriedOver:
+    """Return a pick carried over to an object of a scene, turned about the object's own z axis by so much [rad]."""
     grasp = skill.object_pose.inverse() @ skill.targets[skill.change]
-    to_new = state.pose(name) @ grasp_shift(skill.asset, grasp, asset) @ skill.object_pose.inverse()
+    turned = state.pose(name) @ Pose((0.0, 0.0, 0.0), from_yaw(turn_rad))
+    to_new = turned @ grasp_shift(skill.asset, grasp, asset) @ skill.object_pose.inverse()
     return CarriedOver(skill.source, tuple(to_new @ t for t in skill.targets), skill.gripper, skill.change)
 
 
@@ -88,7 +89,12 @@ def carry_slide(skill: SourceSkill, state: WorldState, name: str, asset: Asset, 
 
 
 def carry_place(
-    skill: SourceSkill, state: WorldState, window: SkillWindow, *, keep_tool: bool = False
+    skill: SourceSkill,
+    state: WorldState,
+    window: SkillWindow,
+    *,
+    keep_tool: bool = False,
+    foot: tuple[float, float, float] | None = None,
 ) -> CarriedOver | None:
     """Return a place carried over to the object in the gripper and the target of a window of this scene.
 
@@ -98,6 +104,8 @@ def carry_place(
         window: Names of object and target in this scene.
         keep_tool: True to keep the rotation of the tool, and let the object be turned as it lies in the gripper; for
             things that may stand in any heading.
+        foot: Where the foot of the object is let go [m], world frame; at the goal of the expert nearest to where the
+            source would let go, if not given.
 
     Returns:
         None where the expert knows no goal near to where the object would be let go.
@@ -106,7 +114,7 @@ def carry_place(
     shift = (0.0, 0.0, 0.0)
     if skill.anchor is not None:
         wanted = to_new.apply(skill.anchor)
-        goal = nearest_goal(state, window, wanted, within_m=SAME_GOAL_M)
+        goal = foot or nearest_goal(state, window, wanted, within_m=SAME_GOAL_M)
         if goal is None:
             return None
         shift = (goal[0] - wanted[0], goal[1] - wanted[1], goal[2] - wanted[2])

@@ -22,6 +22,8 @@ SAME_GRASP_M = 0.04
 """Farthest that a grasp may be from an annotated one to count as that one [m]."""
 SAME_GOAL_M = 0.03
 """Farthest that something may be let go from a goal of the expert to count as brought there [m]."""
+SPOT_M, MOST_SPOTS = 0.012, 16
+"""Least distance of two goals that are tried as different ones [m], and how many of them are."""
 ROTATION_M = 0.1
 """What a radian counts for where poses are compared [m/rad]: the reach of the gripper."""
 
@@ -219,6 +221,17 @@ def nearest_goal(
     feet = [goal.pose.apply(offset) for goal in goals]
     nearest = min(feet, key=lambda foot: distance(foot, point), default=None)
     return nearest if nearest is not None and distance(nearest, point) <= within_m else None
+
+
+def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
+    """Return where the foot of an object is at the goals of the expert [m], the best first, one per spot."""
+    offset = foot_offset(state.info.object(window.object))
+    found: list[tuple[float, float, float]] = []
+    for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
+        foot = goal.pose.apply(offset)
+        if all(distance(foot, other) > SPOT_M for other in found):
+            found.append(foot)
+    return tuple(found[:MOST_SPOTS])
 
 
 def _slid_m(record: Record, window: SkillWindow) -> float:
