@@ -181,14 +181,21 @@ class RawPhysics:
     The states are compared with the record after each turn: both sides have computed the same contacts.
     """
 
-    def __init__(self, rehearsal: Rehearsal, *, views: RawViews | None = None) -> None:
+    def __init__(
+        self,
+        rehearsal: Rehearsal,
+        *,
+        views: RawViews | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
         """Prepare a state of its own.
 
         Args:
             rehearsal: The episode.
             views: Images to draw after each control step, or None.
+            clock: Clock in seconds.
         """
-        self._rehearsal, self._views = rehearsal, views
+        self._rehearsal, self._views, self._clock = rehearsal, views, clock
         self._model = rehearsal.scene.model
         self._data = mujoco.MjData(self._model)
 
@@ -206,13 +213,13 @@ class RawPhysics:
             )
             mujoco.mj_copyData(data, model, fresh.data)
         controls = self._rehearsal.controls
-        began = time.perf_counter()
+        began = self._clock()
         for step in range(first, last):
             data.ctrl[:] = controls[step]
             mujoco.mj_step(model, data, nstep=substeps)
             if views is not None:
                 views.draw(data)
-        seconds = time.perf_counter() - began
+        seconds = self._clock() - began
         if not np.array_equal(data.qpos, record.qpos[last]):
             raise ValueError(f"the raw physics took another course before control step {last}")
         return seconds

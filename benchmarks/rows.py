@@ -16,16 +16,22 @@ from pathlib import Path
 
 import numpy as np
 
+from betterbench.demonstrations.amplifier import AmplifierSettings
+from betterbench.demonstrations.attempt import amplify_attempt, collect_attempt
+from betterbench.demonstrations.production import scene_of
+from betterbench.demonstrations.sources import Library, demonstrated_source
+from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, append_row, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.evaluation.workers.worker import USUAL_ENVS
 from betterbench.interface import observation_spec
-from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
+from betterbench.recording import JournalEntry, Record, RecordBuilder, RunFolder
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
-from betterbench.tasks import GoalTracker
+from betterbench.tasks import GoalTracker, get_task
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from dummy import dummy_server
 from figures import Figure, spread
 from pacing import (
@@ -37,6 +43,7 @@ from pacing import (
     PacedMind,
     RawPhysics,
     RawViews,
+    Rehearsal,
     SleeplessEpisode,
     play,
     rehearse,
@@ -314,6 +321,34 @@ def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     yield Figure("diagnosis", f"diagnosis + report of {RECORDS} records", (scaled,), "s", "<=", 30.0, note)
 
 
+def amplify_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare attempts at amplified demonstrations with the bare physics of the same motion."""
+    for task in TASKS:
+        own, physics, steps = [], [], 0
+        starts = planned_starts(get_task(task), 1, first_seed=FIRST_DEMONSTRATION_SEED)
+        library = Library([demonstrated_source(_collected(start)) for start in starts])
+        planned = planned_starts(get_task(task), 1 if quick else 3, first_seed=FIRST_AMPLIFIED_SEED)
+        amplify_attempt(scene_of(planned[0].trial, "fast"), 0, library, AmplifierSettings())  # which warms every cache
+        for start in planned:
+            scene = scene_of(start.trial, "fast")
+            began = time.process_time()
+            attempt = amplify_attempt(scene, 0, library, AmplifierSettings())
+            own.append(time.process_time() - began)
+            steps += attempt.record.n_steps
+            raw = RawPhysics(Rehearsal(scene, attempt.record), clock=time.process_time)
+            physics.append(raw(0, attempt.record.n_steps))
+        ratio = (sum(own) / sum(physics),)
+        note = f"{1e3 * sum(own) / steps:.3g} / {1e3 * sum(physics) / steps:.3g} ms of processor time a step"
+        yield Figure("amplify", f"attempt at a demonstration / physics, {task}", ratio, "x", "<=", 1.3, note)
+
+
+def _collected(start: Start) -> Record:
+    """Return a demonstration to amplify."""
+    scene = scene_of(start.trial, "fast")
+    attempts = (collect_attempt(scene, number) for number in range(4))
+    return next(attempt.record for attempt in attempts if attempt.note.accepted)
+
+
 def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
     """Return all rows by name, in the order of the table."""
     return {
@@ -328,4 +363,5 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "workers": workers_row,
         "policy": policy_row,
         "diagnosis": diagnosis_row,
+        "amplify": amplify_row,
     }

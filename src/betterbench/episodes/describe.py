@@ -6,7 +6,7 @@ import platform
 from dataclasses import dataclass
 
 import betterbench
-from betterbench.recording import RecordMetadata
+from betterbench.recording import Demonstrator, RecordMetadata
 from betterbench.scenes import Scene, engine_version
 from betterbench.tasks import SUITE_VERSION, GoalTracker
 
@@ -21,6 +21,7 @@ class TrialContext:
     base_condition: str | None = None
     interventions: tuple[str, ...] = ()
     camera_preset: str | None = None
+    demonstrator: Demonstrator | None = None
 
 
 def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> RecordMetadata:
@@ -58,4 +59,5 @@ def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> Recor
         view_jitter=scene.view_jitter,
         predicate_names=tracker.relation_names,
         subgoal_names=tracker.subgoal_names,
+        demonstrator=context.demonstrator,
     )

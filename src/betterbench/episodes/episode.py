@@ -61,6 +61,9 @@ where a reply would be sent."""
 
 _PLAIN = Execution()
 
+Disturbance = Callable[[np.ndarray], np.ndarray]
+"""Returns what is executed in place of an action: for demonstrations whose label is the action without noise."""
+
 
 def run_episode(
     scene: Scene,
@@ -68,11 +71,13 @@ def run_episode(
     *,
     context: TrialContext,
     observer: Observer | None = None,
+    disturb: Disturbance | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> EpisodeResult:
     """Run one episode from reset to its end, with a policy that answers in this thread.
 
-    With an observer the policy is asked for ``act``, without one for ``act_on_state``.
+    With an observer the policy is asked for ``act``, without one for ``act_on_state``. ``disturb`` is for demonstrators
+    alone: the record then keeps their action as ``action`` and what was executed as ``applied``.
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.
@@ -80,7 +85,9 @@ def run_episode(
         HandshakeError: If the policy has become another one.
     """
     execution = _PLAIN if observer is None else policy.info.execution  # type: ignore[union-attr]
-    steps = episode_steps(scene, context=context, observer=observer, execution=execution, on_step=on_step)
+    steps = episode_steps(
+        scene, context=context, observer=observer, execution=execution, disturb=disturb, on_step=on_step
+    )
     outcome: Reply | PolicyError | None = None
     kept: Reply | PolicyError | None = None
     with _settled_heap():
@@ -112,6 +119,7 @@ def episode_steps(
     context: TrialContext,
     observer: Observer | None = None,
     execution: Execution = _PLAIN,
+    disturb: Disturbance | None = None,
     on_step: Callable[[int], None] | None = None,
 ) -> Steps:
     """Run one episode from reset to its end, and stop wherever the policy has to answer first.
@@ -142,9 +150,10 @@ def episode_steps(
             yield from chunks.begin()
         while state.step < limit and not truth.success:
             action = yield from chunks.next(state)
-            applied = scene.step(action)
+            applied = scene.step(action if disturb is None else disturb(action))
             chunks.look(state.step + 1)
-            clipped += applied.tolist() != action.tolist()
+            meant = applied if disturb is None else scene.action_space.clip(action)
+            clipped += meant.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
             append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,15 +103,20 @@ class Planner:
         self._opening = scene.compiled.robot.gripper_opening_m
         self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
 
-    def plan_pick(self, state: WorldState, name: str) -> PickPlan:
+    def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
         """Return the best free way to take an object.
+
+        Args:
+            state: State now.
+            name: Name of the object.
+            cost: Added to the turn of the gripper [rad] by which grasps of equal preference are ordered.
 
         Raises:
             PlanningError: If no grasp can be reached without touching something else.
         """
         self._clearance.load(state)
         reasons: list[str] = []
-        grasps = list(self._grasps(state, name))
+        grasps = list(self._grasps(state, name, cost))
         for (grasp_pose, width), margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in grasps):
             opening = min(self._opening, width + 0.035)
             above = grasp_pose.translated(z=LIFT_M)
@@ -226,16 +231,79 @@ class Planner:
         found = self._transit(state, goal, self._opening)
         return None if found is None else found[0]
 
-    def _grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
+    def way_to(
+        self,
+        state: WorldState,
+        goal: Pose,
+        width_m: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+    ) -> tuple[tuple[Pose, ...], np.ndarray] | None:
+        """Return a free way up, across and down to a pose, and the joints at its end [rad]; None if there is none.
+
+        Args:
+            state: State now.
+            goal: Pose ``T_world_tcp`` to reach.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+        """
+        self._clearance.load(state)
+        return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
+
+    def check_way(
+        self,
+        joints: np.ndarray,
+        way: Sequence[Pose],
+        width_m: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+        ignore: frozenset[str] = frozenset(),
+        lenient_start: bool = False,
+    ) -> tuple[str | None, np.ndarray]:
+        """Return what blocks a way in the state that was planned in last, and the joints where the check ended [rad].
+
+        Args:
+            joints: (7,) joint angles at its beginning [rad].
+            way: Poses ``T_world_tcp`` of the tool center point, the first one where it is.
+            width_m: Distance of the finger pads [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+            ignore: Objects that the robot may touch.
+            lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
+
+        Returns:
+            None in place of a text if the way is free.
+        """
+        return self._way_is_free(
+            joints,
+            way,
+            width_m,
+            held=held,
+            T_tcp_object=T_tcp_object,
+            ignore=ignore,
+            lenient_start=lenient_start,
+        )
+
+    def asset(self, name: str) -> Asset:
+        """Return the asset of an object of the scene."""
+        return self._assets[name]
+
+    def _grasps(
+        self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
+    ) -> Iterator[tuple[Pose, float]]:
         """Yield grasp poses in the world, the preferred and least turned ones first."""
         pose = state.pose(name)
         found: list[tuple[float, Pose, float]] = []
         for grasp in self._assets[name].grasps:
-            for T_world_tcp in _turned(pose, grasp):
+            for T_world_tcp in turned_grasps(pose, grasp):
                 approach = _approach(T_world_tcp)
                 if approach > -0.9:
                     continue
                 turn = angle_between(T_world_tcp.quaternion, state.ee_pose.quaternion)
+                turn += 0.0 if cost is None else cost(T_world_tcp)
                 found.append((10.0 * grasp.preference + turn, T_world_tcp, grasp.width_m))
         if not found:
             found = [(0.0, p, w) for p, w in self._lying_grasps(state, name)]
@@ -347,7 +415,7 @@ class Planner:
         return None, joints
 
 
-def _turned(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
+def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
     """Yield the equal ways of one annotated grasp: turned about the object's axis, and with the fingers exchanged."""
     turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
     half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))

@@ -51,15 +51,17 @@ class _DecisionLoop:
     until a garbage collection.
     """
 
-    def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise) -> None:
+    def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
         self.rule = rule
         self.mishap: str | None = None
         self._exact = noise.grasp_offset is None
-        rate = scene.control_rate_hz
-        choice = functools.partial(stream, scene.task.id, scene.seed)
-        trained = _trained_releases(scene)
-        self._skills = Skills(
-            Planner(scene), 1.0 / rate, choice, trained, grasp_offset=noise.grasp_offset, speed=noise.speed
+        self._skills = skills or Skills(
+            Planner(scene),
+            1.0 / scene.control_rate_hz,
+            functools.partial(stream, scene.task.id, scene.seed),
+            _trained_releases(scene),
+            grasp_offset=noise.grasp_offset,
+            speed=noise.speed,
         )
         self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
 
@@ -105,9 +107,13 @@ def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
     A trial shows that it can be solved with what was trained, so it follows the demonstrations; these follow nothing.
     """
+    return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
+
+
+def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
+    """Return where the measured demonstrations let go of things at the targets of a scene, whatever its seed."""
     condition = scene.condition
-    is_demonstration = scene.seed >= FIRST_DEMONSTRATION_SEED
-    known = None if is_demonstration else demonstrated_if_measured(scene.task, engine=engine_version())
+    known = demonstrated_if_measured(scene.task, engine=engine_version())
     grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
 
     def trained(target: str, relation: str, region: str) -> Releases | None:
@@ -120,7 +126,15 @@ def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 class PrivilegedAgent:
     """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
 
-    def __init__(self, name: str, scene: Scene, rule: BrokenRule, *, noise: ExecutionNoise | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        scene: Scene,
+        rule: BrokenRule,
+        *,
+        noise: ExecutionNoise | None = None,
+        skills: Skills | None = None,
+    ) -> None:
         """Prepare for an episode.
 
         Args:
@@ -128,10 +142,11 @@ class PrivilegedAgent:
             scene: The scene the episode runs in.
             rule: Decides.
             noise: How the decisions are carried out; exactly, if not given.
+            skills: Carry them out; those of the expert, if not given.
         """
         self._name = name
         self._execution = noise or ExecutionNoise()
-        self._loop = _DecisionLoop(scene, rule, self._execution)
+        self._loop = _DecisionLoop(scene, rule, self._execution, skills)
         self._noise = stream(scene.task.id, scene.seed, f"action noise:{scene.condition.name}")
         self._run: Generator[np.ndarray, WorldState, None] | None = None
 

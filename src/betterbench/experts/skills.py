@@ -78,6 +78,24 @@ class Skills:
             turning=self.speed * pace.turning,
         )
 
+    def passing(
+        self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
+    ) -> tuple[Pose, ...]:
+        """Return the way to take in place of a planned one, which is the planned one unless a subclass knows better.
+
+        Args:
+            state: State now.
+            way: Planned poses ``T_world_tcp`` to pass.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+        """
+        del state, width_m, held
+        return way
+
+    def wait(self, state: WorldState, *, gripper: float) -> Motion:
+        """Wait before the next stretch; no time at all unless a subclass knows better."""
+        return (yield from hold(state, 0, gripper=gripper))
+
     def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
         """Move above an object and down to its grasp.
 
@@ -91,7 +109,8 @@ class Skills:
         grasp = plan.grasp
         if self.grasp_offset is not None and self.grasp_offset.miss_by_m is not None:
             grasp = pads_beside(state, name, grasp, gap_m=self.grasp_offset.miss_by_m)
-        state = yield from follow(state, plan.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        way = self.passing(state, plan.way, plan.width_m)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         return state, grasp
 
@@ -152,9 +171,11 @@ class Skills:
             plan = self.planner.plan_place(state, name, self.in_turn(state, name, goals, target, relation))
         except PlanningError:
             return state, False
-        state = yield from follow(state, plan.way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
+        way = self.passing(state, plan.way, state.finger_width_m, held=name)
+        state = yield from follow(state, way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
         if state.held != name:
             return state, False
+        state = yield from self.wait(state, gripper=CLOSE)
         state = yield from follow(
             state, (plan.release,), gripper=CLOSE, pace=self.paced(APPROACH), period_s=self.period_s
         )
@@ -228,7 +249,8 @@ class Skills:
         except PlanningError:
             return state, False
         grasp = plan.pick.grasp
-        state = yield from follow(state, plan.pick.way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        way = self.passing(state, plan.pick.way, plan.pick.width_m)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
         state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
         state, holds = yield from self.grasp(state, name)
         if holds:

@@ -2,6 +2,7 @@
 
 from betterbench.recording.builder import RecordBuilder
 from betterbench.recording.columns import Contacts
+from betterbench.recording.demonstration import Demonstrator, SkillWindow, SubgoalSegment
 from betterbench.recording.durable import write_durably
 from betterbench.recording.journal import Journal, JournalEntry, TrialStatus, read_journal
 from betterbench.recording.line_journal import LineJournal
@@ -12,10 +13,12 @@ from betterbench.recording.record import Record
 from betterbench.recording.retries import RetryLedger
 from betterbench.recording.run import RunFolder, first_difference
 from betterbench.recording.run_names import run_names, told_apart
+from betterbench.recording.segmenting import subgoal_segments
 
 __all__ = [
     "SCHEMA_VERSION",
     "Contacts",
+    "Demonstrator",
     "Journal",
     "JournalEntry",
     "LineJournal",
@@ -26,6 +29,8 @@ __all__ = [
     "RetryLedger",
     "RunFolder",
     "RunLock",
+    "SkillWindow",
+    "SubgoalSegment",
     "Termination",
     "TrialStatus",
     "first_difference",
@@ -34,6 +39,7 @@ __all__ = [
     "read_record",
     "record_bytes",
     "run_names",
+    "subgoal_segments",
     "told_apart",
     "write_durably",
     "write_record",

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import strict_form
+from betterbench.recording.demonstration import Demonstrator, SubgoalSegment
 from betterbench.state import NO_JITTER, SceneInfo, ViewJitter
 from betterbench.tasks import Looks
 
@@ -81,6 +82,8 @@ class RecordMetadata:
         view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
+        demonstrator: Who or what demonstrated; None for the trial of a policy under test.
+        segments: The rows that serve each subgoal, derived from the states; of demonstrations alone.
     """
 
     task: str
@@ -109,10 +112,12 @@ class RecordMetadata:
     looks: Looks = "seen"
     room: str = ""
     view_jitter: ViewJitter = NO_JITTER
+    demonstrator: Demonstrator | None = None
+    segments: tuple[SubgoalSegment, ...] = ()
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
+        """Return the JSON form; what only demonstrations have is left out of all other records."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)
@@ -120,6 +125,10 @@ class RecordMetadata:
         form["engine"] = dict(self.engine)
         form["scene"] = self.scene.to_json()
         form["view_jitter"] = self.view_jitter.to_json()
+        del form["demonstrator"], form["segments"]
+        if self.demonstrator is not None:
+            form["demonstrator"] = self.demonstrator.to_json()
+            form["segments"] = [segment.to_json() for segment in self.segments]
         return form
 
 

@@ -59,10 +59,14 @@ def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
     return rooms[_drawn(task, seed, "room", len(rooms), shown)]
 
 
+def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
+    """Return the number of the set of looks that a trial draws, from 0."""
+    return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
+
+
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
     """Return which of ``count`` looks a trial shows: each set takes the next one of a shuffled order of its own."""
-    sets = LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS
-    chosen = int(stream(task, seed, f"looks:{shown}").integers(sets))
+    chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
 

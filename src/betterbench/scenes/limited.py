@@ -69,6 +69,11 @@ class LimitedView:
     ) -> None:
         self.close()
 
+    @property
+    def size(self) -> int:
+        """Side of the images [pixel]."""
+        return self._size
+
     def open(self, files: Mapping[str, bytes]) -> None:
         """Open a stored scene, from what :func:`betterbench.scenes.stored.scene_files` returned.
 

@@ -83,22 +83,39 @@ def write_video(
         raise InvalidInputError("--size", f"{size} is odd", "Give an even number of pixels")
     record = run.read_record(task, condition, seed)
     path = out or run.video_path(task, condition, seed, camera=camera)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
     with LimitedView(quality="standard", size=size) as view:
         view.open(run.load_scene(record.metadata.scene_hash))
-        with av.open(str(part), "w", format="mp4") as container:
-            stream = container.add_stream("libx264", rate=round(record.metadata.control_rate_hz))
-            stream.width = stream.height = size
-            stream.pix_fmt = "yuv420p"
-            for row in range(len(record)):
-                rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
-                if on_progress is not None:
-                    on_progress(row + 1, len(record))
-            container.mux(stream.encode(None))
-    part.replace(path)
+        film_record(view, record, path, camera=camera, on_progress=on_progress)
     return path
+
+
+def film_record(
+    view: LimitedView,
+    record: Record,
+    path: Path,
+    *,
+    camera: str = "front",
+    every: int = 1,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write the video of a record (H.264 in MP4) whose scene a view has open, with one frame per ``every`` rows.
+
+    ``on_progress`` is called with the number of frames done and planned.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    rows = range(0, len(record), every)
+    with av.open(str(part), "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=round(record.metadata.control_rate_hz / every))
+        stream.width = stream.height = view.size
+        stream.pix_fmt = "yuv420p"
+        for done, row in enumerate(rows, start=1):
+            rgb = view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+            if on_progress is not None:
+                on_progress(done, len(rows))
+        container.mux(stream.encode(None))
+    part.replace(path)
 
 
 def probe_encoder() -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,16 @@ from betterbench.episodes import TrialContext, append_row, describe
 from betterbench.errors import InvalidActionError, RecordError
 from betterbench.interface.actions import action_space
 from betterbench.interventions import ResolvedCondition, resolve_condition
-from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record
+from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.stage import QUALITIES, quality_preset
 from betterbench.tasks import GoalTracker, Truth
 
 VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns that the goal tracker gives."""
+
+MOST_DEVIATIONS = 6.0
+"""Largest noise on an executed action that is believed, in standard deviations."""
 
 _NOT_DERIVED = ("package_version", "suite_version", "schema_version", "engine")
 """Metadata that follow from what is installed; a difference of versions is a note."""
@@ -80,7 +83,7 @@ def check_record(path: Path) -> ReplayCheck:
         again, truth, met = _simulate(scene, record, found)
     except InvalidActionError as problem:
         raise RecordError(f"{path}: its actions cannot be executed ({problem}). Record it again.") from problem
-    return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, again, truth, met))
+    return _compare(record, again, tuple(notes), outcome=_outcome(scene, record, truth, met))
 
 
 def _scene(record: Record, found: ResolvedCondition, planned: object) -> Scene:
@@ -137,23 +140,29 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
         base_condition=found.base if of_variation else None,
         interventions=() if found.variation is None else tuple(str(i) for i in found.variation.interventions),
         camera_preset=meta.camera_preset,
+        demonstrator=meta.demonstrator,
     )
+    # What a demonstrator meant is its label; with noise, what was executed stands beside it and is played again.
+    executed = record.action if meta.demonstrator is None or not meta.demonstrator.action_noise else record.applied
     builder = RecordBuilder(describe(scene, tracker, context))
     state = scene.reset()
     truth = tracker.update(state)
     met = 0 if truth.success else None
     append_row(builder, scene, state, truth, action=None, applied=None)
     for row in range(1, len(record)):
-        action = record.action[row]
-        applied = scene.step(action)
+        scene.action_space.clip(record.action[row])  # refuses what no policy may answer, also where it is only a label
+        applied = scene.step(executed[row])
         state = scene.state()
         truth = tracker.update(state)
-        append_row(builder, scene, state, truth, action=action, applied=applied)
+        append_row(builder, scene, state, truth, action=record.action[row], applied=applied)
         met = row if met is None and truth.success else met
-    return builder.finish(termination="step_limit", success=False), truth, met
+    again = builder.finish(termination="step_limit", success=False)
+    if meta.demonstrator is not None:
+        again = replace(again, metadata=replace(again.metadata, segments=subgoal_segments(again, scene.condition)))
+    return again, truth, met
 
 
-def _outcome(scene: Scene, record: Record, again: Record, truth: Truth, met: int | None) -> Iterator[str]:
+def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
     """Yield what of an outcome does not follow from the actions."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
@@ -169,12 +178,15 @@ def _outcome(scene: Scene, record: Record, again: Record, truth: Truth, met: int
         told.termination,
         truth.success and not broken,
         told.error if broken else None,
-        int((again.applied[1:] != record.action[1:]).any(axis=1).sum()),
+        sum(scene.action_space.clip(action).tolist() != action.tolist() for action in record.action[1:]),
         int(told.termination == "policy_error" and error.startswith("InvalidActionError")),
     )
     for name in ("success", "error", "clipped_actions", "invalid_actions"):
         if getattr(told, name) != getattr(wanted, name):
             yield f"outcome.{name} is {getattr(told, name)!r} and follows as {getattr(wanted, name)!r}"
+    noise = 0.0 if record.metadata.demonstrator is None else record.metadata.demonstrator.action_noise
+    if noise and float(np.abs(record.applied[1:] - record.action[1:]).max(initial=0.0)) > MOST_DEVIATIONS * noise:
+        yield f"action is farther from applied than noise of {noise:g} explains"
     if broken and not error:
         yield f"outcome.error is missing for {told.termination!r}"
     if steps > limit or (met is not None and met < steps):

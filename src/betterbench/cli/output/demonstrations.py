@@ -1,0 +1,52 @@
+"""What the command line says about a set of demonstrations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+
+if TYPE_CHECKING:
+    from betterbench.demonstrations.production import SetProgress
+    from betterbench.recording import RunFolder
+
+
+def bar_note(progress: SetProgress) -> str:
+    """Return what stands beside the bar: the start that was tried last, and how many attempts there were."""
+    last = "" if progress.last is None else f"{progress.last.trial}, "
+    return f"{last}{progress.attempts} attempts"
+
+
+def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
+    """Write the report of a set of demonstrations, and print what it says and how long the attempts took."""
+    from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
+    from betterbench.demonstrations.failure_films import film_failures
+    from betterbench.demonstrations.paths import draw_paths
+
+    found = acceptance_of(run)
+    rendered: dict[tuple[str, str], str] = {}
+    failures = sum(len(task.examples) for task in found.tasks)
+    if films and failures:
+        with progress_bar("film failures", failures) as (bar, shown):
+            rendered = film_failures(run, found, on_progress=lambda done, _: bar.update(shown, completed=done))
+    pictures = draw_paths(run) if films else {}
+    page = write_acceptance(run, found, rendered, pictures)
+    if json:
+        print_json(found.to_json())
+        return
+    rows = [
+        (
+            t.task,
+            str(t.attempts),
+            str(t.starts),
+            f"{t.steps / max(1, t.attempts.accepted):.0f}",
+            ", ".join(f"{kind} {count}" for kind, count in t.failures.items()) or "none",
+        )
+        for t in found.tasks
+    ]
+    print_table(("task", "attempts accepted", "starts solved", "mean steps", "failures"), rows)
+    walls = [entry.wall for entry in run.entries()]
+    seconds, attempts = sum(w.get("total_s", 0.0) for w in walls), sum(t.attempts.attempts for t in found.tasks)
+    per_hour = f"{3600.0 * attempts / seconds:,.0f} attempts per hour and worker" if seconds else "no attempt yet"
+    OUT.print(f"{found.demonstrations} demonstrations, {per_hour}", markup=False)
+    OUT.print(f"hash of the set {found.sha256}\nreport          {page}", markup=False, soft_wrap=True)

@@ -1,0 +1,456 @@
+"""Making a set of demonstrations: starts, attempts at them by workers, and an ordinary run folder that holds the set.
+
+``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start at which no
+attempt was accepted stays in the plan as an error, with the reason, and the plan grows by the start that takes its
+place. What is tried at a start depends on its seed and the sources alone, so the records do not depend on the number of
+workers or on interruptions.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.certification.certificate import CertificateVersions
+from betterbench.certification.journal import VersionedJournal
+from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.demonstrations.amplifier import AmplifierSettings, Selection
+from betterbench.demonstrations.attempt import (
+    AMPLIFIED,
+    EXPERT,
+    AttemptNote,
+    DemonstrationAttempt,
+    amplify_attempt,
+    collect_attempt,
+)
+from betterbench.demonstrations.sources import Library, load_library
+from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts, replacement
+from betterbench.errors import InvalidInputError, RecordError, require_between
+from betterbench.evaluation.planning.manifest import run_context
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.running.lost import reopen_lost
+from betterbench.evaluation.trials.trial import on_disk
+from betterbench.interface.actions import EE_DELTA
+from betterbench.json_form import open_form, read_form, strict_form
+from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.line_journal import complete_lines
+from betterbench.recording.parquet import file_digest
+from betterbench.scenes import Scene, engine_version
+from betterbench.scenes.appearance import look_set_of
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import Expected, Task, TrialId, get_task
+from betterbench.tasks.demonstrated import demonstrated
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+ATTEMPTS = "attempts"
+"""Folder within a run of demonstrations that holds the journal of attempts."""
+METHOD_VERSION = 1
+"""Version of how demonstrations are given and carried over; a run is resumed under its own alone."""
+MOST_ATTEMPTS = 100
+MOST_WORKERS = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """How the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
+
+    Attributes:
+        policy: What the records name as their policy: the expert, or the amplifier.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start.
+        sources: Folder of the run with the source demonstrations; "" for the expert.
+        sources_hash: Hash of that set; "" likewise.
+        settings: How sources are carried over.
+        quality: Render preset of the stored scenes.
+        task_files: The user's files that workers load before anything else.
+    """
+
+    policy: str
+    first_seed: int
+    attempts: int
+    sources: str = ""
+    sources_hash: str = ""
+    settings: AmplifierSettings = field(default_factory=AmplifierSettings)
+    quality: str = "standard"
+    task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what two runs have to share to be the same one, beside their trials."""
+        form: dict[str, Any] = {
+            "method_version": METHOD_VERSION,
+            "first_seed": self.first_seed,
+            "attempts": self.attempts,
+        }
+        return form if not self.sources_hash else {**form, "sources": self.sources_hash, **asdict(self.settings)}
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _MethodForm:
+    method_version: int
+    first_seed: int
+    attempts: int
+    select: Selection = "nearest_object"
+    action_noise: float = 0.0
+    sources: str = ""
+
+
+_METHOD = TypeAdapter(_MethodForm)
+
+
+def method_of(run: RunFolder) -> Method:
+    """Return how the demonstrations of a run were made; RecordError if it is another kind of run."""
+    where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
+    form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
+    quality = run.plan.get("quality")
+    return Method(
+        str(run.plan.get("policy")),
+        form.first_seed,
+        form.attempts,
+        str(run.context.get("sources", "")),
+        form.sources,
+        AmplifierSettings(form.select, form.action_noise),
+        str(quality.get("name")) if isinstance(quality, dict) else "standard",
+    )
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class StartOutcome:
+    """What became of the attempts at one start.
+
+    Attributes:
+        notes: One per attempt, in their order; the last one is accepted, or none is.
+    """
+
+    task: str
+    condition: str
+    seed: int
+    notes: tuple[AttemptNote, ...]
+
+    @property
+    def trial(self) -> TrialId:
+        """The name of the trial."""
+        return TrialId(self.task, self.condition, self.seed)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a demonstration from this start."""
+        return bool(self.notes) and self.notes[-1].accepted
+
+    @property
+    def why_not(self) -> str:
+        """Why there is none, in one line."""
+        kinds = dict.fromkeys(note.failure for note in self.notes)
+        return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Produced:
+    outcome: StartOutcome
+    digest: str | None
+    wall: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SetProgress:
+    """How far a set is: demonstrations there are, demonstrations asked for, attempts, and what was tried last."""
+
+    done: int
+    planned: int
+    attempts: int
+    last: StartOutcome | None
+
+
+_OUTCOME = TypeAdapter(StartOutcome)
+
+
+class AttemptJournal(VersionedJournal):
+    """The journal of the attempts of a run; of several lines about a start the last one counts.
+
+    Raises as :class:`VersionedJournal` does.
+    """
+
+    form = "betterbench attempts journal"
+
+    def __init__(self, path: Path, versions: CertificateVersions) -> None:
+        self.found: dict[TrialId, StartOutcome] = {}
+        super().__init__(path, versions)
+
+    def append(self, outcome: StartOutcome) -> None:
+        """Append what became of a start and force it to disk."""
+        self._append_form(asdict(outcome))
+        self.found[outcome.trial] = outcome
+
+    def _take_in_line(self, line: bytes, where: str) -> None:
+        outcome = _read_line(line, where)
+        self.found[outcome.trial] = outcome
+
+
+def _read_line(line: bytes, where: str) -> StartOutcome:
+    return read_form(_OUTCOME, line, where=where, cure="Delete the line to try its start again", raises=RecordError)
+
+
+def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
+    """Return what became of every start of a run of demonstrations so far; RecordError if the journal is corrupt."""
+    path = run / ATTEMPTS / "journal.jsonl"
+    lines, _ = complete_lines(path)
+    found = [_read_line(line, f"{path}: line {i} is corrupt") for i, line in enumerate(lines[1:], start=2)]
+    return {outcome.trial: outcome for outcome in found}
+
+
+def collect(
+    tasks: Sequence[str],
+    out: Path,
+    *,
+    demos: int,
+    first_seed: int = FIRST_DEMONSTRATION_SEED,
+    attempts: int = 4,
+    workers: int = 1,
+    on_progress: Callable[[SetProgress], None] | None = None,
+) -> RunFolder:
+    """Let the expert give demonstrations in varied manners, into a run folder; the same call resumes it.
+
+    Args:
+        tasks: Names of the tasks.
+        out: Folder of the run.
+        demos: Demonstrations per training condition.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start, each in another manner.
+        workers: Worker processes.
+        on_progress: Called at the start and after every start.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or the support of a task was never measured.
+        UnknownNameError: If there is no such task.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    method = Method(EXPERT, first_seed, attempts)
+    return _produce(method, tasks, out, demos=demos, workers=workers, on_progress=on_progress)
+
+
+def amplify(
+    sources: Path,
+    out: Path,
+    *,
+    tasks: Sequence[str] = (),
+    demos: int = 50,
+    first_seed: int = FIRST_AMPLIFIED_SEED,
+    attempts: int = 6,
+    settings: AmplifierSettings | None = None,
+    workers: int = 1,
+    on_progress: Callable[[SetProgress], None] | None = None,
+) -> RunFolder:
+    """Carry the demonstrations of a run over to new starts, into another run folder; the same call resumes it.
+
+    Args:
+        sources: Folder of the run with the source demonstrations.
+        out: Folder of the run.
+        tasks: Names of the tasks; all that the sources demonstrate if none is named.
+        demos: Demonstrations per training condition.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start, each with another source in the lead.
+        settings: How sources are carried over.
+        workers: Worker processes.
+        on_progress: Called at the start and after every start.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or sources are missing or have seeds of tests.
+        RecordError: If a source cannot be read.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    chosen = settings or AmplifierSettings()
+    require_between("--noise", chosen.action_noise, 0.0, 0.5)
+    run = RunFolder.open(sources)
+    if out.absolute() == run.path:
+        raise InvalidInputError("--out", "it is the folder of the sources", "Choose another folder")
+    known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
+    named = tuple(dict.fromkeys(tasks or known))
+    if not named:
+        raise InvalidInputError(str(sources), "it holds no demonstrations", "Collect some with better collect")
+    for name in named:
+        _check_sources(run, name)
+    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), set_hash(run, named), chosen)
+    return _produce(method, named, out, demos=demos, workers=workers, on_progress=on_progress)
+
+
+def _check_sources(run: RunFolder, name: str) -> None:
+    """Refuse to begin where a training condition of a task is not demonstrated at all."""
+    library, task = load_library(run, name), get_task(name)
+    for condition in task.training:
+        if not library.of_condition(condition.name):
+            cure = f"Collect some: better collect --tasks {name} --out RUN"
+            raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
+
+
+def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
+    """Return the hash of a set of demonstrations: of the names and the bytes of its records (hex, 64 characters)."""
+    chosen = None if tasks is None else set(tasks)
+    done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
+    lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _produce(
+    method: Method,
+    tasks: Sequence[str],
+    out: Path,
+    *,
+    demos: int,
+    workers: int,
+    on_progress: Callable[[SetProgress], None] | None,
+) -> RunFolder:
+    """Make a set: round after round, until there is no start left whose demonstration is missing."""
+    require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
+    require_between("--workers", workers, 1, MOST_WORKERS)
+    chosen = [get_task(name) for name in dict.fromkeys(tasks)]
+    wanted = [s for task in chosen for s in planned_starts(task, demos, first_seed=method.first_seed)]
+    for task in chosen:
+        demonstrated(task, engine=engine_version())  # which the support is judged by
+    versions = versions_in_use([task.id for task in chosen])
+    out = out.absolute()
+    found = attempts_of(out) if (out / "run.json").exists() else {}
+    while True:
+        chains = _chains(wanted, found, method)
+        with on_disk(out), ExitStack() as stack:
+            plan, context = _plan(method, [s for chain in chains for s in chain], workers)
+            run = RunFolder.start(out, plan, context=context)
+            journal = stack.enter_context(run.journal())
+            attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
+            reopen_lost(run, journal)
+            due = [chain[-1] for chain in chains if not _is_settled(chain[-1], attempts.found, journal)]
+            tell = _teller(on_progress, chains, attempts)
+            tell(None)
+            for produced in _produced(run, method, due, workers):
+                _note(produced, journal, attempts)
+                tell(produced.outcome)
+            found = dict(attempts.found)
+        if chains == _chains(wanted, found, method):
+            return run
+
+
+def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
+    """Return each start with those that took its place, one after the other."""
+    chains = []
+    for start in wanted:
+        chain = [start]
+        while (outcome := found.get(chain[-1].trial)) is not None and not outcome.accepted:
+            other = replacement(get_task(start.task), start, len(chain), first_seed=method.first_seed)
+            if other is None:
+                break
+            chain.append(other)
+        chains.append(chain)
+    return chains
+
+
+def _is_settled(start: Start, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
+    outcome = found.get(start.trial)
+    return outcome is not None and (not outcome.accepted or journal.is_done(start.trial))
+
+
+def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return plan and context of a run, as ``run.json`` holds them."""
+    trials = tuple(
+        Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value)
+        for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round))
+    )
+    plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality)
+    policy = {"address": method.policy, "name": method.policy, "needs_images": False}
+    engine = {"name": "local", "workers": workers, "envs": 1}
+    context = {**run_context(plan, policy=policy, engine=engine), "sources": method.sources}
+    return {**plan.to_json(), "demonstrations": method.to_json()}, context
+
+
+def _teller(
+    on_progress: Callable[[SetProgress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
+) -> Callable[[StartOutcome | None], None]:
+    def tell(last: StartOutcome | None) -> None:
+        if on_progress is None:
+            return
+        found = attempts.found
+        done = sum(any(s.trial in found and found[s.trial].accepted for s in chain) for chain in chains)
+        on_progress(SetProgress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
+
+    return tell
+
+
+def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
+    """Yield what became of starts, as it comes; those that share a compiled scene follow each other."""
+    order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
+    return in_workers(order, workers, functools.partial(_work, str(run.path), method))
+
+
+def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> None:
+    """Write what became of a start into both journals; killed between the two, the start is tried again."""
+    outcome, trial = produced.outcome, produced.outcome.trial
+    if not journal.is_done(trial):
+        status: TrialStatus = "done" if outcome.accepted else "error"
+        why = None if outcome.accepted else outcome.why_not
+        journal.append(
+            JournalEntry(trial.task, trial.condition, None, trial.seed, status, why, produced.wall, {}, produced.digest)
+        )
+    attempts.append(outcome)
+
+
+def _work(out: str, method: Method, trial: TrialId) -> _Produced:
+    """Try one start until an attempt is accepted, and write its record; run by a worker."""
+    load_sources(method.task_files)
+    run = RunFolder.open(Path(out))
+    began = time.perf_counter()
+    scene = scene_of(trial, method.quality)
+    setup_s = time.perf_counter() - began
+    notes: list[AttemptNote] = []
+    digest: str | None = None
+    for number in range(method.attempts):
+        attempt = attempt_at(scene, number, method)
+        notes.append(attempt.note)
+        if attempt.note.accepted:
+            digest = _write(run, scene, attempt)
+            break
+    wall = {
+        "setup_s": round(setup_s, 6),
+        "total_s": round(time.perf_counter() - began, 6),
+        "steps": float(sum(note.steps for note in notes)),
+    }
+    return _Produced(StartOutcome(trial.task, trial.condition, trial.seed, tuple(notes)), digest, wall)
+
+
+def scene_of(trial: TrialId, quality: str) -> Scene:
+    """Return the scene of a demonstration."""
+    task: Task = get_task(trial.task)
+    condition = task.train(trial.condition)
+    return Scene(task, condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
+
+
+def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
+    """Make one attempt at a start; the same number gives the same attempt."""
+    if method.policy == EXPERT:
+        return collect_attempt(scene, number)
+    return amplify_attempt(scene, number, _library(method.sources, scene.task.id), method.settings)
+
+
+@functools.lru_cache(maxsize=4)
+def _library(sources: str, task: str) -> Library:
+    return load_library(RunFolder.open(Path(sources)), task)
+
+
+def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> str:
+    """Write the record of an accepted attempt and, once, its scene; return the SHA-256 of the record's file."""
+    with on_disk(run.path):
+        path = run.write_record(attempt.record)
+        if not run.scene_path(scene.compiled.content_hash).exists():
+            run.store_scene(scene.compiled.content_hash, scene.files())
+        return file_digest(path)

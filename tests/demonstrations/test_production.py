@@ -1,0 +1,144 @@
+"""Sets of demonstrations: what their records say, that they replay, and that nothing but seed and sources decides."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
+from betterbench.demonstrations.amplifier import AmplifierSettings
+from betterbench.demonstrations.production import amplify, attempts_of, collect, method_of, set_hash
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.evaluation import check_record
+from betterbench.recording import RunFolder
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+pytestmark = pytest.mark.physics
+
+
+def test_records_say_who_demonstrated_and_which_rows_serve_which_subgoal(sources, amplified):
+    names = {str(e.key) for e in sources.entries()}
+    for run, kind in ((sources, "expert"), (amplified, "amplified")):
+        records = list(run.records())
+        assert len(records) == 4
+        for record in records:
+            meta = record.metadata
+            assert record.outcome.success
+            assert meta.seed >= FIRST_DEMONSTRATION_SEED
+            assert meta.demonstrator.kind == kind
+            assert set(meta.demonstrator.sources) <= names
+            assert bool(meta.demonstrator.sources) is (kind == "amplified")
+            assert [s.subgoal for s in meta.segments if s.subgoal] == list(meta.subgoal_names)
+            rows = [row for s in meta.segments for row in range(s.start, s.stop)]
+            assert rows == list(range(len(record)))
+            assert all(s.start <= w.start < w.stop <= s.stop for s in meta.segments for w in s.skills)
+
+
+def test_the_label_is_free_of_the_noise_of_what_was_executed(sources, amplified):
+    for record in sources.records():
+        assert np.array_equal(record.action[1:], record.applied[1:])
+    for record in amplified.records():
+        off = record.applied[1:] - record.action[1:]
+        sigma = record.metadata.demonstrator.action_noise
+        assert np.array_equal(record.action[1:, 6], record.applied[1:, 6])
+        assert 0.3 * sigma < off[:, :6].std() < 1.1 * sigma
+        closing = np.flatnonzero(np.diff(record.gripper_command > 0.0)) + 1
+        assert (off[closing - 1, :6] == 0.0).all()  # the row of the change
+
+
+def test_a_demonstration_replays_to_the_same_bits(sources, amplified):
+    for run in (sources, amplified):
+        entry = run.entries()[0]
+        found = check_record(run.record_path(entry.task, entry.condition, entry.seed))
+        assert found.identical, found.differing
+
+
+def test_the_same_command_again_changes_nothing(sources, amplified, record_files):
+    before, hashed = record_files(amplified), set_hash(amplified)
+    again = amplify(sources.path, amplified.path, demos=1)
+    assert record_files(again) == before
+    assert set_hash(again) == hashed
+
+
+def test_another_method_or_fewer_demonstrations_are_another_run(sources, amplified):
+    with pytest.raises(RunConflictError, match="action_noise"):
+        amplify(sources.path, amplified.path, demos=1, settings=AmplifierSettings(action_noise=0.05))
+    with pytest.raises(RunConflictError):
+        collect(["morning_coffee"], amplified.path, demos=1)
+
+
+def test_a_run_with_a_seed_of_tests_is_no_source(sources, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(sources.path, copy)
+    for name in ("run.json", "journal.jsonl"):
+        text = (copy / name).read_text()
+        seed = str(sources.entries()[0].seed)
+        assert seed in text
+    lines = [json.loads(line) for line in (copy / "journal.jsonl").read_text().splitlines()]
+    plan = json.loads((copy / "run.json").read_text())
+    for form in (lines[0], *plan["plan"]["trials"]):
+        form["seed"] = 7 if form["condition"] == lines[0]["condition"] else form["seed"]
+    for line in lines:
+        line.pop("link")
+    (copy / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    (copy / "run.json").write_text(json.dumps(plan))
+    with pytest.raises(InvalidInputError, match="seed of a test"):
+        amplify(copy, tmp_path / "out", demos=1)
+
+
+def test_bad_input_is_one_clear_error(sources, tmp_path):
+    for settings, field in ((AmplifierSettings(action_noise=9.0), "--noise"),):
+        with pytest.raises(InvalidInputError, match=field):
+            amplify(sources.path, tmp_path / "a", settings=settings)
+    with pytest.raises(InvalidInputError, match="--attempts"):
+        collect(["fast_food"], tmp_path / "b", demos=1, attempts=0)
+    with pytest.raises(InvalidInputError, match="folder of the sources"):
+        amplify(sources.path, sources.path)
+    with pytest.raises(InvalidInputError, match="no successful demonstration of fast_food"):
+        amplify(sources.path, tmp_path / "c", tasks=["fast_food"])
+    assert not any((tmp_path / name).exists() for name in "abc")
+
+
+def test_the_report_counts_every_attempt(sources, amplified):
+    found = acceptance_of(amplified)
+    (task,) = found.tasks
+    notes = [note for outcome in attempts_of(amplified.path).values() for note in outcome.notes]
+    assert task.attempts.attempts == len(notes) >= 4
+    assert task.attempts.accepted == found.demonstrations == 4
+    assert sum(t.attempts for t in task.sources.values()) == len(notes)
+    assert sum(task.failures.values()) == len(notes) - 4
+    page = write_acceptance(amplified, found, {}, {}).read_text()
+    assert found.sha256 in page
+    assert "morning_coffee" in page
+    form = json.loads((amplified.path / "acceptance" / "acceptance.json").read_text())
+    assert form["sha256"] == set_hash(amplified)
+    assert method_of(amplified).sources == str(sources.path)
+
+
+def test_a_run_of_trials_is_no_set_of_demonstrations(tmp_path):
+    run = RunFolder.start(tmp_path / "run", {"policy": "expert", "trials": []})
+    with pytest.raises(RecordError, match=r"plan\.demonstrations"):
+        method_of(run)
+
+
+@pytest.mark.slow
+def test_neither_workers_nor_interruptions_decide(sources, amplified, tmp_path, record_files):
+    wanted = record_files(amplified)
+    two = amplify(sources.path, tmp_path / "two", demos=1, workers=2)
+    assert record_files(two) == wanted
+
+    def stop(progress):
+        if progress.last is not None:
+            raise KeyboardInterrupt
+
+    for _ in range(4):
+        with pytest.raises(KeyboardInterrupt):
+            amplify(sources.path, tmp_path / "broken", demos=1, on_progress=stop)
+    broken = amplify(sources.path, tmp_path / "broken", demos=1)
+    assert record_files(broken) == wanted
+    assert set_hash(broken) == set_hash(amplified)
+    grown = amplify(sources.path, tmp_path / "two", demos=2)
+    assert wanted.items() < record_files(grown).items()
