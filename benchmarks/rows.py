@@ -25,11 +25,13 @@ from betterbench.evaluation.workers.worker import USUAL_ENVS
 from betterbench.interface import ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RecordBuilder, RunFolder
+from betterbench.recording.modalities.columns import MAX_CHUNK_ROWS
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, GoalTracker, Task, get_task
 from dummy import dummy_server
+from materializing import ratios_of
 from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, SleeplessEpisode, play, rehearse
 from peer import Peer, PeerUnavailableError
 
@@ -487,6 +489,18 @@ def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     yield Figure("diagnosis", f"diagnosis + report of {RECORDS} records", (scaled,), "s", "<=", 30.0, note)
 
 
+def materialize_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare materializing two views with MuJoCo's own drawing of the same colors, depth and segmentation."""
+    for task, quality in itertools.product(PICTURE_TASKS, (QUALITIES["fast"], QUALITIES["standard"])):
+        raw, own = zip(*ratios_of(task, quality, quick=quick), strict=True)
+        ratios = tuple(a / b for a, b in zip(raw, own, strict=True))
+        note = (
+            f"{_range([1e3 * s / MAX_CHUNK_ROWS for s in own])} / {_range([1e3 * s / MAX_CHUNK_ROWS for s in raw])} ms"
+        )
+        text = f"raw passes / all modalities, two cameras, {task}, {quality.name}"
+        yield Figure("materialize", text, ratios, "x", ">=", 0.9, f"{note} a row")
+
+
 def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
     """Return all rows by name, in the order of the table."""
     return {
@@ -500,6 +514,7 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "workers": workers_row,
         "policy": policy_row,
         "diagnosis": diagnosis_row,
+        "materialize": materialize_row,
     }
 
 
