@@ -13,6 +13,7 @@ from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.interface import CameraSpec, EpisodeStart, Observation, ObservationSpec, PolicyInfo
 from betterbench.interface.actions import EE_DELTA
 from betterbench.materialization import run as materialization_run
+from betterbench.materialization import viewing
 from betterbench.materialization.folder import Wanted
 from betterbench.materialization.live import LiveMaterializer
 from betterbench.recording import JournalEntry, Record, RunFolder
@@ -111,7 +112,8 @@ def one_process(monkeypatch, processes):
             processes.append(_Kept(quality=quality, size=size))
         return processes[-1] if not alive else alive[0]
 
-    monkeypatch.setattr(materialization_run, "LimitedView", kept)
+    for module in (materialization_run, viewing):
+        monkeypatch.setattr(module, "LimitedView", kept)
 
 
 @pytest.fixture(scope="session")

@@ -41,8 +41,9 @@ MAX_MEMORY_BYTES = 16 * 1024**3
 REQUEST_S = 60.0
 """Longest time for a scene to be opened, or an image to be drawn [s]; the first one includes the start.
 
-It is processor time while the process computes, as on a machine with much other work, and time of the clock while it
-does not."""
+A process that still computes then, as on a machine with much other work, gets as much again, up to 20 times; its own
+limit is processor time."""
+_EXTENSIONS = 20
 
 _PIXELS, _BROKEN, _MISSING = range(3)
 _QUESTION = struct.Struct("!QQ")
@@ -199,10 +200,11 @@ class LimitedView:
     def _receive(self, most: int) -> bytes | bytearray:
         """Return an answer of at most so many bytes; RecordError or MissingDependencyError if it is a reason."""
         try:
-            kind, size = _HEADER.unpack(self._read(_HEADER.size))
+            deadline = _Deadline(self._process.pid)
+            kind, size = _HEADER.unpack(self._read(_HEADER.size, deadline))
             if size > most:
                 raise self._refused("it answered too much")
-            answer = self._read(size)
+            answer = self._read(size, deadline)
         except (OSError, EOFError):
             raise self._refused(_CRASHED) from None
         if kind == _PIXELS:
@@ -211,27 +213,26 @@ class LimitedView:
         raise (MissingDependencyError if kind == _MISSING else RecordError)(reason)
 
     def _write(self, data: bytes) -> None:
-        pipe, left = _opened(self._process.stdin), memoryview(data)
+        pipe, left, deadline = _opened(self._process.stdin), memoryview(data), _Deadline(self._process.pid)
         while left:
-            self._wait(to_write=True)
+            self._wait(deadline, to_write=True)
             left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
 
-    def _wait(self, *, to_write: bool) -> None:
-        """Wait until the pipe takes or holds something, as long as the process computes."""
+    def _wait(self, deadline: _Deadline, *, to_write: bool) -> None:
+        """Wait until the pipe takes or holds something."""
         pipe = _opened(self._process.stdin if to_write else self._process.stdout)
         while True:
-            used = _processor_time(self._process.pid)
-            ready = select.select([] if to_write else [pipe], [pipe] if to_write else [], [], REQUEST_S)
+            ready = select.select([] if to_write else [pipe], [pipe] if to_write else [], [], deadline.left_s)
             if ready[0] or ready[1]:
                 return
-            if _processor_time(self._process.pid) == used:
+            if not deadline.extend():
                 raise self._refused(f"nothing came of it within {REQUEST_S:g} s")
 
-    def _read(self, count: int) -> bytearray:
+    def _read(self, count: int, deadline: _Deadline) -> bytearray:
         pipe, answer = _opened(self._process.stdout), bytearray(count)
         left = memoryview(answer)
         while left:
-            self._wait(to_write=False)
+            self._wait(deadline, to_write=False)
             got = os.readv(pipe.fileno(), [left])
             if not got:
                 raise EOFError
@@ -243,6 +244,26 @@ class LimitedView:
         return RecordError(
             f"stored scene: {what}. Its file is damaged or forged; run the trial again to store it, or leave films out."
         )
+
+
+class _Deadline:
+    """When an answer of a process is due, which is put off while the process computes."""
+
+    def __init__(self, process: int) -> None:
+        self._process, self._left = process, _EXTENSIONS
+        self._end = time.monotonic() + REQUEST_S
+        self._used = _processor_time(process)
+
+    @property
+    def left_s(self) -> float:
+        """Time until then [s]."""
+        return max(0.0, self._end - time.monotonic())
+
+    def extend(self) -> bool:
+        """Put it off if the process has computed since the last time, and tell whether it was."""
+        used, before = _processor_time(self._process), self._used
+        self._used, self._left, self._end = used, self._left - 1, time.monotonic() + REQUEST_S
+        return self._left > 0 and used != before
 
 
 def _processor_time(process: int) -> tuple[str, ...]:
