@@ -18,6 +18,7 @@ from betterbench.materialization.pictures import depth_image, mask_image, object
 from betterbench.materialization.run import seen_quality
 from betterbench.materialization.values import ViewValues
 from betterbench.recording import RunFolder
+from betterbench.recording.modalities.labels import SEMANTIC_IDS
 from betterbench.recording.modalities.spec import ViewSpec
 from betterbench.scenes.limited import LimitedView
 
@@ -54,9 +55,8 @@ def panels_of(run: RunFolder, trial: str, at: float) -> list[tuple[str, list[Ima
         (sights,) = limited.sights(record.qpos[row : row + 1], jitter=meta.view_jitter)
         for view, focal_px, sight in zip(VIEWS, facts.focal_px, sights, strict=True):
             values = ViewValues(facts, MODALITIES, categories, focal_px).of(sight, record.time[row], None)
-            shades = np.unique(values["semantics"])
-            palette = np.array([(30, 30, 34), *object_colors(len(shades))], np.uint8)
-            semantics = palette[np.searchsorted(shades, values["semantics"])]
+            palette = np.array([(30, 30, 34), *object_colors(max(SEMANTIC_IDS.values()))], np.uint8)
+            semantics = palette[np.minimum(values["semantics"], len(palette) - 1)]
             pictures = [
                 with_boxes(values["rgb"], values["visible_box"], values["visible_fraction"], names),
                 Image.fromarray(mask_image(values["instances"], object_colors(len(names)))),

@@ -147,5 +147,7 @@
     if (event.key === " ") { play(!playing); event.preventDefault(); }
   });
   window.addEventListener("resize", () => show(frame));
-  show(0);
+  const asked = () => show(Number(new URLSearchParams(location.hash.slice(1)).get("row")) || 0);
+  window.addEventListener("hashchange", asked);
+  asked();  // "#row=120" opens the page there
 })();
