@@ -31,7 +31,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, GoalTracker, Task, get_task
 from dummy import dummy_server
-from materializing import ratios_of
+from materializing import blocks_of
 from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, SleeplessEpisode, play, rehearse
 from peer import Peer, PeerUnavailableError
 
@@ -492,13 +492,16 @@ def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
 def materialize_row(*, quick: bool) -> Iterator[Figure]:
     """Compare materializing two views with MuJoCo's own drawing of the same colors, depth and segmentation."""
     for task, quality in itertools.product(PICTURE_TASKS, (QUALITIES["fast"], QUALITIES["standard"])):
-        raw, own = zip(*ratios_of(task, quality, quick=quick), strict=True)
-        ratios = tuple(a / b for a, b in zip(raw, own, strict=True))
-        note = (
-            f"{_range([1e3 * s / MAX_CHUNK_ROWS for s in own])} / {_range([1e3 * s / MAX_CHUNK_ROWS for s in raw])} ms"
-        )
+        blocks = list(blocks_of(task, quality, quick=quick))
+        ms = 1e3 / MAX_CHUNK_ROWS
+        note = f"{_range([ms * b.own_s for b in blocks])} / {_range([ms * b.raw_s for b in blocks])} ms a row"
         text = f"raw passes / all modalities, two cameras, {task}, {quality.name}"
-        yield Figure("materialize", text, ratios, "x", ">=", 0.9, f"{note} a row")
+        yield Figure("materialize", text, tuple(b.raw_s / b.own_s for b in blocks), "x", ">=", 0.9, note)
+        # Two processes work at a time: what an idle core each would show is the time of the slower one.
+        ratios = tuple(b.raw_cpu_s / max(b.drawing_cpu_s, b.writing_cpu_s) for b in blocks)
+        note = f"drawing {_range([ms * b.drawing_cpu_s for b in blocks])}, writing "
+        note += f"{_range([ms * b.writing_cpu_s for b in blocks])}, raw {_range([ms * b.raw_cpu_s for b in blocks])} ms"
+        yield Figure("materialize", "the same, processor time of the slower process", ratios, "x", note=note)
 
 
 def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:

@@ -173,6 +173,11 @@ class LimitedView:
         return sum(kind.itemsize for kind in self._types)
 
     @property
+    def process_id(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def is_closed(self) -> bool:
         """Whether the process has ended."""
         return self._process.poll() is not None

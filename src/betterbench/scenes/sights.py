@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import RecordError
+from betterbench.recording.modalities.labels import STAGE
 from betterbench.recording.modalities.spec import PlacedCamera, ViewSpec
 from betterbench.scenes.cameras import CameraMatrices, ViewPlacement, camera_matrices, camera_number, focal_length_px
 from betterbench.scenes.instances import instances_of_bodies, object_bodies, visible_boxes
@@ -21,6 +22,9 @@ from betterbench.scenes.stage import Quality
 from betterbench.state import NO_JITTER, ViewJitter
 
 _NEAR_M = 0.01
+_SUNK_M = 0.002
+"""How deep an object may sink into the table and still lie above it [m]."""
+_LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)
 
@@ -68,13 +72,24 @@ class ModelFacts:
     focal_px: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A view that is being drawn: its number, the camera of the model that stands for it, and where that is."""
+    """A view that has been drawn: its number, the camera of the model that stands for it, and what the image shows."""
 
     number: int
     camera: str
     matrices: CameraMatrices
+    masks: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A part of an image that holds an object, the object's lowest height [m], and its farthest depth [m]."""
+
+    rect: Rect
+    low_m: float
+    far_m: float
 
 
 class Sights:
@@ -91,7 +106,10 @@ class Sights:
         sizes = {"bodies": int(model.nbody), "objects": len(self._bodies)}
         self.types = [sight_type(view, modalities, **sizes) for view in self.views]
         self._with_boxes = "boxes" in modalities
-        self._outlines: list[dict[int, tuple[bytes, int, Rect]]] = [{} for _ in self.views]
+        self._outlines: list[dict[int, tuple[bytes, tuple[int, Rect]]]] = [{} for _ in self.views]
+        instances = instances_of_bodies(model)
+        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body number plus one, as in masks
+        self._movable = np.concatenate([[False], instances > _LAST_FURNITURE])
         self._slot = int(np.argmin(model.cam_bodyid))  # a camera of the world
         self._renderer = Renderer(
             model, width=max(v.width for v in self.views), height=max(v.height for v in self.views), quality=quality
@@ -139,12 +157,13 @@ class Sights:
         names, size = sight.dtype.names or (), {"width": view.width, "height": view.height}
         with self._camera_of(data, view) as camera:
             matrices = camera_matrices(self.model, data, camera, **size)
-            wanted = {"rgb": "rgb" in names, "depth": "depth" in names, "masks": "bodies" in names}
+            depth = self._with_boxes or "depth" in names
+            wanted = {"rgb": "rgb" in names, "depth": depth, "masks": "bodies" in names}
             images = self._renderer.render(data, camera, **wanted, **size)
-            if self._with_boxes and images.masks is not None:
-                self._add_boxes(sight, data, _Drawn(number, camera, matrices), images.masks)
+            if self._with_boxes and images.masks is not None and images.depth is not None:
+                self._add_boxes(sight, data, _Drawn(number, camera, matrices, images.masks, images.depth))
         for name, image in (("rgb", images.rgb), ("depth", images.depth)):
-            if image is not None:
+            if image is not None and name in names:
                 sight[name] = image
         if images.masks is not None:
             np.add(images.masks, 1, out=sight["bodies"], casting="unsafe")
@@ -153,70 +172,84 @@ class Sights:
         sight["poses"][:, :3], sight["poses"][:, 3:] = data.xpos, data.xquat
         return sight
 
-    def _add_boxes(self, sight: np.ndarray, data: mujoco.MjData, drawn: _Drawn, masks: np.ndarray) -> None:
-        rects = self._rects(data, drawn.matrices)
-        outlines = self._full_outlines(data, drawn, rects)
-        for i, (body, rect) in enumerate(zip(self._bodies.tolist(), rects, strict=True)):
-            sight["visible_pixels"][i], sight["visible_box"][i] = _outline(masks, body, rect)
-            sight["full_pixels"][i], sight["full_box"][i] = outlines[i]
+    def _add_boxes(self, sight: np.ndarray, data: mujoco.MjData, drawn: _Drawn) -> None:
+        parts = self._parts(data, drawn.matrices)
+        behind: list[tuple[int, Rect]] = []
+        for i, (body, part) in enumerate(zip(self._bodies.tolist(), parts, strict=True)):
+            outline = (0, _NO_BOX) if part is None else _outline(drawn.masks, body, part.rect)
+            sight["visible_pixels"][i], sight["visible_box"][i] = outline
+            if part is not None and self._may_be_hidden(drawn, body, part):
+                behind.append((i, part.rect))
+            else:
+                sight["full_pixels"][i], sight["full_box"][i] = outline
+        for i, outline in self._full_outlines(data, drawn, behind):
+            sight["full_pixels"][i], sight["full_box"][i] = outline
 
-    def _rects(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[Rect | None]:
+    def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
         """Return for each object a part of the image that holds all of it, or None if the image shows none of it."""
         rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
         points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
         pixels, depth = matrices.project(points.reshape(-1, 3))
         pixels, depth = pixels.reshape(-1, 8, 2), depth.reshape(-1, 8)
-        rects: list[Rect | None] = []
-        near = depth.min(axis=1)
-        for i, far in enumerate(depth.max(axis=1).tolist()):
-            if far <= _NEAR_M:
-                rects.append(None)
+        low_m, near_m, far_m = (a.tolist() for a in (points[:, :, 2].min(1), depth.min(1), depth.max(1)))
+        first, last = (np.floor(pixels.min(axis=1)) - 1).tolist(), (np.ceil(pixels.max(axis=1)) + 2).tolist()
+        parts: list[_Part | None] = []
+        for i in range(len(low_m)):
+            rect = 0, 0, matrices.width, matrices.height
+            if far_m[i] <= _NEAR_M:
+                parts.append(None)
                 continue
-            if near[i] <= _NEAR_M:
-                rects.append((0, 0, matrices.width, matrices.height))
-                continue
-            (left, top), (right, bottom) = np.floor(pixels[i].min(axis=0)) - 1, np.ceil(pixels[i].max(axis=0)) + 2
-            rect = (
-                int(max(left, 0)),
-                int(max(top, 0)),
-                int(min(right, matrices.width)),
-                int(min(bottom, matrices.height)),
-            )
-            rects.append(rect if rect[0] < rect[2] and rect[1] < rect[3] else None)
-        return rects
+            if near_m[i] > _NEAR_M:
+                (left, top), (right, bottom) = first[i], last[i]
+                rect = max(int(left), 0), max(int(top), 0), min(int(right), rect[2]), min(int(bottom), rect[3])
+            shown = rect[0] < rect[2] and rect[1] < rect[3]
+            parts.append(_Part(rect, low_m[i], far_m[i]) if shown else None)
+        return parts
+
+    def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
+        """Tell whether the image shows, within the part of an object, something else that may be in front of it.
+
+        Neither table nor floor is in front of what lies above the table for a camera above it.
+        """
+        left, top, right, bottom = part.rect
+        masks, depth = drawn.masks[top:bottom, left:right], drawn.depth[top:bottom, left:right]
+        above = part.low_m > -_SUNK_M and drawn.matrices.T_world_camera.position[2] > 0.0
+        hides = self._movable if above else self._solid
+        return bool((hides.take(masks + 1) & (masks != body) & (depth < part.far_m)).any())
 
     def _full_outlines(
-        self, data: mujoco.MjData, drawn: _Drawn, rects: Sequence[Rect | None]
-    ) -> list[tuple[int, Rect]]:
-        """Return pixels and box of each object's outline with nothing in front of it.
+        self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Rect]]
+    ) -> list[tuple[int, tuple[int, Rect]]]:
+        """Return pixels and box of the outline of some objects with nothing in front of them, by their numbers.
 
         Objects whose parts of the image do not touch are drawn together; one that has not moved before a camera that
         has not moved is not drawn again.
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
-        found: list[tuple[int, Rect]] = [(0, _NO_BOX)] * len(rects)
-        passes: list[list[tuple[int, int, Rect]]] = []
+        found: list[tuple[int, tuple[int, Rect]]] = []
+        passes: list[list[tuple[int, Rect]]] = []
         keys: dict[int, bytes] = {}
-        for i, (body, rect) in enumerate(zip(self._bodies.tolist(), rects, strict=True)):
-            if rect is None:
-                continue
+        for i, rect in wanted:
+            body = int(self._bodies[i])
             keys[i] = where + data.xpos[body].tobytes() + data.xquat[body].tobytes()
             if i in known and known[i][0] == keys[i]:
-                found[i] = known[i][1:]
+                found.append((i, known[i][1]))
                 continue
             for together in passes:
-                if all(_apart(rect, other) for _, _, other in together):
-                    together.append((i, body, rect))
+                if all(_apart(rect, other) for _, other in together):
+                    together.append((i, rect))
                     break
             else:
-                passes.append([(i, body, rect)])
+                passes.append([(i, rect)])
         for together in passes:
-            bodies, size = [body for _, body, _ in together], {"width": matrices.width, "height": matrices.height}
+            bodies = [int(self._bodies[i]) for i, _ in together]
+            size = {"width": matrices.width, "height": matrices.height}
             mask = self._renderer.draw_alone(data, drawn.camera, bodies, **size)
-            for i, body, rect in together:
-                found[i] = _outline(mask, body, rect)
-                known[i] = (keys[i], *found[i])
+            for (i, rect), body in zip(together, bodies, strict=True):
+                outline = _outline(mask, body, rect)
+                known[i] = keys[i], outline
+                found.append((i, outline))
         return found
 
 
@@ -262,10 +295,8 @@ def _apart(a: Rect, b: Rect) -> bool:
     return a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
 
 
-def _outline(masks: np.ndarray, body: int, rect: Rect | None) -> tuple[int, Rect]:
+def _outline(masks: np.ndarray, body: int, rect: Rect) -> tuple[int, Rect]:
     """Return the number of pixels of a body in a part of a mask, and the tight box around them."""
-    if rect is None:
-        return 0, _NO_BOX
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body
     rows = np.flatnonzero(hit.any(axis=1))
