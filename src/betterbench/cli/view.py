@@ -82,17 +82,20 @@ def _write_page(
     meta, outcome = record.metadata, record.outcome
     names = [o.name for o in meta.scene.objects]
     colors = object_colors(len(names))
-    played = [PlayedView(view.name, view.width, view.height, [], [], []) for view in views]
+    pictures: list[list[bytes]] = [[] for _ in views]
+    masks: list[list[bytes]] = [[] for _ in views]
+    boxes: list[list[list[tuple[int, int, int, int, int, float]]]] = [[] for _ in views]
     for shown in shown_rows(run, record, views, quality=quality):
-        for values, pictures, masks, boxes in zip(
-            shown.views, *zip(*((v.pictures, v.masks, v.boxes) for v in played), strict=True), strict=True
-        ):
+        for number, values in enumerate(shown.views):
             fractions = np.nan_to_num(values["visible_fraction"])
-            pictures.append(jpeg(values["rgb"]))
-            masks.append(mask_png(values["instances"], colors))
+            pictures[number].append(jpeg(values["rgb"]))
+            masks[number].append(mask_png(values["instances"], colors))
             seen = np.flatnonzero(fractions >= LEAST_SEEN).tolist()
-            boxes.append([(i, *values["visible_box"][i].tolist(), float(fractions[i])) for i in seen])
+            boxes[number].append([(i, *values["visible_box"][i].tolist(), float(fractions[i])) for i in seen])
         on_progress(shown.row + 1, len(record))
+    played = [
+        PlayedView(view.name, view.width, view.height, pictures[i], masks[i], boxes[i]) for i, view in enumerate(views)
+    ]
     trial = PlayedTrial(
         heading=f"{meta.task}/{meta.condition}/{meta.seed}",
         policy=meta.policy,

@@ -104,7 +104,7 @@ class TrialFiles:
 
     def _header(self, origin: TrialOrigin, number: int, view: ViewSpec) -> ViewHeader:
         meta = origin.metadata
-        halves: list[Vector] = [tuple(half) for half in self._facts.boxes[:, 1].tolist()]
+        halves: list[Vector] = [(x, y, z) for x, y, z in self._facts.boxes[:, 1].tolist()]
         objects = tuple(
             BoxedObject(o.name, o.category, instance_of_object(i), semantic_id(o.category), half)
             for i, (o, half) in enumerate(zip(meta.scene.objects, halves, strict=True))

@@ -32,7 +32,7 @@ class ViewValues:
         """Return the values of one row by column, but for its number."""
         camera, wanted = sight["camera"], self._modalities
         values: dict[str, np.ndarray] = {
-            "time": np.float64(time_s),
+            "time": np.array(time_s),
             "camera_position": camera[:3],
             "camera_quaternion": camera[3:],
         }

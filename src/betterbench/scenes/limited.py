@@ -191,7 +191,7 @@ class LimitedView:
                 with contextlib.suppress(OSError):
                     pipe.close()
 
-    def _ask(self, request: Mapping[str, object], data: bytes, *, most: int = 0) -> bytes:
+    def _ask(self, request: Mapping[str, object], data: bytes, *, most: int = 0) -> bytes | bytearray:
         self._send(request, data)
         return self._receive(max(3 * self._size**2, 4 * _LONGEST_REASON, len(data), most))
 
@@ -331,7 +331,7 @@ class _Drawer:
         form = _Facts(
             facts.instances.tolist(),
             facts.object_bodies.tolist(),
-            [(tuple(center), tuple(half)) for center, half in facts.boxes.tolist()],
+            [((x, y, z), (a, b, c)) for (x, y, z), (a, b, c) in facts.boxes.tolist()],
             list(facts.focal_px),
             renderer_fingerprint(),
         )
