@@ -53,7 +53,7 @@ def test_a_page_of_a_record(recorded, tmp_path, one_process, capsys):
     assert main(["view", str(record), "--camera", "front:64", "--out", str(page)]) == 0
     text = page.read_text()
     assert "fast_food/train1/0" in text
-    assert text.count('"pictures"') == 1
+    assert text.count('"pictures":[') == 1
     assert main(["view", str(record), "--out", str(tmp_path / "x.txt")]) == EXIT_BAD_INPUT
     assert "'.txt'" in capsys.readouterr().err
 

@@ -67,4 +67,4 @@ def _moves(
     scale = focal_px / np.where(ahead, moved[2], np.nan)
     to = np.stack([moved[0] * scale + 0.5 * (columns - 1) - u, moved[1] * scale + 0.5 * (rows - 1) - v], axis=1)
     most = float(np.finfo(np.float16).max)
-    return np.clip(to, -most, most)
+    return np.asarray(np.clip(to, -most, most))

@@ -49,7 +49,7 @@ def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
     boxes = np.zeros((len(bodies), 2, 3))
     for i, body in enumerate(bodies):
         points = [
-            _points(model, geom)
+            _points(model, int(geom))
             for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group < _VISIBLE_GROUPS))
         ]
         if points:

@@ -159,7 +159,7 @@ class Sights:
             matrices = camera_matrices(self.model, data, camera, **size)
             depth = self._with_boxes or "depth" in names
             wanted = {"rgb": "rgb" in names, "depth": depth, "masks": "bodies" in names}
-            images = self._renderer.render(data, camera, **wanted, **size)
+            (images,) = self._renderer.render_views(data, [(camera, view.width, view.height)], **wanted)
             if self._with_boxes and images.masks is not None and images.depth is not None:
                 self._add_boxes(sight, data, _Drawn(number, camera, matrices, images.masks, images.depth))
         for name, image in (("rgb", images.rgb), ("depth", images.depth)):

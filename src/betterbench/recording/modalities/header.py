@@ -14,7 +14,7 @@ from betterbench.json_form import strict_form
 from betterbench.recording.modalities.labels import FIRST_OBJECT, STAGE, semantics_of_instances
 from betterbench.recording.modalities.spec import MODALITIES, Modality, ViewSpec
 
-FORMAT_VERSION = 1
+FORMAT_VERSION: Literal[1] = 1
 """Version of the columns and of the header; it moves when an older reader would misunderstand a newer file."""
 
 _Count = Annotated[int, Field(ge=0)]
