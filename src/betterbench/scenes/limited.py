@@ -84,6 +84,26 @@ class LimitedView:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
+    def draw_views(
+        self, qpos: np.ndarray, views: Sequence[tuple[str, int, int]], *, jitter: ViewJitter
+    ) -> list[np.ndarray]:
+        """Return several views of one recorded state, (nq,), each as (height, width, 3) uint8.
+
+        A view is a camera, a width and a height [pixel], and has the pixels that an episode's observer shows. Raises
+        what :meth:`open` raises.
+        """
+        numbers = np.asarray(qpos, dtype=np.float64).tobytes()
+        sizes = [3 * width * height for _, width, height in views]
+        request = {"views": [list(view) for view in views], "jitter": jitter.to_json()}
+        pixels = self._ask(request, numbers, most=sum(sizes))
+        if len(pixels) != sum(sizes):
+            raise self._refused("it gave images of another size")
+        images, at = [], 0
+        for (_, width, height), size in zip(views, sizes, strict=True):
+            images.append(np.frombuffer(pixels, np.uint8, size, at).reshape(height, width, 3))
+            at += size
+        return images
+
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
         """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera.
 
@@ -104,13 +124,13 @@ class LimitedView:
                 with contextlib.suppress(OSError):
                     pipe.close()
 
-    def _ask(self, request: Mapping[str, object], data: bytes) -> bytes:
+    def _ask(self, request: Mapping[str, object], data: bytes, *, most: int = 0) -> bytes:
         end = time.monotonic() + REQUEST_S
         text = json.dumps(request).encode()
         try:
             self._write(_QUESTION.pack(len(text), len(data)) + text + data, end)
             kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
-            if size > max(3 * self._size**2, 4 * _LONGEST_REASON, len(data)):
+            if size > max(3 * self._size**2, 4 * _LONGEST_REASON, len(data), most):
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
@@ -180,8 +200,7 @@ def draw_for_parent(quality: str, size: int) -> None:
                 pixels = view.project(np.frombuffer(data).reshape(-1, 3), request["project"])
                 kind, answer = _PIXELS, np.ascontiguousarray(pixels, dtype=np.float64).tobytes()
             else:
-                jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
-                kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request["camera"], jitter)
+                kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request)
         except MissingDependencyError as problem:
             kind, answer = _MISSING, str(problem).encode()
         except BetterError as problem:
@@ -202,11 +221,16 @@ def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:
     return files
 
 
-def _pixels(view: StoredView, qpos: np.ndarray, camera: str, jitter: ViewJitter) -> bytes:
-    rgb = view.draw(qpos, camera, jitter=jitter).rgb
-    if rgb is None:
-        raise AssertionError("colors were asked for")
-    return np.ascontiguousarray(rgb).tobytes()
+def _pixels(view: StoredView, qpos: np.ndarray, request: Mapping[str, Any]) -> bytes:
+    """Return the pixels of the view, or of the views one after the other, that a request asks for."""
+    jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
+    if "views" in request:
+        drawn = view.draw_views(
+            qpos, [(name, width, height) for name, width, height in request["views"]], jitter=jitter
+        )
+    else:
+        drawn = [view.draw(qpos, request["camera"], jitter=jitter)]
+    return b"".join(np.ascontiguousarray(images.rgb).tobytes() for images in drawn)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -66,6 +66,21 @@ class StoredView:
 
         Raises RecordError if the record belongs to another model.
         """
+        self._take(qpos, jitter)
+        return self._renderer.render(self._data, camera, depth=depth, masks=masks)
+
+    def draw_views(
+        self, qpos: np.ndarray, views: Sequence[tuple[str, int, int]], *, jitter: ViewJitter
+    ) -> list[Images]:
+        """Return several views of one recorded state as an episode's observer draws them: camera, width and height.
+
+        Raises RecordError if the record belongs to another model.
+        """
+        self._take(qpos, jitter)
+        return self._renderer.render_views(self._data, views)
+
+    def _take(self, qpos: np.ndarray, jitter: ViewJitter) -> None:
+        """Put the model into a recorded state, and its cameras and light where they were."""
         if qpos.shape != (self._model.nq,):
             raise RecordError(
                 f"record: {qpos.shape[0]} positions do not fit a scene of {self._model.nq}; the scene is another one."
@@ -76,7 +91,6 @@ class StoredView:
         if jitter != self._jitter:
             self._jitter, self._placement = jitter, ViewPlacement(self._model, jitter)
         self._placement.apply(self._data)
-        return self._renderer.render(self._data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
         """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera."""
