@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from betterbench.export.layout import Layout, layout_of
 from betterbench.export.lerobot import CHUNK_FILES
 from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import observation_name, open_hdf5, read_source
+from betterbench.export.selection import digest_of
 from betterbench.export.video import decode
 from betterbench.recording import Record, RunFolder
 from betterbench.tasks import TrialId
@@ -116,7 +117,7 @@ def _record(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[RunFol
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for run in runs:
         entry = run.entry(trial)
-        if entry is not None and entry.record == about["record"]:
+        if entry is not None and entry.status == "done" and digest_of(run, entry) == about["record"]:
             return run, run.read_record(trial.task, trial.condition, trial.seed)
     raise RecordError(
         f"{trial}: no run that is named has the record of this episode (SHA-256 {about['record'][:12]}...). "
@@ -147,17 +148,19 @@ def _stored_lerobot(path: Path, layout: Layout, episodes: Sequence[Mapping[str, 
     if version == "v3.0":
         places = _parquet(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     for number, place in enumerate(places):
-        table = _table(path, number, place)
+        table = _table(path, number, place, layout)
         vectors = {c.name: _column(table, c.name, c.size) for c in (*layout.states, layout.action)}
         yield _Stored(vectors, _pictures_of(path, number, place, table))
 
 
-def _table(path: Path, number: int, place: Mapping[str, Any] | None) -> pa.Table:
+def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: Layout) -> pa.Table:
+    """Return vectors, and images without loss, of an episode."""
+    needed = {"episode_index", layout.action.name, *layout.all_images, *(c.name for c in layout.states)}
     if place is None:
         name = f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
-        return _parquet(path / name)
+        return _parquet(path / name, needed)
     name = f"data/chunk-{place['data/chunk_index']:03d}/file-{place['data/file_index']:03d}.parquet"
-    table = _parquet(path / name)
+    table = _parquet(path / name, needed)
     return table.filter(pa.compute.equal(table.column("episode_index"), number))
 
 
@@ -205,10 +208,12 @@ def _column(table: pa.Table, name: str, size: int) -> np.ndarray:
     return np.asarray(flat.to_numpy(zero_copy_only=False)).reshape(-1, size)
 
 
-def _parquet(path: Path) -> pa.Table:
-    """Read a Parquet file; raise InvalidInputError if it cannot be read."""
+def _parquet(path: Path, needed: Collection[str] = ()) -> pa.Table:
+    """Read a Parquet file, of its columns those that are needed; raise InvalidInputError if it cannot be read."""
     try:
-        return pq.read_table(io.BytesIO(_read(path)), use_threads=False)
+        with pq.ParquetFile(io.BytesIO(_read(path))) as file:
+            columns = [name for name in file.schema_arrow.names if name in needed] if needed else None
+            return file.read(columns, use_threads=False)
     except pa.ArrowException as error:
         said = str(error).splitlines()[0][:200]
         raise InvalidInputError(str(path), f"is damaged ({said})", _CURE) from error

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.recording import JournalEntry, RunFolder
+from betterbench.recording.parquet import file_digest
 from betterbench.tasks import TrialId
 
 
@@ -56,8 +57,8 @@ def select_demonstrations(
             reason = _left_out(entry, tasks, variations=variations)
             if not reason:
                 brief = run.read_brief(entry.key, entry=entry)
-                if brief.outcome.success and entry.record is not None:
-                    found.append(Demonstration(entry.key, number, entry.record, brief.metadata.scene_hash))
+                if brief.outcome.success:
+                    found.append(Demonstration(entry.key, number, digest_of(run, entry), brief.metadata.scene_hash))
                     continue
                 reason = "not successful"
             left_out[reason] += 1
@@ -73,6 +74,11 @@ def select_demonstrations(
             "Give a run with successful trials of training conditions, or --variations for those of test variations",
         )
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
+
+
+def digest_of(run: RunFolder, entry: JournalEntry) -> str:
+    """Return the SHA-256 of a trial's record, which journals of older versions do not hold."""
+    return entry.record or file_digest(run.record_path(entry.task, entry.condition, entry.seed))
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
