@@ -38,7 +38,7 @@ class Keeper:
             raise PolicyError("enough")
         self.seen.append(observation)
         gripper = (-1.0, 0.0, 1.0)[observation.step % 3]
-        return np.array([*self._draw.uniform(-0.6, 0.6, 6), gripper])
+        return np.array([*self._draw.uniform(-0.4, 0.4, 3), *self._draw.uniform(-0.1, 0.1, 3), gripper])
 
 
 @dataclass

@@ -6,15 +6,12 @@ import os
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
-
-if TYPE_CHECKING:
-    from betterbench.export.job import Format
 
 
 def export_command(
@@ -74,7 +71,7 @@ def export_command(
     if check is not None and (check.is_dir() or check.suffix in (".hdf5", ".h5")):
         _check_dataset(runs, check, as_json=json)
         return
-    if to in ("lerobot", "lerobot-v2.1", "robomimic"):
+    if to in _PRESETS:
         options = _DatasetOptions(preset or _PRESETS[to], tasks, variations, observation, workers)
         written = {
             "form": images,
@@ -83,7 +80,7 @@ def export_command(
             "language": language,
             "questions": vqa,
         }
-        _export_dataset(runs, to, out, options, written, as_json=json)  # type: ignore[arg-type] # the three above
+        _export_dataset(runs, to, out, options, written, as_json=json)
         return
     _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
 
@@ -105,7 +102,7 @@ class _DatasetOptions:
 
 def _export_dataset(
     runs: tuple[Path, ...],
-    to: Format,
+    to: Any,  # noqa: ANN401 - the name of a format
     out: Path | None,
     options: _DatasetOptions,
     written: dict[str, Any],

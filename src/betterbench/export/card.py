@@ -52,12 +52,12 @@ def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
 
 
 def _episodes(dataset: Dataset) -> list[tuple[str, ...]]:
-    count: Counter[tuple[str, str, str]] = Counter()
-    frames: Counter[tuple[str, str, str]] = Counter()
+    count: Counter[tuple[str, ...]] = Counter()
+    frames: Counter[tuple[str, ...]] = Counter()
     for episode in dataset.episodes:
         key = tuple(str(episode.about[name]) for name in ("task", "condition", "instruction"))
-        count[key] += 1  # type: ignore[index] # three texts
-        frames[key] += len(episode)  # type: ignore[index]
+        count[key] += 1
+        frames[key] += len(episode)
     return [(k[0], k[1], str(count[k]), str(frames[k]), k[2]) for k in sorted(count)]
 
 

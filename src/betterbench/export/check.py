@@ -6,6 +6,7 @@ import io
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -199,7 +200,11 @@ def _stored_robomimic(path: Path, layout: Layout, episodes: Sequence[Mapping[str
             vectors = {c.name: group["obs"][observation_name(c.name)][:] for c in layout.states}
             vectors[layout.action.name] = group["actions"][:].astype(layout.action.dtype)
             seen = {c.name: group["obs"][observation_name(c.name)] for c in layout.images}
-            yield _Stored(vectors, lambda column, rows, seen=seen: {row: seen[column][row] for row in rows})
+            yield _Stored(vectors, partial(_rows_of, seen))
+
+
+def _rows_of(seen: Mapping[str, Any], column: str, rows: Sequence[int]) -> dict[int, np.ndarray]:
+    return {row: seen[column][row] for row in rows}
 
 
 def _column(table: pa.Table, name: str, size: int) -> np.ndarray:

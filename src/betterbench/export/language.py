@@ -32,8 +32,8 @@ def language_columns(dataset: Dataset, number: int, part: Part) -> dict[str, pa.
             for role, text in (("user", asked.question), ("assistant", asked.answer)):
                 events[asked.row].append(_said(role, text, "vqa") | {"camera": columns[asked.camera]})
     return {
-        PERSISTENT: pa.array([steps] * len(part), pa.list_(_row(timed=True))),
-        EVENTS: pa.array(events, pa.list_(_row(timed=False))),
+        PERSISTENT: _column([steps] * len(part), timed=True),
+        EVENTS: _column(events, timed=False),
     }
 
 
@@ -41,9 +41,14 @@ def _said(role: str, text: str, style: str) -> dict[str, Any]:
     return {"role": role, "content": text, "style": style, "camera": None, "tool_calls": None}
 
 
-def _row(*, timed: bool) -> pa.DataType:
-    """Return the type of one entry of a column."""
+def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
+    # pyarrow makes no array of its JSON type from Python values, but casts texts to it.
+    return pa.array(rows, pa.list_(_entry(pa.string(), timed=timed))).cast(pa.list_(_entry(pa.json_(), timed=timed)))
+
+
+def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
+    """Return the type of one entry of a column, whose tool calls have the type ``call``."""
     fields = [pa.field("role", pa.string(), nullable=False)]
     fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
     fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []
-    return pa.struct([*fields, pa.field("camera", pa.string()), pa.field("tool_calls", pa.list_(pa.json_()))])
+    return pa.struct([*fields, pa.field("camera", pa.string()), pa.field("tool_calls", pa.list_(call))])

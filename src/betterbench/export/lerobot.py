@@ -116,7 +116,7 @@ class Totals:
         for name, values in {**part.vectors, **counted}.items():
             self._vectors.setdefault(name, []).append(values)
         for name, levels in part.levels.items():
-            self._levels[name] = self._levels.get(name, 0) + levels
+            self._levels[name] = levels + self._levels[name] if name in self._levels else levels
         self._sampled += part.sampled
 
     def stats(self) -> dict[str, Stats]:
