@@ -113,8 +113,9 @@ def read_v30(folder: Path) -> list[dict]:
                 stats.setdefault(key.split("/")[1], {})[key.split("/")[2]] = value
         check_stats(stats, info, STATS_V30, episode)
         episodes.append(episode)
-    for name in info["features"]:
-        arrays[name] = np.concatenate([e[name] for e in episodes]) if name in episodes[0] else None
+    for name, feature in info["features"].items():
+        if feature["dtype"] != "language":
+            arrays[name] = np.concatenate([e[name] for e in episodes])
     check_stats(json.loads((folder / "meta/stats.json").read_text()), info, STATS_V30, arrays)
     return episodes
 

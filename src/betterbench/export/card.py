@@ -62,7 +62,7 @@ def _episodes(dataset: Dataset) -> list[tuple[str, ...]]:
 
 
 def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ...]]:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, image in dataset.layout.all_images.items():
         rows.append((f"`{name}`", f"camera `{image.camera}`, {image.width} × {image.height}", "uint8"))
     for column in (*dataset.layout.states, dataset.layout.action):

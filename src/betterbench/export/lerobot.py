@@ -39,8 +39,8 @@ _COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index",
 def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
     """Return the entry of each column in ``meta/info.json``."""
     found: dict[str, dict[str, Any]] = {}
-    for name, column in dataset.layout.all_images.items():
-        shape = [column.height, column.width, 3]
+    for name, image in dataset.layout.all_images.items():
+        shape = [image.height, image.width, 3]
         found[name] = {
             "dtype": "video" if dataset.form == "video" else "image",
             "shape": shape,
@@ -48,8 +48,8 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
         }
         if dataset.form == "video":
             found[name]["info"] = {
-                "video.height": column.height,
-                "video.width": column.width,
+                "video.height": image.height,
+                "video.width": image.width,
                 "video.codec": CODEC,
                 "video.pix_fmt": PIXEL_FORMAT,
                 "video.is_depth_map": False,

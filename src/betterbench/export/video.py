@@ -91,12 +91,13 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
         stream: Any = None
         begun = Fraction(0)
         for data in videos:
-            with av.open(io.BytesIO(data)) as source:
-                given = source.streams.video[0]
+            with av.open(io.BytesIO(data), "r") as source:
+                given: Any = source.streams.video[0]
                 if stream is None:
                     stream = container.add_stream_from_template(given)
                     stream.time_base = given.time_base
-                for packet in source.demux(given):
+                packets: Iterator[Any] = source.demux(given)
+                for packet in packets:
                     if packet.dts is None:
                         continue
                     offset = round(begun / given.time_base)
@@ -114,7 +115,7 @@ def decode(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, n
     """
     name = source if isinstance(source, str) else "video"
     try:
-        with av.open(source) as container:
+        with av.open(source, "r") as container:
             stream: Any = container.streams.video[0]
             rate, base = stream.average_rate, stream.time_base
             container.seek(round(first / rate / base), stream=stream)
