@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.export.video import VideoWriter, decode, join
+from betterbench.export.video import VideoWriter, join, read_pictures
 
 RATE = 20
 
@@ -29,7 +29,7 @@ def encoded(shown: list[np.ndarray]) -> bytes:
 
 
 def read(video: bytes) -> list[tuple[int, np.ndarray]]:
-    return list(decode(io.BytesIO(video)))
+    return list(read_pictures(io.BytesIO(video)))
 
 
 def test_pictures_come_back_in_number_time_and_within_the_error():
@@ -59,7 +59,7 @@ def test_joined_videos_are_their_pictures_one_after_the_other_bit_for_bit():
 @pytest.mark.parametrize("first", [0, 1, 4, 7, 9])
 def test_a_video_is_read_from_any_picture_on(first):
     joined = join([encoded(pictures(6)), encoded(pictures(4, 50))], rate_hz=RATE)
-    number, picture = next(decode(io.BytesIO(joined), first=first))
+    number, picture = next(read_pictures(io.BytesIO(joined), first=first))
     assert number == first
     np.testing.assert_array_equal(picture, read(joined)[first][1])
 
@@ -75,5 +75,5 @@ def test_what_is_no_video_is_one_line(tmp_path):
     path = tmp_path / "a.mp4"
     path.write_bytes(b"nothing of the kind" * 20)
     with pytest.raises(InvalidInputError, match=r"a\.mp4: the video cannot be read") as caught:
-        list(decode(str(path)))
+        list(read_pictures(str(path)))
     assert "\n" not in str(caught.value)

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from betterbench.export.check import check_export
     from betterbench.export.job import Exported, ExportPlan, export_dataset
-    from betterbench.export.layout import Layout, layout_of
+    from betterbench.export.layout import DatasetLayout, layout_of
     from betterbench.export.selection import Selection, select_demonstrations
 
 __all__ = [
+    "DatasetLayout",
     "ExportPlan",
     "Exported",
-    "Layout",
     "Selection",
     "check_export",
     "export_dataset",
@@ -25,7 +25,7 @@ _MODULES = {
     "ExportPlan": "job",
     "Exported": "job",
     "export_dataset": "job",
-    "Layout": "layout",
+    "DatasetLayout": "layout",
     "layout_of": "layout",
     "Selection": "selection",
     "select_demonstrations": "selection",

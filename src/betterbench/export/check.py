@@ -18,12 +18,12 @@ from PIL import Image
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.frames import frame_numbers, shown_images
 from betterbench.export.job import SOURCE_FILE
-from betterbench.export.layout import Layout, layout_of
+from betterbench.export.layout import DatasetLayout, layout_of
 from betterbench.export.lerobot import CHUNK_FILES
 from betterbench.export.pictures import Pictures
-from betterbench.export.robomimic import observation_name, open_hdf5, read_source
+from betterbench.export.robomimic import observation_name, open_hdf5, read_origin
 from betterbench.export.selection import digest_of
-from betterbench.export.video import decode
+from betterbench.export.video import read_pictures
 from betterbench.recording import Record, RunFolder
 from betterbench.tasks import TrialId
 
@@ -102,7 +102,7 @@ def _source(path: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     try:
         if path.is_file():
-            return read_source(path)
+            return read_origin(path)
         source: dict[str, Any] = json.loads((path / SOURCE_FILE).read_bytes())
     except BetterError:
         raise
@@ -127,7 +127,7 @@ def _record(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[RunFol
 
 
 def _drawn(
-    rows: Sequence[int], record: Record, layout: Layout, pictures: Iterator[Mapping[str, np.ndarray]]
+    rows: Sequence[int], record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]]
 ) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
     """Yield the images of some rows by column."""
     for row, images in enumerate(shown_images(record, layout, pictures)):
@@ -142,7 +142,7 @@ def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())
 
 
-def _stored_lerobot(path: Path, layout: Layout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
+def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
     """Yield the episodes of a folder of version 2.1 or 3.0."""
     version = json.loads(_read(path / "meta/info.json"))["codebase_version"]
     places: list[Mapping[str, Any] | None] = [None] * len(episodes)
@@ -154,7 +154,7 @@ def _stored_lerobot(path: Path, layout: Layout, episodes: Sequence[Mapping[str, 
         yield _Stored(vectors, _pictures_of(path, number, place, table))
 
 
-def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: Layout) -> pa.Table:
+def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: DatasetLayout) -> pa.Table:
     """Return vectors, and images without loss, of an episode."""
     needed = {"episode_index", layout.action.name, *layout.all_images, *(c.name for c in layout.states)}
     if place is None:
@@ -188,11 +188,11 @@ def _pictures_of(
 
 def _at(video: str, number: int) -> np.ndarray | None:
     """Return one picture of a video, or None if it ends before."""
-    found = next(decode(video, first=number), None)
+    found = next(read_pictures(video, first=number), None)
     return found[1] if found is not None and found[0] == number else None
 
 
-def _stored_robomimic(path: Path, layout: Layout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
+def _stored_robomimic(path: Path, layout: DatasetLayout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
     """Yield the demonstrations of an HDF5 file."""
     with open_hdf5(path, "r") as file:
         for number in range(len(episodes)):

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.errors import RecordError
-from betterbench.export.layout import Layout
+from betterbench.export.layout import DatasetLayout
 from betterbench.export.part import ImageForm, Part, read_part
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class FrameQuestion:
     """A question about one frame of an episode, with its answer."""
 
     row: int
@@ -29,7 +29,7 @@ class Episode:
     folder: Path
     about: Mapping[str, Any]
     record: str
-    questions: tuple[Question, ...] = ()
+    questions: tuple[FrameQuestion, ...] = ()
 
     def __len__(self) -> int:
         return int(self.about["rows"])
@@ -46,7 +46,7 @@ class Dataset:
     """
 
     episodes: tuple[Episode, ...]
-    layout: Layout
+    layout: DatasetLayout
     form: ImageForm
     rate_hz: int
     train: int

@@ -9,7 +9,7 @@ import numpy as np
 
 from betterbench.episodes import observation_of
 from betterbench.export.actions import actions_in, commands
-from betterbench.export.layout import Layout
+from betterbench.export.layout import DatasetLayout
 from betterbench.interface import Observation
 from betterbench.interface.actions import action_space
 from betterbench.policies.answers import get_entry
@@ -32,7 +32,7 @@ class Numbers:
     subgoals: tuple[str, ...]
 
 
-def frame_numbers(record: Record, layout: Layout) -> Numbers:
+def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
     """Return the numbers of all frames; the last state, after which nothing was done, is none.
 
     Raises InvalidInputError if the record's motion cannot be said in the preset's action space.
@@ -58,7 +58,7 @@ def frame_numbers(record: Record, layout: Layout) -> Numbers:
 
 
 def shown_images(
-    record: Record, layout: Layout, pictures: Iterator[Mapping[str, np.ndarray]]
+    record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]]
 ) -> Iterator[dict[str, np.ndarray]]:
     """Yield the images of each frame by column, from the pictures of the cameras at each step."""
     for seen, views in zip(_observations(record), pictures, strict=False):

@@ -23,14 +23,14 @@ import betterbench
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export.card import card
 from betterbench.export.episodes import Dataset, Episode
-from betterbench.export.layout import Layout
+from betterbench.export.layout import DatasetLayout
 from betterbench.export.lerobot import json_bytes, write_v30
 from betterbench.export.lerobot_v21 import write_v21
 from betterbench.export.part import ImageForm, read_index, write_part
 from betterbench.export.pictures import Pictures
 from betterbench.export.questions import read_questions
 from betterbench.export.robomimic import require_h5py, write_robomimic
-from betterbench.export.selection import Demonstration, Selection
+from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.metadata import dump_json
@@ -62,7 +62,7 @@ class ExportPlan:
 
     runs: Sequence[RunFolder]
     selection: Selection
-    layout: Layout
+    layout: DatasetLayout
     to: Format
     out: Path
     form: ImageForm = "video"
@@ -162,7 +162,7 @@ def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
 
-def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: Demonstration) -> Path:
+def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: ChosenTrial) -> Path:
     told = dump_json({"shown": _shown(plan, quality), "record": demonstration.digest})
     return staging / "parts" / hashlib.sha256(told).hexdigest()[:32]
 
@@ -183,9 +183,9 @@ def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     if to == "robomimic":
-        from betterbench.export.robomimic import read_source  # noqa: PLC0415 - needs the extra
+        from betterbench.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
-        return read_source(out)
+        return read_origin(out)
     form: dict[str, Any] = json.loads((out / SOURCE_FILE).read_bytes())
     return form
 
@@ -241,7 +241,7 @@ def _until(stop: threading.Event, pictures: Iterator[Any]) -> Iterator[Any]:
         yield views
 
 
-def _record(run: RunFolder, demonstration: Demonstration) -> Record:
+def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
     trial = demonstration.trial
     return run.read_record(trial.task, trial.condition, trial.seed)
 
@@ -315,7 +315,7 @@ def _source(plan: ExportPlan, episodes: Sequence[Episode], identity: str, qualit
     }
 
 
-def evaluation_command(layout: Layout, quality: str) -> str:
+def evaluation_command(layout: DatasetLayout, quality: str) -> str:
     """Return the command that evaluates a policy that was trained on a layout, with its address left open."""
     name = layout.adapter.name
     words = ["better eval --policy"]

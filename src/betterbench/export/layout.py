@@ -18,7 +18,7 @@ from betterbench.policies.modality import name_of
 from betterbench.policies.presets import preset
 from betterbench.policies.proprioception import StateRule
 
-Number = Literal["float32", "float64", "int64"]
+NumberType = Literal["float32", "float64", "int64"]
 
 IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
 
@@ -64,7 +64,7 @@ class VectorColumn:
     name: str
     parts: tuple[VectorPart, ...]
     components: tuple[str, ...]
-    dtype: Number = "float32"
+    dtype: NumberType = "float32"
 
     @property
     def size(self) -> int:
@@ -73,7 +73,7 @@ class VectorColumn:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class DatasetLayout:
     """The columns of a data set.
 
     Attributes:
@@ -114,7 +114,7 @@ class Layout:
         }
 
 
-def layout_of(name: str, observation: str | None = None) -> Layout:
+def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
     """Return the layout of a preset.
 
     ``observation`` is the observation preset that the policy will be evaluated with; the first one that has all its
@@ -133,7 +133,9 @@ def layout_of(name: str, observation: str | None = None) -> Layout:
             key = rule.named(camera)
             width, height = _shown_size(rule, sizes[camera])
             images.append(ImageColumn(_image_name(adapter.name, key), key, camera, width, height))
-    return Layout(adapter, spec, tuple(images), _states(adapter), _action(adapter), _REPEATED.get(adapter.name, {}))
+    return DatasetLayout(
+        adapter, spec, tuple(images), _states(adapter), _action(adapter), _REPEATED.get(adapter.name, {})
+    )
 
 
 def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:

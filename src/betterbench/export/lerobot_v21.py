@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.export.episodes import Dataset, splits, starts
-from betterbench.export.layout import ACTION, STATE, Layout
+from betterbench.export.layout import ACTION, STATE, DatasetLayout
 from betterbench.export.lerobot import (
     CHUNK_FILES,
     ROBOT_TYPE,
@@ -66,7 +66,7 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     return whole
 
 
-def modality(layout: Layout) -> dict[str, Any] | None:
+def modality(layout: DatasetLayout) -> dict[str, Any] | None:
     """Return GR00T's ``meta/modality.json``: which numbers of state and action have which name.
 
     None for a layout whose columns are not those of GR00T's loader (``observation.state`` and ``action``).

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from betterbench.export.frames import active_subgoals, frame_numbers, shown_images
-from betterbench.export.layout import Layout
+from betterbench.export.layout import DatasetLayout
 from betterbench.export.numbers import levels_of, sampled_rows
 from betterbench.export.video import VideoWriter
 from betterbench.recording import Record, write_durably
@@ -58,7 +58,7 @@ class Part:
 
 
 def write_part(
-    folder: Path, record: Record, layout: Layout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
+    folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
     """Compute an episode and write it into a folder; the file that says it is complete comes last.
 
@@ -109,7 +109,7 @@ def read_index(folder: Path) -> dict[str, Any] | None:
     return index
 
 
-def read_part(folder: Path, layout: Layout) -> Part | None:
+def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
     """Return an episode that was written before, or None if it is not complete or damaged."""
     index = read_index(folder)
     if index is None:
@@ -173,5 +173,5 @@ def _fixed_lists(values: np.ndarray) -> pa.Array:
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), values.shape[1])
 
 
-def _repeated(levels: dict[str, np.ndarray], layout: Layout) -> dict[str, np.ndarray]:
+def _repeated(levels: dict[str, np.ndarray], layout: DatasetLayout) -> dict[str, np.ndarray]:
     return levels | {name: levels[other] for name, other in layout.copies.items()}

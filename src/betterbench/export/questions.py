@@ -10,8 +10,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.export.episodes import Question
-from betterbench.export.layout import Layout
+from betterbench.export.episodes import FrameQuestion
+from betterbench.export.layout import DatasetLayout
 from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.tasks import TrialId
 
@@ -47,7 +47,7 @@ class _Line:
 _LINE = TypeAdapter(_Line)
 
 
-def read_questions(path: Path, layout: Layout) -> dict[TrialId, tuple[Question, ...]]:
+def read_questions(path: Path, layout: DatasetLayout) -> dict[TrialId, tuple[FrameQuestion, ...]]:
     """Return the questions of a file of JSON lines by trial; those about cameras that are not shown are left out.
 
     So are boxes and points in pixels of an image that is not shown as it was rendered. Options of a choice are listed
@@ -56,7 +56,7 @@ def read_questions(path: Path, layout: Layout) -> dict[TrialId, tuple[Question, 
     Raises:
         InvalidInputError: If the file cannot be read, or a line is none.
     """
-    found: dict[TrialId, list[Question]] = {}
+    found: dict[TrialId, list[FrameQuestion]] = {}
     sizes = _plain_sizes(layout)
     shown = {column.camera for column in layout.images}
     for number, text in enumerate(read_bounded(path, max_bytes=MAX_BYTES, cure=_CURE).splitlines()):
@@ -67,7 +67,7 @@ def read_questions(path: Path, layout: Layout) -> dict[TrialId, tuple[Question, 
         if line.form in _GROUNDED and sizes.get(source.camera) != (line.width, line.height):
             continue
         trial = TrialId(source.task, source.condition, source.seed)
-        found.setdefault(trial, []).append(Question(source.row, source.camera, *_worded(line, path, number)))
+        found.setdefault(trial, []).append(FrameQuestion(source.row, source.camera, *_worded(line, path, number)))
     return {trial: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for trial, asked in found.items()}
 
 
@@ -82,7 +82,7 @@ def _worded(line: _Line, path: Path, number: int) -> tuple[str, str]:
     return f"{line.text}\n{listed}", f"{letters[line.options.index(line.answer)]}. {line.answer}"
 
 
-def _plain_sizes(layout: Layout) -> Mapping[str, tuple[int, int]]:
+def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
     """Return the sizes of the images that are shown as they were rendered, by camera."""
     rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
     plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}

@@ -17,7 +17,7 @@ from PIL import Image
 
 from betterbench.errors import MissingDependencyError
 from betterbench.export.episodes import Dataset, starts
-from betterbench.export.layout import IMAGES, Layout
+from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
 from betterbench.export.part import Part
@@ -77,7 +77,7 @@ def require_h5py() -> None:
     _h5py()
 
 
-def read_source(path: Path) -> dict[str, Any]:
+def read_origin(path: Path) -> dict[str, Any]:
     """Return what a file says about its origin; raise OSError, ValueError or KeyError if it is none of ours."""
     with open_hdf5(path, "r") as file:
         form: dict[str, Any] = json.loads(file[_SOURCE][()])
@@ -95,7 +95,7 @@ def _h5py() -> ModuleType:
     return module
 
 
-def _write_frames(group: Any, part: Part, layout: Layout) -> None:  # noqa: ANN401 - a group of h5py
+def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noqa: ANN401 - a group of h5py
     rows = len(part)
     group.create_dataset("actions", data=part.vectors[layout.action.name].astype(np.float64))
     done = np.zeros(rows)

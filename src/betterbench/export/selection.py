@@ -13,7 +13,7 @@ from betterbench.tasks import TrialId
 
 
 @dataclass(frozen=True, slots=True)
-class Demonstration:
+class ChosenTrial:
     """One record that is exported.
 
     Attributes:
@@ -32,7 +32,7 @@ class Demonstration:
 class Selection:
     """The demonstrations in the order of the data set, and how many trials were left out for which reason."""
 
-    demonstrations: tuple[Demonstration, ...]
+    demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]
 
 
@@ -48,7 +48,7 @@ def select_demonstrations(
         UnknownNameError: If no run has a task that is asked for.
         InvalidInputError: If nothing is left.
     """
-    found: list[Demonstration] = []
+    found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
     present: set[str] = set()
     for number, run in enumerate(runs):
@@ -58,7 +58,7 @@ def select_demonstrations(
             if not reason:
                 brief = run.read_brief(entry.key, entry=entry)
                 if brief.outcome.success:
-                    found.append(Demonstration(entry.key, number, digest_of(run, entry), brief.metadata.scene_hash))
+                    found.append(ChosenTrial(entry.key, number, digest_of(run, entry), brief.metadata.scene_hash))
                     continue
                 reason = "not successful"
             left_out[reason] += 1

@@ -108,7 +108,7 @@ def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
     return buffer.getvalue()
 
 
-def decode(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
+def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
     """Yield number and picture, (height, width, 3) uint8, of each frame of a video from one on.
 
     Raises InvalidInputError if it cannot be read.
