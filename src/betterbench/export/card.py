@@ -21,6 +21,9 @@ _FRONT = (
     "",
 )
 
+STILL = 1e-3
+"""Numbers whose quantiles 0.01 and 0.99 are nearer than this hardly change."""
+
 
 def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
     """Return the card; the front matter is what the Hugging Face hub reads."""
@@ -46,7 +49,7 @@ def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
     lines += ["```", "", "## Episodes", ""]
     lines += _table(("task", "condition", "episodes", "frames", "instruction"), _episodes(dataset))
     lines += ["", "## Columns", "", *_table(("column", "what", "range of the data"), _columns(dataset, stats))]
-    lines += ["", "## Origin", "", origin, ""]
+    lines += [*_still(dataset, stats), "", "## Origin", "", origin, ""]
     lines += [f"- left out: {count} trials {reason}" for reason, count in source["left_out"].items()]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -70,6 +73,18 @@ def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ..
         for i, component in enumerate(column.components):
             rows.append((f"`{column.name}[{i}]`", component, f"{low[i]:.4g} to {high[i]:.4g}"))
     return rows
+
+
+def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
+    """Return a warning about numbers that hardly change."""
+    found = []
+    for column in (*dataset.layout.states, dataset.layout.action):
+        spans = zip(column.components, stats[column.name]["q01"], stats[column.name]["q99"], strict=True)
+        found += [f"`{name}` of `{column.name}`" for name, low, high in spans if high - low < STILL]
+    if not found:
+        return []
+    said = "Normalization by range, quantiles or standard deviation blows up what stands still"
+    return ["", f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Give them a floor."]
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:

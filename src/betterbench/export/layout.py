@@ -13,10 +13,12 @@ from betterbench.errors import InvalidInputError
 from betterbench.interface import CameraSpec, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.policies.adapter import Adapter
+from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.modality import name_of
 from betterbench.policies.presets import preset
 from betterbench.policies.proprioception import StateRule
+from betterbench.policies.rotation import ROTATION_SIZES
 
 NumberType = Literal["float32", "float64", "int64"]
 
@@ -186,14 +188,31 @@ def _components(rule: StateRule) -> tuple[str, ...]:
     return tuple(part if size == 1 else f"{part}.{i}" for part, size in sizes for i in range(size))
 
 
+def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
+    """Return the name of each number of a part of an answer."""
+    axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
+    turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
+    kind, _, axis = part.kind.partition("_")
+    match kind:
+        case "action":
+            return action_space(answer.space).components
+        case "translation":
+            return (axis,) if axis else ("x", "y", "z")
+        case "rotation":
+            return (turns["xyz".index(axis)],) if axis else turns
+        case "joints":
+            return tuple(f"joint{i + 1}" for i in range(7))
+        case "unused":
+            return tuple(f"unused.{i}" for i in range(part.size or 0))
+    return (kind,)
+
+
 def _action(adapter: Adapter) -> VectorColumn:
     """Return the column of the actions: what the policy would have to answer."""
     parts, names = [], list[str]()
     for key, size in adapter.answer.columns.items():
-        bare = name_of(key)
         parts.append(VectorPart(key, len(names), len(names) + size))
-        names += [bare] if size == 1 else [f"{bare}.{i}" for i in range(size)]
-    if adapter.answer.as_is:
-        names = list(action_space(adapter.answer.space).components)
+        for part in adapter.answer.parts:
+            names += _answer_names(adapter.answer, part) if part.key == key else ()
     name = "actions" if _is_openpi(adapter.name) else ACTION
     return VectorColumn(name, tuple(parts), tuple(names), "float64" if adapter.name == "native" else "float32")
