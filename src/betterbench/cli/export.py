@@ -57,7 +57,7 @@ def export_command(
             gr00t_new_embodiment and for robomimic native.
         tasks: Tasks of the data set; all of the runs if none is named.
         variations: Also export successful trials of test variations, which then no longer test a policy.
-        images: How images are stored: video (H.264) or png (without loss, ten times larger). robomimic's have no loss.
+        images: How images are stored: video (H.264) or png (without loss, six times larger). robomimic's have no loss.
         observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
         quality: Render preset of the images; that of the run if not given.
         validation: Share of the seeds whose episodes are for validation; they come last.
