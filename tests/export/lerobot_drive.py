@@ -1,7 +1,7 @@
 """Runs where the real LeRobot is installed: reads our data sets with its reader, and trains on one.
 
 ``read FOLDER SET``: the items of ``FOLDER/SET`` are what ``FOLDER/SET.npz`` says. ``train FOLDER SET``: ACT for 20
-steps, and the adapter that follows from its checkpoint is the preset of the data set.
+steps, and the adapter that follows from its checkpoint is the preset of the data set. ``version``: of LeRobot.
 """
 
 from __future__ import annotations
@@ -91,5 +91,11 @@ def train(folder: Path, name: str) -> None:
     sys.stdout.write(f"trained {STEPS} steps; the checkpoint's adapter is the preset lerobot\n")
 
 
+def version(_folder: Path, _name: str) -> None:
+    from importlib.metadata import version as version_of
+
+    sys.stdout.write(version_of("lerobot") + "\n")
+
+
 if __name__ == "__main__":
-    {"read": read, "train": train}[sys.argv[1]](Path(sys.argv[2]), sys.argv[3])
+    {"read": read, "train": train, "version": version}[sys.argv[1]](Path(sys.argv[2]), sys.argv[3])
