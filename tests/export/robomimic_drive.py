@@ -5,7 +5,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+
+with contextlib.suppress(ImportError):
+    import torchvision_for_processors  # noqa: F401 - see torch_environment.py
 
 import numpy as np
 import robomimic
