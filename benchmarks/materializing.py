@@ -97,7 +97,7 @@ def blocks_of(task: str, quality: Quality, *, quick: bool) -> Iterator[Block]:
     rehearsal = rehearse(task, quality)
     record, scene = rehearsal.record, rehearsal.scene
     raw = RawPasses(rehearsal, quality)
-    with tempfile.TemporaryDirectory() as folder, LimitedView(quality=quality.name, size=64) as limited:
+    with tempfile.TemporaryDirectory() as folder, LimitedView(quality=quality.name) as limited:
         limited.open(scene.files())
         facts, _ = limited.prepare(VIEWS, MODALITIES)
         with TrialFiles(Path(folder), VIEWS, MODALITIES, facts=facts, objects=scene.info.objects) as files:

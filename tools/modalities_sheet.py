@@ -49,7 +49,7 @@ def panels_of(run: RunFolder, trial: str, at: float) -> list[tuple[str, list[Ima
     names = [o.name for o in meta.scene.objects]
     categories = [o.category for o in meta.scene.objects]
     panels = []
-    with LimitedView(quality=seen_quality(run, record), size=64) as limited:
+    with LimitedView(quality=seen_quality(run, record)) as limited:
         limited.open(run.load_scene(meta.scene_hash))
         facts, _ = limited.prepare(VIEWS, MODALITIES)
         (sights,) = limited.sights(record.qpos[row : row + 1], jitter=meta.view_jitter)

@@ -204,7 +204,7 @@ class _Pool:
         view, opened = self._views.get(key, (None, [""]))
         if view is None or view.is_closed:
             with self._lock:
-                view = self._stack.enter_context(LimitedView(quality=quality, size=64))
+                view = self._stack.enter_context(LimitedView(quality=quality))
             opened = [""]
             self._views[key] = view, opened
         if opened[0] != scene_hash:

@@ -75,8 +75,8 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 class LimitedView:
     """Draws recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
-    def __init__(self, *, quality: str, size: int) -> None:
-        """Start the process; ``size`` is the side of the images [pixel]."""
+    def __init__(self, *, quality: str, size: int = 256) -> None:
+        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel]."""
         self._size = size
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
         self._process = subprocess.Popen(  # noqa: S603 - our own module
