@@ -25,8 +25,10 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
+from betterbench.geometry import Pose
+from betterbench.scenes.cameras import CameraMatrices
 from betterbench.scenes.stage import quality_preset
-from betterbench.scenes.stored import StoredView, load_model
+from betterbench.scenes.stored import Sight, StoredView, load_model
 from betterbench.state import ViewJitter
 
 MAX_MEMORY_BYTES = 16 * 1024**3
@@ -40,6 +42,7 @@ _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
 _BLOCK = 1 << 16
+_MOST_GROUPS = 1000
 
 
 class LimitedView:
@@ -84,6 +87,25 @@ class LimitedView:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
 
+    def see(self, qpos: np.ndarray, camera: str, groups: Sequence[Sequence[str]], *, jitter: ViewJitter) -> Sight:
+        """Return the view of one recorded state with what it shows of each group of bodies; see ``StoredView.see``.
+
+        Raises what :meth:`open` raises.
+        """
+        numbers = np.asarray(qpos, dtype=np.float64).tobytes()
+        request = {"see": camera, "jitter": jitter.to_json(), "groups": [list(group) for group in groups]}
+        answer, count, size = self._ask(request, numbers), len(groups), self._size
+        if len(answer) != _sight_bytes(size, count):
+            raise self._refused("it gave an image of another size")
+        rgb = np.frombuffer(answer, np.uint8, 3 * size**2).reshape(size, size, 3)
+        seen = np.frombuffer(answer, np.int16, size**2, offset=3 * size**2).reshape(size, size)
+        alone = np.frombuffer(answer, np.int32, count, offset=5 * size**2)
+        x, y, z, qw, qx, qy, qz, focal = np.frombuffer(answer, np.float64, 8, offset=5 * size**2 + 4 * count).tolist()
+        half = 0.5 * (size - 1)
+        K = np.array([[focal, 0.0, half], [0.0, focal, half], [0.0, 0.0, 1.0]])
+        camera_at = CameraMatrices(K, Pose((x, y, z), (qw, qx, qy, qz)), size, size)
+        return Sight(rgb, seen, tuple(alone.tolist()), camera_at)
+
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
         """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera.
 
@@ -110,7 +132,7 @@ class LimitedView:
         try:
             self._write(_QUESTION.pack(len(text), len(data)) + text + data, end)
             kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
-            if size > max(3 * self._size**2, 4 * _LONGEST_REASON, len(data)):
+            if size > max(_sight_bytes(self._size, _MOST_GROUPS), 4 * _LONGEST_REASON, len(data)):
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
@@ -179,6 +201,8 @@ def draw_for_parent(quality: str, size: int) -> None:
             elif "project" in request:
                 pixels = view.project(np.frombuffer(data).reshape(-1, 3), request["project"])
                 kind, answer = _PIXELS, np.ascontiguousarray(pixels, dtype=np.float64).tobytes()
+            elif "see" in request:
+                kind, answer = _PIXELS, _sight(view, np.frombuffer(data), request)
             else:
                 jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
                 kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request["camera"], jitter)
@@ -207,6 +231,20 @@ def _pixels(view: StoredView, qpos: np.ndarray, camera: str, jitter: ViewJitter)
     if rgb is None:
         raise AssertionError("colors were asked for")
     return np.ascontiguousarray(rgb).tobytes()
+
+
+def _sight(view: StoredView, qpos: np.ndarray, request: Mapping[str, Any]) -> bytes:
+    jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
+    sight = view.see(qpos, request["see"], request["groups"], jitter=jitter)
+    pose = sight.camera.T_world_camera
+    placed = np.array([*pose.position, *pose.quaternion, sight.camera.K[0, 0]], np.float64)
+    parts = (np.ascontiguousarray(sight.rgb), np.ascontiguousarray(sight.groups), np.array(sight.alone, np.int32), placed)
+    return b"".join(part.tobytes() for part in parts)
+
+
+def _sight_bytes(size: int, groups: int) -> int:
+    """Return the length of an answer with colors, groups, the pixels of each group alone, and the camera."""
+    return 5 * size**2 + 4 * groups + 8 * 8
 
 
 if __name__ == "__main__":

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from betterbench.errors import RecordError
-from betterbench.scenes.cameras import ViewPlacement, camera_matrices
+from betterbench.scenes.cameras import CameraMatrices, ViewPlacement, camera_matrices
 from betterbench.scenes.rendering import Images, Renderer
 from betterbench.scenes.stage import Quality
 from betterbench.state import NO_JITTER, ViewJitter
@@ -49,6 +50,23 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
         raise RecordError(f"stored scene: MuJoCo cannot read it ({error}). Run the trial again to store it.") from error
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One view of a scene with what it shows of some groups of bodies.
+
+    Attributes:
+        rgb: (height, width, 3) uint8 colors.
+        groups: (height, width) int16 number of the group that each pixel shows, -1 for none.
+        alone: Number of pixels that each group has with everything else taken away.
+        camera: The camera.
+    """
+
+    rgb: np.ndarray
+    groups: np.ndarray
+    alone: tuple[int, ...]
+    camera: CameraMatrices
+
+
 class StoredView:
     """Draws recorded states of one stored scene."""
 
@@ -77,6 +95,42 @@ class StoredView:
             self._jitter, self._placement = jitter, ViewPlacement(self._model, jitter)
         self._placement.apply(self._data)
         return self._renderer.render(self._data, camera, depth=depth, masks=masks)
+
+    def see(self, qpos: np.ndarray, camera: str, groups: Sequence[Sequence[str]], *, jitter: ViewJitter) -> Sight:
+        """Return the view of one recorded state with what it shows of each group of bodies, by their names.
+
+        Raises RecordError if the record belongs to another model, or the model lacks a body.
+        """
+        numbers = [[self._body(name) for name in group] for group in groups]
+        images = self.draw(qpos, camera, jitter=jitter, masks=True)
+        if images.rgb is None or images.masks is None:
+            raise AssertionError("colors and masks were asked for")
+        group_of = np.full(self._model.nbody + 1, -1, np.int16)  # the last entry is that of the sky, whose number is -1
+        for number, bodies in enumerate(numbers):
+            group_of[bodies] = number
+        groups_seen = group_of[images.masks]
+        alone = tuple(self._alone(bodies, camera) if bodies else 0 for bodies in numbers)
+        size = {"width": self._renderer.width, "height": self._renderer.height}
+        return Sight(images.rgb, groups_seen, alone, camera_matrices(self._model, self._data, camera, **size))
+
+    def _body(self, name: str) -> int:
+        number = int(mujoco.mj_name2id(self._model, int(mujoco.mjtObj.mjOBJ_BODY), name))
+        if number < 0:
+            raise RecordError(f"stored scene: it has no body {name!r}; record and scene are of different trials.")
+        return number
+
+    def _alone(self, bodies: Sequence[int], camera: str) -> int:
+        """Return the number of pixels of some bodies in the state drawn last, with everything else invisible."""
+        model, others = self._model, ~np.isin(self._model.geom_bodyid, bodies)
+        kept = model.geom_rgba[others].copy()
+        try:
+            model.geom_rgba[others] = (0.0, 0.0, 0.0, 0.0)
+            shown = self._renderer.render(self._data, camera, rgb=False, masks=True).masks
+        finally:
+            model.geom_rgba[others] = kept
+        if shown is None:
+            raise AssertionError("masks were asked for")
+        return int(np.isin(shown, bodies).sum())
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
         """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera."""

@@ -1,0 +1,27 @@
+"""What can fairly be asked about: an object that is large enough in the image and not mostly hidden."""
+
+from __future__ import annotations
+
+from betterbench.state import SeenObject
+
+MIN_SIDE_PX = 8
+"""Least length of the shorter side of a box [pixel]. Vision encoders of this size of image cut it into patches of 14 or 16
+pixels: less than half a patch carries no shape."""
+MIN_PIXELS = 60
+"""Least number of visible pixels, about those of a disc of 8 pixels across: long thin things have a long side instead."""
+MIN_FRACTION = 0.35
+"""Least visible fraction: of a thing that shows less than about a third people guess from the rest of the scene."""
+HIDDEN_PX = 3
+"""Number of pixels up to which nothing of an object is seen: single pixels between other things are no sight of it."""
+
+
+def clear(seen: SeenObject | None) -> bool:
+    """Tell whether an object is seen well enough to be asked about."""
+    if seen is None:
+        return False
+    return seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS and seen.fraction >= MIN_FRACTION
+
+
+def hidden(seen: SeenObject | None) -> bool:
+    """Tell whether nothing of an object is seen; what is neither clear nor hidden is not asked about."""
+    return seen is None or seen.pixels <= HIDDEN_PX
