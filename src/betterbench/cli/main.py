@@ -80,6 +80,7 @@ VERBS: dict[str, Verb] = {
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
     "export": Verb("export:export_command", "Write a run's outcomes for others or a tracker."),
+    "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),
     "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),

@@ -23,10 +23,11 @@ that follow each other show the same."""
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """A question that was chosen, with the answers that its group keeps, sorted, and its number within group and answer.
+    """A question that was chosen, with the answers that its group keeps, sorted.
 
     Attributes:
-        turn: The n-th questions of all answers of a group belong together; cross-validation keeps them together.
+        turn: A number that the n-th questions of all answers of a group share: cross-validation keeps them together, so
+            that each of its parts is as balanced as the whole.
     """
 
     candidate: Candidate
@@ -87,7 +88,8 @@ def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chose
     if best is None:
         return []
     answers = tuple(sorted(ranked[:best]))
-    return [[Chosen(lists[a][n], answers, n) for a in answers] for n in range(len(lists[ranked[best - 1]]))]
+    first = hash_number("fold", lists[ranked[0]][0].key) % 1000
+    return [[Chosen(lists[a][n], answers, first + n) for a in answers] for n in range(len(lists[ranked[best - 1]]))]
 
 
 def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:

@@ -14,8 +14,10 @@ from pathlib import Path
 
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.metadata import dump_json
 from betterbench.state import ObjectInfo
 from betterbench.tasks import Expected, Kind, Label, training_distribution_of
 from betterbench.vqa.blind import baselines
@@ -37,7 +39,7 @@ from betterbench.vqa.episode import Episode, episode_of
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite, indefinite
 from betterbench.vqa.phrasings import phrase
-from betterbench.vqa.question import Candidate, Draft, Form, Question, QuestionType, hash_number
+from betterbench.vqa.question import QUESTION, Candidate, Draft, Form, Question, QuestionType, hash_number
 from betterbench.vqa.types.execution import EVERYTHING, NOTHING_LEFT, NOTHING_YET, done_words, evidence_of, step_words
 from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
@@ -45,6 +47,8 @@ from betterbench.vqa.types.relation import yes
 TIMES_ASKED = 2
 """How often each question is asked, each time in other words."""
 MOST_OPTIONS = 6
+"""Largest number of boxes or things among which the right one has to be found."""
+_MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time after a release after which the gripper has left what it put down, and the next decision begins [s]."""
 
@@ -112,12 +116,27 @@ def make_decisive_set(
             return read_set(out)
         with open_photos() as source:
             for number, trial in enumerate(chosen, start=1):
-                questions += _about(run, trial, out, options, source)
+                questions += _kept(run, trial, out, options, source)
                 if on_progress is not None:
                     on_progress(number, len(chosen))
         ordered = sorted(questions, key=lambda q: q.id)
         turns = [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in ordered]
         return write_set(out, ordered, baselines(ordered, turns), purpose_of(trials))
+
+
+def _kept(
+    run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
+) -> list[Question]:
+    """Return the questions about one trial, from the file that an interrupted command left or newly made."""
+    where = trial.trial_id
+    file = out / "candidates" / where.task / where.condition / f"{where.seed}.jsonl"
+    if file.exists():
+        cure = "Delete it and give the same command again"
+        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+        return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError) for line in data.splitlines()]
+    questions = _about(run, trial, out, options, source)
+    write_durably(file, b"".join(dump_json(q.to_json()) + b"\n" for q in questions))
+    return questions
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,6 +128,17 @@ def kinds_of(task: str) -> tuple[str, ...]:
     return tuple(sorted({o.kind for condition in conditions for o in condition.objects}))
 
 
+@functools.cache
+def kinds_in_numbers() -> tuple[str, ...]:
+    """Return the kinds of which some condition of the suite holds more than one object, sorted."""
+    found = set()
+    for task in suite_tasks("better60"):
+        for name in condition_names(get_task(task)):
+            kinds = [o.kind for o in resolve_condition(task, name).condition.objects]
+            found |= {kind for kind in kinds if kinds.count(kind) > 1}
+    return tuple(sorted(found))
+
+
 def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
     """Return rows of an episode: all if ``count`` is 0 or larger than their number, else one from each equal part."""
     if count == 0 or count >= rows:

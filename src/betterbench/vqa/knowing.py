@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import prod
+from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from betterbench.diagnosis import RunDiagnosis
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.recording import RunFolder, write_durably
 from betterbench.statistics import Rate
 from betterbench.tasks import Kind, Label, TrialId, all_labels
 from betterbench.vqa.asking import Answers
@@ -17,8 +23,7 @@ from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.decisive import DECIDING, ROLES
 from betterbench.vqa.question import Question
 
-KNOWLEDGE_SCHEMA_VERSION = 1
-"""Version of the JSON form."""
+_MAX_BYTES = 1 << 26
 
 
 class Standing(StrEnum):
@@ -33,6 +38,7 @@ class Standing(StrEnum):
     """No question that would tell was asked: nothing that it needs was seen well enough, or the set is of other trials."""
 
 
+@open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
     """One trial.
@@ -52,6 +58,7 @@ class TrialKnowledge:
     chance: float
 
 
+@open_form
 @dataclass(frozen=True, slots=True)
 class LabelKnowledge:
     """All trials of one label; counts by standing."""
@@ -72,6 +79,7 @@ class LabelKnowledge:
         return {**asdict(self), "knows": self.knows.to_json()}
 
 
+@open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
     """What a model knows of what a policy did.
@@ -109,7 +117,6 @@ class Knowledge:
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
-            "schema_version": KNOWLEDGE_SCHEMA_VERSION,
             "model": self.model,
             "policy": self.policy,
             "sentence": self.sentence,
@@ -117,6 +124,9 @@ class Knowledge:
             "roles": {name: rate.to_json() for name, rate in self.roles.items()},
             "trials": [asdict(t) for t in self.trials],
         }
+
+
+_KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
@@ -148,6 +158,36 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     }
     labels = tuple(_label(label.value, members) for label in all_labels() if (members := _of(label, found)))
     return Knowledge(answers.head.model, diagnosis.policy, labels, found, roles)
+
+
+def knowledge_path(run: RunFolder) -> Path:
+    """Return the place at which a run keeps what a model knows of it."""
+    return run.path / "knowledge.json"
+
+
+def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
+    """Write what a model knows into the folder of the run, where the report finds it, and return the place.
+
+    Raises:
+        OSError: If the folder cannot be written.
+    """
+    form = {"sentence": known.sentence, **asdict(known)}
+    write_durably(knowledge_path(run), json.dumps(form, indent=1).encode() + b"\n")
+    return knowledge_path(run)
+
+
+def read_knowledge(run: RunFolder) -> Knowledge | None:
+    """Read what a model knows of a run, or return None if the run does not keep it.
+
+    Raises:
+        RecordError: If the file cannot be read or is malformed.
+    """
+    path = knowledge_path(run)
+    if not path.exists():
+        return None
+    cure = "Give better diagnose RUN --answers FILE again"
+    raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    return read_form(_KNOWLEDGE, raw, where=str(path), cure=cure, raises=RecordError)
 
 
 def _of(label: Label, trials: Sequence[TrialKnowledge]) -> list[TrialKnowledge]:

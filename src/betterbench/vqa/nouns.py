@@ -44,8 +44,8 @@ def indefinite(kind: str) -> str:
 
 
 def definite(kind: str) -> str:
-    """Return "the apple"."""
-    return f"the {kind}"
+    """Return "the apple", "the slice of cheese"."""
+    return f"the {_PORTIONS.get(kind, (kind, ''))[0]}"
 
 
 def plural_of(kind: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from betterbench.tasks.relations.inside import INSIDE
+from betterbench.vqa.episode import kinds_in_numbers
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite, plural_of
 from betterbench.vqa.question import Draft, Form
@@ -23,8 +24,9 @@ SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler",
 
 
 def counting(moment: Moment) -> Iterator[Draft]:
-    """Yield questions for the number of objects of each kind and group of kinds, and in each container."""
-    for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
+    """Yield questions for the number of objects of kinds that come in numbers, of groups of kinds, and in containers."""
+    own = [o.kind for o in moment.objects]
+    for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
         members = [o.name for o in moment.objects if o.kind == kind]
         if members or moment.surely_absent(kind):
             yield from _count(moment, "how many of kind", kind, plural_of(kind), members)

@@ -25,14 +25,25 @@ def spatial_relation(moment: Moment) -> Iterator[Draft]:
     """Yield questions about pairs of objects and about the outermost of several."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
-        yield from _in_image(moment, (a, b), names)
-        yield from _from_camera(moment, (a, b), names)
-        yield from _from_robot(moment, (a, b), names)
+        both_small = a in moment.things and b in moment.things
+        if both_small or _apart(moment, *names):
+            yield from _in_image(moment, (a, b), names)
+        if both_small:
+            yield from _from_camera(moment, (a, b), names)
+            yield from _from_robot(moment, (a, b), names)
         for (k, o), (anchor, target) in itertools.permutations(((a, first), (b, second))):
             if BESIDE.regions(target) and o.role in ("item", "distractor"):
                 yield from _beside(moment, (k, o.name), (anchor, target.name))
     for kinds in chunks(sorted(moment.things)):
         yield from _outermost(moment, kinds)
+
+
+def _apart(moment: Moment, a: str, b: str) -> bool:
+    """Tell whether the middle of neither object is above, below or within the other in the image: some are large."""
+    first, second = moment.view.objects[a], moment.view.objects[b]
+    return not any(
+        y.box[0] <= x.centroid[0] <= y.box[2] for x, y in ((first, second), (second, first))
+    )  # fmt: skip
 
 
 def _in_image(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[Draft]:
