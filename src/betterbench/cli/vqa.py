@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from betterbench.vqa.dataset import QuestionSet, SetOptions
     from betterbench.vqa.decisive import DecisiveOptions
 
-QuestionTypes = Literal[
-    "grounding", "counting", "relation", "containment", "stacking", "state", "execution", "premise"
-]
+QuestionTypes = Literal["grounding", "counting", "relation", "containment", "stacking", "state", "execution", "premise"]
 
 
 def vqa_command(
@@ -93,7 +91,9 @@ def vqa_command(
         made = _decisive(run, out, DecisiveOptions(cameras, size, seed, tasks, failures_only))
     else:
         chosen = tuple(QuestionType(t) for t in types) or tuple(QuestionType)
-        made = _balanced(source or Path(), out, SetOptions(questions, frames, cameras, size, seed, chosen, tasks), workers)
+        made = _balanced(
+            source or Path(), out, SetOptions(questions, frames, cameras, size, seed, chosen, tasks), workers
+        )
     document = {"set": str(made.path), **made.to_json()}
     if describe is not None:
         if source is None or (source / "set.json").exists():

@@ -1,4 +1,4 @@
-"""Clients of language models that see images: any endpoint that speaks the chat protocol of OpenAI, and a scripted one."""
+"""Clients of models that see images: any endpoint with the chat protocol of OpenAI, and a scripted one."""
 
 from betterbench.llm.chat import Chat, ChatEndpoint, Message, RefusedError, ScriptedChat, user_message
 

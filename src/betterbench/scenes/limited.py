@@ -238,7 +238,12 @@ def _sight(view: StoredView, qpos: np.ndarray, request: Mapping[str, Any]) -> by
     sight = view.see(qpos, request["see"], request["groups"], jitter=jitter)
     pose = sight.camera.T_world_camera
     placed = np.array([*pose.position, *pose.quaternion, sight.camera.K[0, 0]], np.float64)
-    parts = (np.ascontiguousarray(sight.rgb), np.ascontiguousarray(sight.groups), np.array(sight.alone, np.int32), placed)
+    parts = (
+        np.ascontiguousarray(sight.rgb),
+        np.ascontiguousarray(sight.groups),
+        np.array(sight.alone, np.int32),
+        placed,
+    )
     return b"".join(part.tobytes() for part in parts)
 
 

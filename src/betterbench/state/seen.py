@@ -16,7 +16,7 @@ GRIPPER = "gripper"
 """Name under which the gripper, its hand and both fingers, is listed beside the objects."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom edge of a region [pixel]: the last column and row are ``right - 1`` and ``bottom - 1``."""
+"""Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``, its last row ``bottom - 1``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class FrameView:
 
 
 def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
-    """Tell whether the pixel in column ``x`` and row ``y`` is one of those that runs stand for; see :class:`SeenObject`."""
+    """Tell whether a pixel, given by column and row, is one of those that runs stand for; see :class:`SeenObject`."""
     if not 0 <= x < width or y < 0:
         return False
     at, end = y * width + x, 0
@@ -90,7 +90,7 @@ def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
 
 
 def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
-    """Return the visible pixel of an object that is nearest to its centroid: of a ring, the centroid itself is beside it."""
+    """Return the visible pixel of an object that is nearest to its centroid, which lies beside a ring."""
     cx, cy = seen.centroid
     best: tuple[float, int, int] | None = None
     start = 0

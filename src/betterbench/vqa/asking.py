@@ -249,5 +249,3 @@ def _parts(questions: Sequence[Question]) -> Iterator[tuple[str, list[Question]]
         if members:
             yield f"difficulty: {level}", members
     yield "all", list(questions)
-
-

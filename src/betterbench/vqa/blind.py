@@ -1,12 +1,13 @@
-"""Baselines that never see an image: the majority answer, and a naive Bayes classifier on the words of the question.
+"""Baselines that never see an image: the majority answer, and naive Bayes on the words of the question.
 
 The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
-Nigam, "A comparison of event models for naive Bayes text classification", 1998), trained and tested by cross-validation.
-Of a box or a point it predicts the cell of the image, and answers with a typical answer of that cell.
+Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. Of a box
+or a point it predicts the cell of the image, and answers with a typical answer of that cell.
 """
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -179,7 +180,7 @@ def _words(question: Question) -> list[str]:
         if len(box) == 4:
             text = text.replace(found, f" cell{_cell(box, question.width, COARSE_CELLS).replace(',', 'x')} ")
     words = re.findall(r"[a-z0-9'-]+", text)
-    return words + [f"{a} {b}" for a, b in zip(words, words[1:], strict=False)]
+    return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 
 
 class _NaiveBayes:

@@ -7,7 +7,16 @@ from collections.abc import Collection
 from betterbench.vqa.question import Difficulty
 
 HARDER = frozenset(
-    ("small", "partly hidden", "out of place", "look-alike", "of this task", "robot frame", "over time", "several steps")
+    (
+        "small",
+        "partly hidden",
+        "out of place",
+        "look-alike",
+        "of this task",
+        "robot frame",
+        "over time",
+        "several steps",
+    )
 )
 """Tags that each make a question harder by one."""
 

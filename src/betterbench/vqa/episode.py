@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,7 +20,7 @@ from betterbench.tasks.attempts import GraspAttempt, find_grasps
 REACH_M = 0.10
 """Distance from an object's box within which the gripper visibly goes for it; the slots of the suite are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""By how much the object must be nearer to the gripper than any other, so that an image shows which one it goes for."""
+"""By how much the object must be nearer to the gripper than any other, so that an image shows where it goes."""
 CARRY_M = 0.03
 """Height by which an object has to be lifted off where it stood to be visibly carried."""
 STILL_M = 0.005
@@ -144,4 +145,4 @@ def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[in
     if count == 0 or count >= rows:
         return range(rows)
     edges = np.linspace(0, rows, count + 1).astype(int)
-    return sorted(int(draw.integers(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+    return sorted(int(draw.integers(a, b)) for a, b in itertools.pairwise(edges))

@@ -35,7 +35,7 @@ class Standing(StrEnum):
     """It does not know, and does not do it."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No question that would tell was asked: nothing that it needs was seen well enough, or the set is of other trials."""
+    """No question that would tell was asked: what it needs was not seen well enough, or the set is of other trials."""
 
 
 @open_form
@@ -194,9 +194,7 @@ def _of(label: Label, trials: Sequence[TrialKnowledge]) -> list[TrialKnowledge]:
     return [t for t in trials if t.label == label.value]
 
 
-def _trial(
-    key: str, label: Label, questions: Sequence[Question], answers: Answers, *, success: bool
-) -> TrialKnowledge:
+def _trial(key: str, label: Label, questions: Sequence[Question], answers: Answers, *, success: bool) -> TrialKnowledge:
     of_role: dict[str, list[Question]] = {}
     for q in questions:
         of_role.setdefault(str(q.role), []).append(q)

@@ -13,7 +13,26 @@ _PORTIONS = {
 }
 """Names that are no countable nouns, or have another meaning, with one and several of what they stand for."""
 
-_LOOKS = frozenset("red blue white black gray green yellow round full upper lower left right top bottom crumpled".split())
+_LOOKS = frozenset(
+    [
+        "red",
+        "blue",
+        "white",
+        "black",
+        "gray",
+        "green",
+        "yellow",
+        "round",
+        "full",
+        "upper",
+        "lower",
+        "left",
+        "right",
+        "top",
+        "bottom",
+        "crumpled",
+    ]
+)
 """Words of a name that say how a thing looks or where it is, and not what it is."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(

@@ -1,4 +1,4 @@
-"""How questions are worded: several ways for each family, chosen by the identifier of a question and not by its answer."""
+"""How questions are worded: several ways for each family, chosen by a question's identifier and not by its answer."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ Coordinates = Literal["pixels", "thousandths", "fractions"]
 LEAST_OVERLAP = 0.5
 """Intersection over union from which a box is right: the usual threshold of detection benchmarks (PASCAL VOC)."""
 
-_NUMBER_WORDS = "zero one two three four five six seven eight nine ten".split()
+_NUMBER_WORDS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
 _LONGEST = 4000
 
 
@@ -114,7 +114,9 @@ def _count(text: str) -> Read:
 
 def _coordinates(question: Question, text: str, coordinates: Coordinates) -> Read:
     count = 4 if question.form is Form.BOX else 2
-    strict = re.fullmatch(r"\[?\(?" + r"\s*,\s*".join([r"\s*(-?\d{0,5}\.?\d{1,6}|-?\d{1,5}\.?)"] * count) + r"\s*\)?\]?", text)
+    strict = re.fullmatch(
+        r"\[?\(?" + r"\s*,\s*".join([r"\s*(-?\d{0,5}\.?\d{1,6}|-?\d{1,5}\.?)"] * count) + r"\s*\)?\]?", text
+    )
     numbers = _numbers(text)
     if strict is None:
         brackets = re.findall(r"[\[(]([^\[\]()]*)[\])]", text)

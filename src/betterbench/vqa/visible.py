@@ -5,10 +5,10 @@ from __future__ import annotations
 from betterbench.state import SeenObject
 
 MIN_SIDE_PX = 8
-"""Least length of the shorter side of a box [pixel]. Vision encoders of this size of image cut it into patches of 14 or 16
+"""Least length of the shorter side of a box [pixel]. Vision encoders cut images of this size into patches of 14 or 16
 pixels: less than half a patch carries no shape."""
 MIN_PIXELS = 60
-"""Least number of visible pixels, about those of a disc of 8 pixels across: long thin things have a long side instead."""
+"""Least number of visible pixels, somewhat more than those of a disc of 8 pixels across."""
 MIN_FRACTION = 0.35
 """Least visible fraction: of a thing that shows less than about a third people guess from the rest of the scene."""
 HIDDEN_PX = 3

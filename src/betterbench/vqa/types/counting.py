@@ -24,7 +24,7 @@ SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler",
 
 
 def counting(moment: Moment) -> Iterator[Draft]:
-    """Yield questions for the number of objects of kinds that come in numbers, of groups of kinds, and in containers."""
+    """Yield questions for the number of objects of kinds that come in numbers, of groups, and in containers."""
     own = [o.kind for o in moment.objects]
     for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
         members = [o.name for o in moment.objects if o.kind == kind]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 from betterbench.state import Box, SeenObject, inner_pixel
@@ -57,7 +58,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
         return []
     count = -(-len(kinds) // MOST_OPTIONS)
     edges = [round(i * len(kinds) / count) for i in range(count + 1)]
-    return [tuple(kinds[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [tuple(kinds[a:b]) for a, b in itertools.pairwise(edges)]
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:

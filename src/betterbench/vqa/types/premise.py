@@ -17,9 +17,9 @@ def premise(moment: Moment) -> Iterator[Draft]:
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
         if any(moment.is_clear(name) for name in members):
-            yield Draft(Form.YES_NO, "is it there", (kind,), yes(True), words, tuple(members))  # noqa: FBT003
+            yield Draft(Form.YES_NO, "is it there", (kind,), yes(True), words, tuple(members))
         elif moment.surely_absent(kind):
-            yield Draft(Form.YES_NO, "is it there", (kind,), yes(False), words, (), _absent(moment, kind))  # noqa: FBT003
+            yield Draft(Form.YES_NO, "is it there", (kind,), yes(False), words, (), _absent(moment, kind))
     yield from _is_a(moment)
     yield from _can_be_done(moment)
 
@@ -61,4 +61,6 @@ def _can_be_done(moment: Moment) -> Iterator[Draft]:
     text = moment.condition.instruction.text
     words = {"instruction": text}
     tags = () if there else ("absent", "look-alike")
-    yield Draft(Form.YES_NO, "can it be done", (text,), yes(there), words, tuple(dict.fromkeys((*names, *targets))), tags)
+    yield Draft(
+        Form.YES_NO, "can it be done", (text,), yes(there), words, tuple(dict.fromkeys((*names, *targets))), tags
+    )

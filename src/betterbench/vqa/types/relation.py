@@ -1,4 +1,4 @@
-"""Spatial relations: left and right in the image and as the robot sees it, nearer and farther, the outermost of several."""
+"""Spatial relations: left and right in the image and for the robot, nearer and farther, the outermost of several."""
 
 from __future__ import annotations
 

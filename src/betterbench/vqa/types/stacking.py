@@ -42,7 +42,9 @@ def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
     Raises:
         LookupError: If something is neither surely on it nor surely not.
     """
-    others = [o.name for o in moment.objects if o.role in ("item", "distractor") and o.name != base.name and not o.fixed]
+    others = [
+        o.name for o in moment.objects if o.role in ("item", "distractor") and o.name != base.name and not o.fixed
+    ]
     if LAYER.regions(base):
         layers = {name: moment.place(LAYER, name, base.name) for name in others}
         return sorted((n for n, layer in layers.items() if layer is not None), key=lambda n: int(layers[n] or 0))
