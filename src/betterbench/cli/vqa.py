@@ -26,6 +26,7 @@ def vqa_command(
     frames: int = 8,
     cameras: tuple[str, ...] = ("front", "wrist", "left_shoulder", "right_shoulder"),
     size: int = 256,
+    quality: Literal["fast", "standard", "high"] = "standard",
     types: tuple[QuestionTypes, ...] = (),
     tasks: tuple[str, ...] = (),
     seed: int = 0,
@@ -57,6 +58,7 @@ def vqa_command(
         frames: Frames per trial, one from each equal part of it; 0 for every frame.
         cameras: Cameras whose images are asked about.
         size: Side of the images in pixels.
+        quality: Quality of the images: shadows, and smooth edges.
         types: Types of question; all if not given.
         tasks: Tasks whose trials are asked about; all if not given.
         seed: Seed of the choice of frames, questions and words.
@@ -88,17 +90,19 @@ def vqa_command(
     elif out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the set")
     elif run is not None:
-        made = _decisive(run, out, DecisiveOptions(cameras, size, seed, tasks, failures_only))
+        made = _decisive(run, out, DecisiveOptions(cameras, size, quality, seed, tasks, failures_only))
     else:
         chosen = tuple(QuestionType(t) for t in types) or tuple(QuestionType)
         made = _balanced(
-            source or Path(), out, SetOptions(questions, frames, cameras, size, seed, chosen, tasks), workers
+            source or Path(), out, SetOptions(questions, frames, cameras, size, quality, seed, chosen, tasks), workers
         )
     document = {"set": str(made.path), **made.to_json()}
     if describe is not None:
         if source is None or (source / "set.json").exists():
             raise InvalidInputError("--describe", "needs the records of the run", "Give better vqa RUN --out SET too")
-        document["descriptions"] = _describe(source, made, describe, model, key_variable, images, size)
+        document["descriptions"] = _describe(
+            source, made, describe, model, key_variable=key_variable, images=images, size=size
+        )
     scores = None
     if ask is not None:
         from betterbench.llm import ChatEndpoint
@@ -135,7 +139,7 @@ def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> Questi
             folder,
             out,
             options,
-            open_photos=lambda: ViewRenderer(folder, size=options.size),
+            open_photos=lambda: ViewRenderer(folder, size=options.size, quality=options.quality),
             workers=workers,
             on_progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
@@ -155,13 +159,13 @@ def _decisive(run: Path, out: Path, options: DecisiveOptions) -> QuestionSet:
             diagnose_run(folder),
             out,
             options,
-            open_photos=lambda: ViewRenderer(folder, size=options.size),
+            open_photos=lambda: ViewRenderer(folder, size=options.size, quality=options.quality),
             on_progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
 
 
 def _describe(
-    run: Path, made: QuestionSet, url: str, model: str, key_variable: str, images: int, size: int
+    run: Path, made: QuestionSet, url: str, model: str, *, key_variable: str, images: int, size: int
 ) -> dict[str, object]:
     """Let a model describe images of a set, keep what the state proves, and say how much that was."""
     from betterbench.evaluation.figures.views import ViewRenderer

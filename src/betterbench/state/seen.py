@@ -16,7 +16,7 @@ GRIPPER = "gripper"
 """Name under which the gripper, its hand and both fingers, is listed beside the objects."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``, its last row ``bottom - 1``."""
+"""Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,12 +90,14 @@ class SetOptions:
         frames: Frames per trial, one from each equal part of it; 0 for all.
         seed: Seed of the choice of frames, questions and phrasings.
         size: Side of the images [pixel].
+        quality: Quality of the images.
     """
 
     questions: int = 10_000
     frames: int = 8
     cameras: tuple[str, ...] = CAMERAS
     size: int = 256
+    quality: str = "standard"
     seed: int = 0
     types: tuple[QuestionType, ...] = tuple(QuestionType)
     tasks: tuple[str, ...] = ()
@@ -166,7 +168,7 @@ def make_set(
     with begun_set(out, plan) as done:
         if done:
             return read_set(out)
-        _survey(run, out, trials, options, open_photos, workers, on_progress)
+        _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
         candidates = (c for trial in trials for c in _read_candidates(_shard(out, trial)))
         chosen = choose(candidates, count=options.questions, seed=options.seed)
         made = [_question(c.candidate, c.answers, options) for c in chosen]
@@ -231,15 +233,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
         self._stack.callback(lock.release)
         try:
             plan = json.loads(dump_json(self._plan))
-            if file.exists():
-                stored = _json_of(file)
-                difference = first_difference(stored, plan, "set")
-                if difference is not None:
-                    where, there, asked = difference
-                    raise RunConflictError(
-                        f"{out}: the set in this folder is another one: {where} is {there} there and {asked} here. "
-                        "Give the same arguments to go on with it, or choose another folder."
-                    )
+            _require_same(file, plan)
             write_durably(file, json.dumps(plan, indent=1, sort_keys=True).encode() + b"\n")
             if (out / "summary.json").exists():
                 shutil.rmtree(out / "candidates", ignore_errors=True)
@@ -251,6 +245,17 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+
+def _require_same(file: Path, plan: dict[str, Any]) -> None:
+    """Raise RunConflictError if a folder holds a set with another plan."""
+    difference = first_difference(_json_of(file), plan, "set") if file.exists() else None
+    if difference is not None:
+        where, there, asked = difference
+        raise RunConflictError(
+            f"{file.parent}: the set in this folder is another one: {where} is {there} there and {asked} here. "
+            "Give the same arguments to go on with it, or choose another folder."
+        )
 
 
 def _json_of(file: Path) -> Any:  # noqa: ANN401 - whatever stands in the file
@@ -265,6 +270,7 @@ def _survey(
     out: Path,
     trials: Sequence[TrialId],
     options: SetOptions,
+    *,
     open_photos: OpenPhotos,
     workers: int,
     on_progress: Progress | None,

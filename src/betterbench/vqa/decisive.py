@@ -83,6 +83,7 @@ class DecisiveOptions:
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
+    quality: str = "standard"
     seed: int = 0
     tasks: tuple[str, ...] = ()
     failures_only: bool = False

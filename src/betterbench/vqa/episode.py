@@ -18,13 +18,11 @@ from betterbench.tasks import get_task, suite_tasks
 from betterbench.tasks.attempts import GraspAttempt, find_grasps
 
 REACH_M = 0.10
-"""Distance from an object's box within which the gripper visibly goes for it; the slots of the suite are 12 cm apart."""
+"""Distance from an object's box within which the gripper visibly goes for it; slots are 12 cm apart."""
 NEAREST_BY_M = 0.03
-"""By how much the object must be nearer to the gripper than any other, so that an image shows where it goes."""
+"""By how much the object must be nearer to the gripper than any other: an image shows where it goes."""
 CARRY_M = 0.03
 """Height by which an object has to be lifted off where it stood to be visibly carried."""
-STILL_M = 0.005
-"""Way of the gripper within a second below which it stands still."""
 
 
 class Act(StrEnum):

@@ -199,7 +199,7 @@ def _about(
             stored: dict[str, Any] = json.loads(file.read_bytes())
         except (OSError, ValueError) as error:
             raise RecordError(
-                f"{file}: cannot be read ({error}). Delete it and give the same command again."
+                f"{file}: cannot be read ({error}). Delete it and ask again."
             ) from error
         return stored
     record = run.read_record(source.task, source.condition, source.seed)

@@ -24,7 +24,8 @@ GRIPPER_GROUP = ("robot/hand", "robot/left_finger", "robot/right_finger")
 JPEG_QUALITY = 92
 """Quality of the images; colors are stored at full resolution, since many objects are a few pixels wide."""
 
-_STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+_GRID = np.array(list(itertools.product((-0.5, -0.25, 0.0, 0.25, 0.5), (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0))))
+"""Points of a bounding box as shares of its size, from the middle of its bottom face."""
 
 
 class Photo(NamedTuple):
@@ -89,10 +90,11 @@ def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
 
 def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
     """Return the share of an object's bounding box that the image does not cut off, from a grid of points in it."""
-    pose = record.state(row).pose(info.name)
-    x, y, z = info.size_m
-    grid = itertools.product(_STEPS, _STEPS, _STEPS)
-    points = np.array([pose.apply((0.5 * a * x, 0.5 * b * y, 0.5 * (c + 1.0) * z)) for a, b, c in grid])
+    number = record.metadata.scene.index(info.name)
+    local = _GRID * np.asarray(info.size_m)
+    w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]
+    twice = 2.0 * np.cross(axis, local)
+    points = record.object_positions[row, number] + local + w * twice + np.cross(axis, twice)
     pixels, depth = camera.project(points)
     inside = (depth > 0.0) & (pixels[:, 0] >= -0.5) & (pixels[:, 0] <= camera.width - 0.5)
     inside &= (pixels[:, 1] >= -0.5) & (pixels[:, 1] <= camera.height - 0.5)
