@@ -1,3 +1,4 @@
+# ruff: noqa: ARG002, ARG004 - the methods of all families are called alike
 """Derives the answers of a set again from the records, with nothing of the code that made them.
 
 Poses, contacts, held objects and recorded predicates come from the columns of the record; pixels come from MuJoCo's own

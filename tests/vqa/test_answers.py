@@ -113,7 +113,7 @@ def candidates(count, *, leak):
                 {"a": told},
                 (kind,),
                 replace(SOURCE, row=i),
-            )  # fmt: skip
+            )
         )
     return made
 
@@ -231,9 +231,6 @@ def test_addresses_that_are_none_and_servers_that_are_gone(serve):
 @pytest.mark.physics
 @pytest.mark.render
 def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
-    def perfect(asked):
-        return ScriptedChat(lambda messages: next(replies), name="perfect")
-
     replies = iter([q.reply for q in made.questions])
     count = len(made.questions)
     broken = iter([q.reply for q in made.questions[:7]])
@@ -250,7 +247,7 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     assert len(read_answers(file, made).answers) == 7
     for _ in range(7):
         next(replies)
-    answers = ask_set(made, perfect(made), file, at_once=1)
+    answers = ask_set(made, ScriptedChat(lambda _: next(replies), name="perfect"), file, at_once=1)
     assert len(answers.answers) == count
     assert all(s.rate.k == s.rate.n and s.read == s.rate.n for s in scores_of(made, answers))
     with pytest.raises(RunConflictError, match="holds answers of 'perfect'"):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.statistics import Rate
-from betterbench.vqa.question import Form, Question, QuestionType
+from betterbench.vqa.question import Form, Question, QuestionType, hash_number
 from betterbench.vqa.scoring import is_right, overlap
 from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
 
@@ -207,4 +207,4 @@ class _NaiveBayes:
             return None
         best = max(scores[i] for i in open_to)
         equal = [i for i in open_to if scores[i] >= best - 1e-9]
-        return self.classes[equal[sum(tie.encode()) % len(equal)]]
+        return self.classes[equal[hash_number("tie", tie) % len(equal)]]

@@ -198,9 +198,7 @@ def _about(
         try:
             stored: dict[str, Any] = json.loads(file.read_bytes())
         except (OSError, ValueError) as error:
-            raise RecordError(
-                f"{file}: cannot be read ({error}). Delete it and ask again."
-            ) from error
+            raise RecordError(f"{file}: cannot be read ({error}). Delete it and ask again.") from error
         return stored
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
@@ -235,8 +233,8 @@ def prompt_of(moment: Moment) -> str:
     return (
         f"Things that may or may not be in this image: {names}.\n"
         "Write up to two descriptions of one or two sentences, and up to four questions with short answers, about what "
-        "the image shows. Call things by exactly these names. For each text list every claim on which it rests, in this "
-        f"language, with X and Y among these names:\n{language}\n"
+        "the image shows. Call things by exactly these names. For each text list every claim on which it rests, in "
+        f"this language, with X and Y among these names:\n{language}\n"
         'Answer with JSON only: {"texts": [{"question": "" or the question, "text": the description or the answer as a '
         'whole sentence, "claims": [{"x": X, "says": one of the claims, "y": Y or ""}]}]}'
     )

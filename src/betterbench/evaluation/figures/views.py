@@ -24,7 +24,8 @@ GRIPPER_GROUP = ("robot/hand", "robot/left_finger", "robot/right_finger")
 JPEG_QUALITY = 92
 """Quality of the images; colors are stored at full resolution, since many objects are a few pixels wide."""
 
-_GRID = np.array(list(itertools.product((-0.5, -0.25, 0.0, 0.25, 0.5), (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0))))
+_ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
+_GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 """Points of a bounding box as shares of its size, from the middle of its bottom face."""
 
 
