@@ -103,7 +103,15 @@ class Scenes:
     """Draws masks of recorded states with MuJoCo's own renderer."""
 
     def __init__(self, run, size):
-        self.run, self.size, self.hash = run, size, None
+        self.run, self.size, self.hash, self.renderer = run, size, None, None
+
+    def close(self):
+        """Frees the buffers while their OpenGL context is current: otherwise those of the next renderer go too."""
+        if self.renderer is not None:
+            self.renderer._gl_context.make_current()
+            self.renderer._mjr_context.free()
+            self.renderer._mjr_context = None
+            self.renderer.close()
 
     def frame(self, record, row, camera):
         m = record.metadata
@@ -112,20 +120,26 @@ class Scenes:
             self.model = mujoco.MjModel.from_binary_path("s.mjb", {"s.mjb": files["model.mjb"]})
             self.model.vis.quality.offsamples = 0
             self.model.vis.global_.offwidth = self.model.vis.global_.offheight = self.size
+            self.close()
             self.data, self.hash = mujoco.MjData(self.model), m.scene_hash
             self.renderer = mujoco.Renderer(self.model, self.size, self.size)
             self.renderer.enable_segmentation_rendering()
-            self.placed = (self.model.cam_pos.copy(), self.model.cam_quat.copy())
         number = self.model.camera(camera).id
-        self.model.cam_pos[:], self.model.cam_quat[:] = self.placed
-        jitter = m.view_jitter.cameras.get(camera)
-        if jitter is not None:
-            axes = rotation(self.model.cam_quat[number])
-            self.model.cam_pos[number] += axes @ np.asarray(jitter.shift_m)
-            mujoco.mju_mat2Quat(self.model.cam_quat[number], (axes @ turned_about(jitter.turn_rad)).ravel())
         self.data.qpos[:] = record.qpos[row]
         mujoco.mj_forward(self.model, self.data)
-        self.renderer.update_scene(self.data, camera)
+        jitter, body = m.view_jitter.cameras.get(camera), self.model.cam_bodyid[number]
+        axes, position = rotation(self.model.cam_quat[number]), self.model.cam_pos[number].copy()
+        if jitter is not None:
+            position += axes @ np.asarray(jitter.shift_m)
+            axes = axes @ turned_about(jitter.turn_rad)
+        carried = self.data.xmat[body].reshape(3, 3)  # MuJoCo places cameras of bodies that never move only once
+        self.data.cam_xpos[number] = self.data.xpos[body] + carried @ position
+        self.data.cam_xmat[number] = (carried @ axes).ravel()
+        option = mujoco.MjvOption()
+        option.sitegroup[:] = 0
+        self.renderer.update_scene(self.data, camera, option)
+        self.renderer.scene.flags[:] = 0  # neither sky nor haze, which are colors and no numbers
+        self.renderer.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = 1
         shown = self.renderer.render()
         body = np.where(
             shown[..., 1] == int(mujoco.mjtObj.mjOBJ_GEOM), self.model.geom_bodyid[np.maximum(shown[..., 0], 0)], -1
@@ -367,7 +381,7 @@ class Checker:
 
 def check(run: RunFolder, folder: Path, most: int | None = None):
     """Returns wrong answers, the number of answers that were derived, and families with answers that could not be."""
-    lines = [json.loads(line)["betterbench"] for line in (folder / "questions.jsonl").open()][:most]
+    lines = [json.loads(line)["betterbench"] for line in (folder / "questions.jsonl").read_text().splitlines()][:most]
     order = sorted(lines, key=lambda q: (q["source"]["task"], q["source"]["condition"], q["source"]["seed"]))
     checker, wrong, derived, open_ = Checker(run, lines[0]["width"]), [], 0, {}
     for question in order:
@@ -378,4 +392,5 @@ def check(run: RunFolder, folder: Path, most: int | None = None):
             derived += 1
         if verdict:
             wrong.append((question["id"], verdict, question["text"], question["source"]))
+    checker.scenes.close()
     return wrong, derived, open_

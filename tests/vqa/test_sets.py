@@ -72,7 +72,7 @@ def test_every_answer_is_derived_again_from_the_records(run, made):
 
 
 def test_the_checker_notices_a_wrong_answer(run, made, tmp_path):
-    lines = [json.loads(line) for line in (made.path / "questions.jsonl").open()]
+    lines = [json.loads(line) for line in (made.path / "questions.jsonl").read_text().splitlines()]
     turned = [line for line in lines if line["betterbench"]["form"] == "yes_no"][:10]
     for line in turned:
         q = line["betterbench"]
@@ -97,7 +97,7 @@ def test_answers_come_equally_often_within_a_group(made):
 
 
 def test_a_set_has_its_files_in_both_forms(made):
-    lines = [json.loads(line) for line in (made.path / "questions.jsonl").open()]
+    lines = [json.loads(line) for line in (made.path / "questions.jsonl").read_text().splitlines()]
     assert [line["id"] for line in lines] == [q.id for q in made.questions]
     for line, q in zip(lines, made.questions, strict=True):
         human, model = line["conversations"]

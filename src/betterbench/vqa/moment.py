@@ -14,7 +14,7 @@ from betterbench.tasks.relations.loose import middle
 from betterbench.vqa.episode import Episode
 from betterbench.vqa.nouns import mistakable
 from betterbench.vqa.question import Source
-from betterbench.vqa.visible import clear, hidden
+from betterbench.vqa.visible import clear, hidden, large
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,10 @@ class Moment:
     def is_clear(self, name: str) -> bool:
         """Tell whether an object is seen well enough to be asked about."""
         return clear(self.seen(name))
+
+    def is_large(self, name: str) -> bool:
+        """Tell whether what is seen of an object is large enough, however much of it is hidden."""
+        return large(self.seen(name))
 
     def is_hidden(self, name: str) -> bool:
         """Tell whether nothing of an object is seen."""

@@ -17,9 +17,15 @@ HIDDEN_PX = 3
 
 def clear(seen: SeenObject | None) -> bool:
     """Tell whether an object is seen well enough to be asked about."""
-    if seen is None:
-        return False
-    return seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS and seen.fraction >= MIN_FRACTION
+    return seen is not None and large(seen) and seen.fraction >= MIN_FRACTION
+
+
+def large(seen: SeenObject | None) -> bool:
+    """Tell whether what is seen of an object is large enough, however much of it is hidden.
+
+    A base is hidden by what lies on it, and a shut drawer by its cabinet: that is what questions about them ask.
+    """
+    return seen is not None and seen.side >= MIN_SIDE_PX and seen.pixels >= MIN_PIXELS
 
 
 def hidden(seen: SeenObject | None) -> bool:

@@ -19,16 +19,19 @@ HIGHER_M = 0.008
 
 def stacking(moment: Moment) -> Iterator[Draft]:
     """Yield questions about what lies on each base or plate, and about the order of stacks."""
-    try:
-        stacks = [_stack(moment, base) for base in _bases(moment)]
-    except LookupError:
-        return
-    for base, stack in zip(_bases(moment), stacks, strict=True):
-        if base.kind in moment.named and all(moment.is_clear(name) for name in stack[:1]):
+    stacked: set[str] = set()
+    for base in _bases(moment):
+        try:
+            stack = _stack(moment, base)
+        except LookupError:
+            continue
+        stacked |= set(stack)
+        shown = base.kind in moment.single and moment.is_large(base.name)
+        if shown and all(moment.is_large(name) for name in stack[:1]):
             yield from _directly_on(moment, base, stack)
-        yield from _order(moment, base, stack)
-    if stacks:
-        yield from _higher(moment, frozenset(itertools.chain.from_iterable(stacks)))
+        if shown:
+            yield from _order(moment, base, stack)
+    yield from _higher(moment, frozenset(stacked))
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
@@ -68,16 +71,16 @@ def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator
         words = {"base": definite(base.kind)}
         yield Draft(Form.CHOICE, "what is on", (base.kind, *items), on_it, words, names)
     for kind in items:
-        if kind in moment.named:
+        if moment.is_large(moment.single[kind].name):
             words = {"a": definite(kind), "base": definite(base.kind)}
             pair = (moment.single[kind].name, base.name)
             yield Draft(Form.YES_NO, "is it on", (kind, base.kind), yes(kind == on_it), words, pair)
 
 
 def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Draft]:
-    """Yield the order of two or more things on a base, if all are clear and have names of their own."""
+    """Yield the order of two or more things on a base, if all are seen and have names of their own."""
     kinds = [moment.state.info.object(name).kind for name in stack]
-    if len(stack) >= 2 and all(k in moment.named for k in kinds) and base.kind in moment.named:
+    if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
         words = {"base": definite(base.kind), "things": " and ".join(definite(k) for k in sorted(kinds))}
         answer = ", ".join(kinds)
         group = (base.kind, *sorted(kinds))

@@ -40,7 +40,7 @@ def _drawers(moment: Moment) -> Iterator[Draft]:
     trace = moment.episode.trace
     for drawer, cabinet, _ in trace.drawers:
         info, fixed = trace.info.objects[drawer], trace.info.objects[cabinet]
-        if info.kind not in moment.named or not moment.is_clear(fixed.name):
+        if info.kind not in moment.single or not moment.is_large(info.name) or not moment.is_clear(fixed.name):
             continue
         shut = CLOSED.where(moment.state, info.name, fixed.name) is not None
         if shut or trace.opening(moment.row, drawer) >= 2.0 * PUSHED_IN:
