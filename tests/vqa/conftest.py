@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 from tests.vqa.small import OPTIONS, SIZE, small_run
 
@@ -15,8 +17,15 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def photos(run):
-    return lambda: ViewRenderer(run, size=SIZE, quality="fast")
+def source(run):
+    """One process that draws for all tests: to start one takes longer than to draw a set."""
+    with ViewRenderer(run, size=SIZE, quality="fast") as source:
+        yield source
+
+
+@pytest.fixture(scope="session")
+def photos(source):
+    return lambda: nullcontext(source)
 
 
 @pytest.fixture(scope="session")

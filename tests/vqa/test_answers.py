@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from betterbench.cli.main import main
@@ -76,12 +76,14 @@ def test_coordinates_are_read_in_the_unit_that_was_declared():
     assert overlap((0, 0, 2, 2), (1, 0, 3, 2)) == pytest.approx(1 / 3)
 
 
+@settings(max_examples=30)
 @given(st.text(max_size=60))
 def test_no_text_breaks_the_reading(text):
     for asked in (CHOICE, YES_NO, NUMBER, BOX):
         is_right(asked, read_answer(asked, text).answer)
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_runs_stand_for_the_pixels_of_a_mask(seed):
     mask = np.random.default_rng(seed).random((6, 7)) < 0.4

@@ -92,10 +92,9 @@ def test_a_set_of_another_kind_is_refused(failing, made, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def moment(run):
+def moment(run, source):
     record = run.read_record("fruit_lunch", "O2", 0)
-    with ViewRenderer(run, size=SIZE, quality="fast") as source:
-        return Moment(episode_of(record), 0, source.photo(record, 0, "front").view)
+    return Moment(episode_of(record), 0, source.photo(record, 0, "front").view)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +115,7 @@ def test_only_texts_that_the_state_proves_are_kept(moment, text, claims, reason)
     assert why_dropped(Text(text, tuple(Claim(*c) for c in claims)), moment, facts_of(moment)) == reason
 
 
-def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, photos):
+def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, source):
     reply = {"texts": [{"text": "There is no sponge.", "claims": [{"x": "sponge", "says": "is absent", "y": ""}]}]}
     asked = []
 
@@ -124,9 +123,8 @@ def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, p
         asked.append(messages)
         return "```json\n" + json.dumps(reply) + "\n```" if len(asked) % 2 else "I would rather not."
 
-    with photos() as source:
-        first = describe_images(run, made, ScriptedChat(say, name="poet"), source, count=4)
-        again = describe_images(run, made, ScriptedChat(say, name="poet"), source, count=4)
+    first = describe_images(run, made, ScriptedChat(say, name="poet"), source, count=4)
+    again = describe_images(run, made, ScriptedChat(say, name="poet"), source, count=4)
     assert len(asked) == 4
     assert first == again
     assert first.kept + sum(first.dropped.values()) == 4
