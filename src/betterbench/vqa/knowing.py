@@ -156,7 +156,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
         for role in ROLES
         if (members := [q for qs in by_trial.values() for q in qs if q.role == role])
     }
-    labels = tuple(_label(label.value, members) for label in all_labels() if (members := _of(label, found)))
+    labels = tuple(_label(label.value, of) for label in all_labels() if (of := _of(label, found)))
     return Knowledge(answers.head.model, diagnosis.policy, labels, found, roles)
 
 
