@@ -18,7 +18,7 @@ from betterbench.evaluation.figures.views import seen_object
 from betterbench.llm import ChatEndpoint, RefusedError, ScriptedChat, user_message
 from betterbench.state import in_runs, inner_pixel
 from betterbench.vqa.asking import ask_set, prompt_for, read_answers, scores_of
-from betterbench.vqa.balance import choose
+from betterbench.vqa.balance import choose_balanced
 from betterbench.vqa.blind import baselines
 from betterbench.vqa.nouns import indefinite, mistakable, plural_of
 from betterbench.vqa.phrasings import PHRASINGS
@@ -122,7 +122,7 @@ def candidates(count, *, leak):
 
 @pytest.mark.parametrize("leak", [False, True])
 def test_the_blind_classifier_finds_what_words_give_away_and_nothing_else(leak):
-    chosen, draw = choose(candidates(2100, leak=leak), count=0, seed=1), np.random.default_rng(0)
+    chosen, draw = choose_balanced(candidates(2100, leak=leak), count=0, seed=1), np.random.default_rng(0)
     asked = [
         question(
             Form.YES_NO,
@@ -140,11 +140,13 @@ def test_the_blind_classifier_finds_what_words_give_away_and_nothing_else(leak):
 def test_balance_takes_equally_many_of_each_answer_and_drops_what_has_only_one():
     many = candidates(70, leak=False) + [replace(c, bucket="No", answer="No") for c in candidates(35, leak=False)]
     alone = [replace(c, group=("alone",), bucket="Yes", answer="Yes") for c in candidates(20, leak=False)]
-    chosen = choose([*many, *alone], count=40, seed=0)
+    chosen = choose_balanced([*many, *alone], count=40, seed=0)
     answers = [c.candidate.answer for c in chosen]
     assert answers.count("Yes") == answers.count("No") >= 20
     assert all(c.candidate.group != ("alone",) for c in chosen)
-    assert [c.candidate for c in choose([*reversed(many), *alone], count=40, seed=0)] == [c.candidate for c in chosen]
+    assert [c.candidate for c in choose_balanced([*reversed(many), *alone], count=40, seed=0)] == [
+        c.candidate for c in chosen
+    ]
 
 
 def test_names_in_sentences():

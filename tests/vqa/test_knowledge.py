@@ -15,8 +15,8 @@ from betterbench.llm import ScriptedChat
 from betterbench.vqa.asking import ask_set
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
 from betterbench.vqa.episode import episode_of
-from betterbench.vqa.freeform import Claim, Text, describe_images, facts_of, parsed_texts, why_dropped
-from betterbench.vqa.knowing import Standing, knowledge_of
+from betterbench.vqa.freeform import ModelText, StateClaim, describe_images, facts_of, parsed_texts, why_dropped
+from betterbench.vqa.knowing import KnowledgeStanding, knowledge_of
 from betterbench.vqa.moment import Moment
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
@@ -63,10 +63,13 @@ def test_who_knows_all_and_who_knows_nothing(failing, decisive, tmp_path):
     wise = knowledge_of(diagnosis, decisive, answered(decisive, tmp_path, lambda q: q.reply, "wise"))
     failed = [t for t in wise.trials if not t.success]
     assert failed
-    assert all(t.standing is Standing.KNOWS_AND_DOES_NOT for t in failed)
-    assert all(t.standing is Standing.KNOWS_AND_DOES for t in wise.trials if t.success)
+    assert all(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
+    assert all(t.standing is KnowledgeStanding.KNOWS_AND_DOES for t in wise.trials if t.success)
     fool = knowledge_of(diagnosis, decisive, answered(decisive, tmp_path, lambda _: "?", "fool"))
-    assert {t.standing for t in fool.trials} <= {Standing.DOES_NOT_KNOW, Standing.DOES_WITHOUT_KNOWING}
+    assert {t.standing for t in fool.trials} <= {
+        KnowledgeStanding.DOES_NOT_KNOW,
+        KnowledgeStanding.DOES_WITHOUT_KNOWING,
+    }
     assert sum(x.n for x in fool.labels) == len(diagnosis.trials)
 
 
@@ -112,7 +115,7 @@ def moment(run, source):
     ],
 )
 def test_only_texts_that_the_state_proves_are_kept(moment, text, claims, reason):
-    assert why_dropped(Text(text, tuple(Claim(*c) for c in claims)), moment, facts_of(moment)) == reason
+    assert why_dropped(ModelText(text, tuple(StateClaim(*c) for c in claims)), moment, facts_of(moment)) == reason
 
 
 def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, source):
@@ -130,4 +133,4 @@ def test_descriptions_are_kept_with_the_set_and_not_asked_for_twice(run, made, s
     assert first.kept + sum(first.dropped.values()) == 4
     lines = [json.loads(line) for line in (made.path / "descriptions.jsonl").read_text().splitlines()]
     assert len(lines) == first.kept
-    assert parsed_texts(json.dumps(reply))[0].claims == (Claim("sponge", "is absent"),)
+    assert parsed_texts(json.dumps(reply))[0].claims == (StateClaim("sponge", "is absent"),)

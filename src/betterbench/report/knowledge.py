@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from betterbench.statistics import Rate
 from betterbench.statistics.wording import counted
 from betterbench.tasks.labels import Label, all_labels
-from betterbench.vqa.knowing import Knowledge, LabelKnowledge, Standing
+from betterbench.vqa.knowing import Knowledge, KnowledgeStanding, LabelKnowledge
 
 COLUMNS = {
-    Standing.KNOWS_AND_DOES: "knows and does",
-    Standing.KNOWS_AND_DOES_NOT: "knows and does not",
-    Standing.DOES_NOT_KNOW: "does not know",
-    Standing.DOES_WITHOUT_KNOWING: "does without knowing",
-    Standing.NOT_ASKED: "not asked",
+    KnowledgeStanding.KNOWS_AND_DOES: "knows and does",
+    KnowledgeStanding.KNOWS_AND_DOES_NOT: "knows and does not",
+    KnowledgeStanding.DOES_NOT_KNOW: "does not know",
+    KnowledgeStanding.DOES_WITHOUT_KNOWING: "does without knowing",
+    KnowledgeStanding.NOT_ASKED: "not asked",
 }
 """Columns of the table, in order, with their titles."""
 
@@ -47,7 +47,7 @@ class KnowledgeView:
 
 def knowledge_view(known: Knowledge) -> KnowledgeView:
     """Return what the page shows of what a model knows."""
-    failures = tuple(t.key for t in known.trials if t.standing is Standing.KNOWS_AND_DOES_NOT)
+    failures = tuple(t.key for t in known.trials if t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT)
     return KnowledgeView(
         known.model,
         known.policy,

@@ -3,7 +3,7 @@
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of
 from betterbench.vqa.dataset import PhotoSource, QuestionSet, SetOptions, make_set, read_set
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
-from betterbench.vqa.knowing import Knowledge, Standing, knowledge_of
+from betterbench.vqa.knowing import Knowledge, KnowledgeStanding, knowledge_of
 from betterbench.vqa.question import Difficulty, Form, Question, QuestionType
 
 __all__ = [
@@ -12,13 +12,13 @@ __all__ = [
     "Difficulty",
     "Form",
     "Knowledge",
+    "KnowledgeStanding",
     "PhotoSource",
     "Question",
     "QuestionSet",
     "QuestionType",
     "Score",
     "SetOptions",
-    "Standing",
     "ask_set",
     "knowledge_of",
     "make_decisive_set",

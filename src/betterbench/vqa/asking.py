@@ -26,17 +26,17 @@ _UNITS: dict[Coordinates, str] = {
     "fractions": "fractions of the width and the height of the image, from 0 to 1",
 }
 _LINES = {
-    Form.YES_NO: "Answer with Yes or No only.",
-    Form.CHOICE: "Answer with the letter of the right option only.",
-    Form.NUMBER: "Answer with a number only.",
-    Form.BOX: "Answer with [left, top, right, bottom] only, in {unit}.",
-    Form.POINT: "Answer with [x, y] only, in {unit}.",
+    Form.YES_NO: "ModelAnswer with Yes or No only.",
+    Form.CHOICE: "ModelAnswer with the letter of the right option only.",
+    Form.NUMBER: "ModelAnswer with a number only.",
+    Form.BOX: "ModelAnswer with [left, top, right, bottom] only, in {unit}.",
+    Form.POINT: "ModelAnswer with [x, y] only, in {unit}.",
 }
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ModelAnswer:
     """What a model said to a question.
 
     Attributes:
@@ -60,7 +60,7 @@ class AnswersHead:
     coordinates: Coordinates = "pixels"
 
 
-_ANSWER, _HEAD = TypeAdapter(Answer), TypeAdapter(AnswersHead)
+_ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
 _CURE = "Correct the line, or delete the file and ask again"
 
 
@@ -69,7 +69,7 @@ class Answers:
     """The answers of a model to a set; a question without one counts as wrong."""
 
     head: AnswersHead
-    answers: dict[str, Answer]
+    answers: dict[str, ModelAnswer]
 
     def right(self, question: Question) -> bool:
         """Tell whether a question was answered right."""
@@ -104,7 +104,7 @@ class _AnswerFile(LineJournal):
     """The file in which answers are kept as they come."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
-        self.head, self.known = head, dict[str, Answer]()
+        self.head, self.known = head, dict[str, ModelAnswer]()
         super().__init__(path)
         if self.is_empty:
             self._append_line(asdict(head))
@@ -119,7 +119,7 @@ class _AnswerFile(LineJournal):
                 )
             self.known = found.answers
 
-    def append(self, answer: Answer) -> None:
+    def append(self, answer: ModelAnswer) -> None:
         """Append an answer and force it to disk."""
         self._append_line(asdict(answer))
 
@@ -152,7 +152,7 @@ def ask_set(
         todo = [q for q in asked.questions if q.id not in kept.known]
         total, answers = len(asked.questions), dict(kept.known)
         with ThreadPoolExecutor(max_workers=at_once) as pool:
-            waiting: deque[Future[Answer]] = deque()
+            waiting: deque[Future[ModelAnswer]] = deque()
             try:
                 for question in [*todo, *([None] * at_once)]:
                     if question is not None:
@@ -168,7 +168,7 @@ def ask_set(
     return Answers(head, answers)
 
 
-def _ask(chat: Chat, folder: Path, question: Question, coordinates: Coordinates) -> Answer:
+def _ask(chat: Chat, folder: Path, question: Question, coordinates: Coordinates) -> ModelAnswer:
     file = folder / question.image
     try:
         image = file.read_bytes()
@@ -177,8 +177,8 @@ def _ask(chat: Chat, folder: Path, question: Question, coordinates: Coordinates)
     try:
         text = chat.complete([user_message(prompt_for(question, coordinates), image)])
     except RefusedError as error:
-        return Answer(question.id, "", str(error))
-    return Answer(question.id, text[:4000])
+        return ModelAnswer(question.id, "", str(error))
+    return ModelAnswer(question.id, text[:4000])
 
 
 def read_answers(file: Path, asked: QuestionSet) -> Answers:
@@ -204,7 +204,7 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
 def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
     where = f"{file}, line"
     head = read_form(_HEAD, lines[0], where=f"{where} 1", cure=_CURE, raises=RecordError)
-    answers: dict[str, Answer] = {}
+    answers: dict[str, ModelAnswer] = {}
     for number, line in enumerate(lines[1:], start=2):
         answer = read_form(_ANSWER, line, where=f"{where} {number}", cure=_CURE, raises=RecordError)
         answers[answer.id] = answer

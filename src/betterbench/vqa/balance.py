@@ -45,7 +45,7 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
     return [candidate for _, candidate in sorted(kept, key=lambda p: p[0])]
 
 
-def choose(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
+def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
     """Return about ``count`` questions with balanced answers, the same number of each type as far as there are enough.
 
     What a type lacks is given to the others. Within a type, groups take turns, so that none outweighs the rest.

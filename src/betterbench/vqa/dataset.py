@@ -30,7 +30,7 @@ from betterbench.recording.tables import table_bytes
 from betterbench.state import FrameView
 from betterbench.tasks import TrialId, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
-from betterbench.vqa.balance import choose, thin
+from betterbench.vqa.balance import choose_balanced, thin
 from betterbench.vqa.blind import Baseline, baselines
 from betterbench.vqa.difficulty import difficulty_of
 from betterbench.vqa.episode import episode_of, rows_to_ask
@@ -78,7 +78,7 @@ class PhotoSource(Protocol):
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
-Progress = Callable[[int, int], None]
+OnProgress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def make_set(
     *,
     open_photos: OpenPhotos,
     workers: int = 1,
-    on_progress: Progress | None = None,
+    on_progress: OnProgress | None = None,
 ) -> QuestionSet:
     """Make a set of questions from the records of a run, or go on with one that was interrupted.
 
@@ -170,7 +170,7 @@ def make_set(
             return read_set(out)
         _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
         candidates = (c for trial in trials for c in _read_candidates(_shard(out, trial)))
-        chosen = choose(candidates, count=options.questions, seed=options.seed)
+        chosen = choose_balanced(candidates, count=options.questions, seed=options.seed)
         made = [_question(c.candidate, c.answers, options) for c in chosen]
         order = sorted(range(len(made)), key=lambda i: made[i].id)
         questions = [made[i] for i in order]
@@ -254,7 +254,7 @@ def _require_same(file: Path, plan: dict[str, Any]) -> None:
         where, there, asked = difference
         raise RunConflictError(
             f"{file.parent}: the set in this folder is another one: {where} is {there} there and {asked} here. "
-            "Give the same arguments to go on with it, or choose another folder."
+            "Give the same arguments to go on with it, or choose_balanced another folder."
         )
 
 
@@ -273,7 +273,7 @@ def _survey(
     *,
     open_photos: OpenPhotos,
     workers: int,
-    on_progress: Progress | None,
+    on_progress: OnProgress | None,
 ) -> None:
     """Write what could be asked about each trial, with its images; trials that are there are left as they are."""
     waiting = [t for t in trials if not _shard(out, t).exists()]

@@ -39,7 +39,7 @@ from betterbench.vqa.episode import Episode, episode_of
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite, indefinite
 from betterbench.vqa.phrasings import phrase
-from betterbench.vqa.question import QUESTION, Candidate, Draft, Form, Question, QuestionType, hash_number
+from betterbench.vqa.question import QUESTION, Candidate, Form, Question, QuestionDraft, QuestionType, hash_number
 from betterbench.vqa.types.execution import EVERYTHING, NOTHING_LEFT, NOTHING_YET, done_words, evidence_of, step_words
 from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
@@ -144,7 +144,7 @@ def _kept(
 class _Asked:
     """A draft with the frame that it is about, its role and its options."""
 
-    draft: Draft
+    draft: QuestionDraft
     type: QuestionType
     role: str
     options: tuple[str, ...]
@@ -235,7 +235,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
         return None
     thing, boxes = found
     text = moment.condition.instruction.text
-    draft = Draft(
+    draft = QuestionDraft(
         Form.CHOICE, "box for next step", (text,), boxes[0], {"instruction": text}, (thing.name,),
         box=moment.view.objects[thing.name].box,
     )  # fmt: skip
@@ -249,7 +249,7 @@ def _next(moment: Moment) -> _Asked | None:
         return None
     text = moment.condition.instruction.text
     options = (NOTHING_LEFT, *dict.fromkeys(step_words(moment, goal) for goal in goals))
-    draft = Draft(Form.CHOICE, "what is next", (text,), NOTHING_LEFT, {"instruction": text})
+    draft = QuestionDraft(Form.CHOICE, "what is next", (text,), NOTHING_LEFT, {"instruction": text})
     return _Asked(draft, QuestionType.EXECUTION, ASKED, options, moment)
 
 
@@ -262,7 +262,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
         return None
     thing, boxes = found
     words = {"thing": definite(thing.kind)}
-    draft = Draft(
+    draft = QuestionDraft(
         Form.CHOICE, "box of named", (thing.kind,), boxes[0], words, (thing.name,),
         box=moment.view.objects[thing.name].box,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
     rest = sorted(others - set(near), key=lambda k: hash_number("kind", k, moment.source))
     options = (thing.kind, *dict.fromkeys([*near, *rest]))[:4]
     words = {"box": written(seen.box)}
-    draft = Draft(Form.CHOICE, "what is at gripper", options, thing.kind, words, (thing.name,), box=seen.box)
+    draft = QuestionDraft(Form.CHOICE, "what is at gripper", options, thing.kind, words, (thing.name,), box=seen.box)
     return _Asked(draft, QuestionType.GROUNDING, UNDER, options, moment)
 
 
@@ -300,7 +300,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
     if kind is None:
         return None
     tags = () if present else ("absent",)
-    draft = Draft(Form.YES_NO, "is it there", (kind,), yes(present), {"thing": indefinite(kind)}, (), tags)
+    draft = QuestionDraft(Form.YES_NO, "is it there", (kind,), yes(present), {"thing": indefinite(kind)}, (), tags)
     return _Asked(draft, QuestionType.PREMISE, EXISTS, (), moment)
 
 
@@ -315,7 +315,7 @@ def _done(moment: Moment) -> _Asked | None:
     firsts = [done_words(moment, [i < n for i in range(count)]) for n in range(1, count)]
     singles = [done_words(moment, [i == n for i in range(count)]) for n in range(count)]
     options = tuple(dict.fromkeys((answer, NOTHING_YET, EVERYTHING, *firsts, *singles)))[:4]
-    draft = Draft(Form.CHOICE, "what is done", (text,), answer, {"instruction": text}, names, ("over time",))
+    draft = QuestionDraft(Form.CHOICE, "what is done", (text,), answer, {"instruction": text}, names, ("over time",))
     return _Asked(draft, QuestionType.EXECUTION, DONE, options, moment)
 
 

@@ -103,7 +103,7 @@ LONGEST_TEXT = 600
 
 @open_form
 @dataclass(frozen=True, slots=True)
-class Claim:
+class StateClaim:
     """One statement in the language of :data:`CLAIMS`."""
 
     x: Annotated[str, Field(max_length=60)]
@@ -113,18 +113,18 @@ class Claim:
 
 @open_form
 @dataclass(frozen=True, slots=True)
-class Text:
+class ModelText:
     """A description (no question) or an answer to a question, with the claims on which it rests."""
 
     text: Annotated[str, Field(max_length=LONGEST_TEXT)]
-    claims: Annotated[tuple[Claim, ...], Field(max_length=20)]
+    claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
     question: Annotated[str, Field(max_length=LONGEST_TEXT)] = ""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Reply:
-    texts: Annotated[list[Text], Field(max_length=MOST_TEXTS)]
+    texts: Annotated[list[ModelText], Field(max_length=MOST_TEXTS)]
 
 
 _REPLY = TypeAdapter(_Reply)
@@ -240,7 +240,7 @@ def prompt_of(moment: Moment) -> str:
     )
 
 
-def parsed_texts(said: str) -> list[Text]:
+def parsed_texts(said: str) -> list[ModelText]:
     """Return the texts of a reply, which may stand in a fence of Markdown.
 
     Raises:
@@ -289,7 +289,7 @@ def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
             return []
 
 
-def why_dropped(text: Text, moment: Moment, facts: Facts) -> str | None:
+def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
     """Return why a text is dropped, or None if the state proves it."""
     if not text.claims or not text.text.strip():
         return "without a claim"
@@ -316,7 +316,7 @@ def why_dropped(text: Text, moment: Moment, facts: Facts) -> str | None:
     return "says what cannot be checked" if words & _UNCHECKED or re.search(r"\d", rest) else None
 
 
-def _line(image: str, text: Text, source: Source) -> dict[str, Any]:
+def _line(image: str, text: ModelText, source: Source) -> dict[str, Any]:
     """Return a text in the conversation form of LLaVA."""
     asked = text.question.strip() or "Describe what you see in the image."
     identifier = f"{hash_number(image, asked, text.text):016x}"

@@ -26,7 +26,7 @@ from betterbench.vqa.question import Question
 _MAX_BYTES = 1 << 26
 
 
-class Standing(StrEnum):
+class KnowledgeStanding(StrEnum):
     """What a model knew and what the policy did, of one trial."""
 
     KNOWS_AND_DOES = "knows_and_does"
@@ -52,7 +52,7 @@ class TrialKnowledge:
     key: str
     label: str
     success: bool
-    standing: Standing
+    standing: KnowledgeStanding
     roles: dict[str, bool]
     deciding: tuple[str, ...]
     chance: float
@@ -71,8 +71,11 @@ class LabelKnowledge:
     @property
     def knows(self) -> Rate:
         """Share of the trials that were asked about in which the decision was known."""
-        known = self.counts[Standing.KNOWS_AND_DOES.value] + self.counts[Standing.KNOWS_AND_DOES_NOT.value]
-        return Rate(known, self.n - self.counts[Standing.NOT_ASKED.value])
+        known = (
+            self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
+            + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
+        )
+        return Rate(known, self.n - self.counts[KnowledgeStanding.NOT_ASKED.value])
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
@@ -97,15 +100,15 @@ class Knowledge:
     trials: tuple[TrialKnowledge, ...]
     roles: dict[str, Rate]
 
-    def count(self, standing: Standing, *, failed: bool | None = None) -> int:
+    def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
         """Return the number of trials of a standing; of the failed or the solved ones only, if told."""
         return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
 
     @property
     def sentence(self) -> str:
         """What it comes to, in one sentence."""
-        failed = [t for t in self.trials if not t.success and t.standing is not Standing.NOT_ASKED]
-        known = sum(t.standing is Standing.KNOWS_AND_DOES_NOT for t in failed)
+        failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
+        known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:
             return f"{self.model} was asked about no failed trial."
         guessed = sum(t.chance for t in failed)
@@ -202,16 +205,16 @@ def _trial(key: str, label: Label, questions: Sequence[Question], answers: Answe
     deciding = tuple(role for role in DECIDING.get(label, ROLES) if role in roles)
     chance = prod(q.chance or 0.0 for role in deciding for q in of_role[role])
     if not deciding:
-        return TrialKnowledge(key, label.value, success, Standing.NOT_ASKED, roles, (), 0.0)
+        return TrialKnowledge(key, label.value, success, KnowledgeStanding.NOT_ASKED, roles, (), 0.0)
     if all(roles[role] for role in deciding):
-        standing = Standing.KNOWS_AND_DOES if success else Standing.KNOWS_AND_DOES_NOT
+        standing = KnowledgeStanding.KNOWS_AND_DOES if success else KnowledgeStanding.KNOWS_AND_DOES_NOT
     else:
-        standing = Standing.DOES_WITHOUT_KNOWING if success else Standing.DOES_NOT_KNOW
+        standing = KnowledgeStanding.DOES_WITHOUT_KNOWING if success else KnowledgeStanding.DOES_NOT_KNOW
     return TrialKnowledge(key, label.value, success, standing, roles, deciding, chance)
 
 
 def _label(label: str, members: Sequence[TrialKnowledge]) -> LabelKnowledge:
-    counts = {s.value: sum(t.standing is s for t in members) for s in Standing}
-    asked = [t for t in members if t.standing is not Standing.NOT_ASKED]
+    counts = {s.value: sum(t.standing is s for t in members) for s in KnowledgeStanding}
+    asked = [t for t in members if t.standing is not KnowledgeStanding.NOT_ASKED]
     chance = sum(t.chance for t in asked) / len(asked) if asked else 0.0
     return LabelKnowledge(label, len(members), counts, chance)

@@ -179,7 +179,7 @@ def hash_number(*parts: object) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Draft:
+class QuestionDraft:
     """What a generator says about a question; the frame adds the rest. See :class:`Candidate`."""
 
     form: Form

@@ -9,7 +9,7 @@ from betterbench.statistics import Rate, percent
 from betterbench.vqa.asking import Score
 from betterbench.vqa.blind import TARGET_POINTS
 from betterbench.vqa.dataset import QuestionSet
-from betterbench.vqa.knowing import Knowledge, Standing
+from betterbench.vqa.knowing import Knowledge, KnowledgeStanding
 
 
 def print_set(made: QuestionSet) -> None:
@@ -54,14 +54,14 @@ def print_scores(scores: Sequence[Score]) -> None:
 
 def print_knowledge(known: Knowledge) -> None:
     """Print what a model knows of what a policy did, by label."""
-    columns = ["label", "trials", "knows", "by guessing", *(s.value.replace("_", " ") for s in Standing)]
+    columns = ["label", "trials", "knows", "by guessing", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
     rows = [
         [
             x.label,
             str(x.n),
             f"{x.knows.k}/{x.knows.n} ({interval(x.knows)})",
             f"{100 * x.chance:.1f} %",
-            *(str(x.counts[s.value]) for s in Standing),
+            *(str(x.counts[s.value]) for s in KnowledgeStanding),
         ]
         for x in known.labels
     ]

@@ -29,7 +29,7 @@ _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 """Points of a bounding box as shares of its size, from the middle of its bottom face."""
 
 
-class Photo(NamedTuple):
+class CameraPhoto(NamedTuple):
     """One image (JPEG) and what it shows."""
 
     jpeg: bytes
@@ -51,7 +51,7 @@ class ViewRenderer:
     ) -> None:
         self._view.close()
 
-    def photo(self, record: Record, row: int, camera: str) -> Photo:
+    def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
         """Return the image of a camera at a row of a record of the run, and what it shows.
 
         Raises:
@@ -74,7 +74,7 @@ class ViewRenderer:
         camera_at = sight.camera
         size = camera_at.width, camera_at.height
         view = FrameView(camera, *size, camera_at.T_world_camera, float(camera_at.K[0, 0]), objects)
-        return Photo(_jpeg(sight.rgb), view)
+        return CameraPhoto(_jpeg(sight.rgb), view)
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from betterbench.vqa.moment import Moment
-from betterbench.vqa.question import Candidate, Draft, QuestionType
+from betterbench.vqa.question import Candidate, QuestionDraft, QuestionType
 from betterbench.vqa.types.containment import containment
 from betterbench.vqa.types.counting import counting
 from betterbench.vqa.types.execution import execution
@@ -15,9 +15,9 @@ from betterbench.vqa.types.relation import spatial_relation
 from betterbench.vqa.types.stacking import stacking
 from betterbench.vqa.types.state import object_state
 
-Generator = Callable[[Moment], Iterator[Draft]]
+QuestionMaker = Callable[[Moment], Iterator[QuestionDraft]]
 
-GENERATORS: dict[QuestionType, Generator] = {
+GENERATORS: dict[QuestionType, QuestionMaker] = {
     QuestionType.GROUNDING: grounding,
     QuestionType.COUNTING: counting,
     QuestionType.RELATION: spatial_relation,
@@ -42,7 +42,7 @@ def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(Questi
             )  # fmt: skip
 
 
-def _tags(moment: Moment, draft: Draft) -> Iterator[str]:
+def _tags(moment: Moment, draft: QuestionDraft) -> Iterator[str]:
     """Yield what is special about the objects of a question: out of place, small, partly hidden."""
     info = moment.episode.trace.info
     if any(moment.episode.out_of_place(info.index(name)) for name in draft.objects if name in info):

@@ -8,7 +8,7 @@ from betterbench.state import ObjectInfo
 from betterbench.tasks.relations import Relation
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 IN_WORDS = {"inside": "in", "in_hole": "in a hole of", "on_ring": "on the ring of"}
@@ -17,7 +17,7 @@ IN_WORDS = {"inside": "in", "in_hole": "in a hole of", "on_ring": "on the ring o
 IN_GRIPPER, ON_TABLE = "in the gripper", "on the table"
 
 
-def containment(moment: Moment) -> Iterator[Draft]:
+def containment(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about each object and each target that can hold it, and about what a target holds."""
     for kind, target in moment.named.items():
         for relation in moment.relations_of(target):
@@ -25,7 +25,7 @@ def containment(moment: Moment) -> Iterator[Draft]:
                 yield from _with_target(moment, relation, kind, target)
 
 
-def _with_target(moment: Moment, relation: Relation, kind: str, target: ObjectInfo) -> Iterator[Draft]:
+def _with_target(moment: Moment, relation: Relation, kind: str, target: ObjectInfo) -> Iterator[QuestionDraft]:
     where = f"{IN_WORDS[relation.name]} {definite(kind)}"
     held: list[str] = []
     doubtful = False
@@ -41,16 +41,16 @@ def _with_target(moment: Moment, relation: Relation, kind: str, target: ObjectIn
             held.append(o.name)
         if o.kind in moment.things:
             names, words = (o.name, target.name), {"a": definite(o.kind), "where": where}
-            yield Draft(Form.YES_NO, "is it in", (o.kind, where), yes(inside), words, names)
+            yield QuestionDraft(Form.YES_NO, "is it in", (o.kind, where), yes(inside), words, names)
             place = where if inside else IN_GRIPPER if moment.state.held == o.name else _on_table(moment, o.name)
             if place is not None:
-                yield Draft(Form.CHOICE, "where is it", (o.kind, where), place, {"a": definite(o.kind)}, names)
+                yield QuestionDraft(Form.CHOICE, "where is it", (o.kind, where), place, {"a": definite(o.kind)}, names)
     if doubtful or len(held) > 1 or not all(moment.is_clear(name) for name in held):
         return
     items = sorted(o.kind for o in moment.objects if o.role == "item" and o.kind in moment.single)
     answer = moment.state.info.object(held[0]).kind if held else "nothing"
     if answer in (*items, "nothing"):
-        yield Draft(
+        yield QuestionDraft(
             Form.CHOICE, "what is in", (where, *items), answer, {"where": where}, (target.name, *held)
         )  # fmt: skip
 

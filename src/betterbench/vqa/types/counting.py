@@ -8,7 +8,7 @@ from betterbench.tasks.relations.inside import INSIDE
 from betterbench.vqa.episode import kinds_in_numbers
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite, plural_of
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 
 GROUPS = {
     "plates": ("dinner_plate", "place_plate"),
@@ -23,7 +23,7 @@ SIMILAR = {"plates": ("shallow_bowl", "cereal_bowl"), "mugs": ("cup", "tumbler",
 """Categories that could be taken for those of a word: a scene that shows one is not asked about the word."""
 
 
-def counting(moment: Moment) -> Iterator[Draft]:
+def counting(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions for the number of objects of kinds that come in numbers, of groups, and in containers."""
     own = [o.kind for o in moment.objects]
     for kind in sorted({*kinds_in_numbers(), *(kind for kind in own if own.count(kind) > 1)}):
@@ -39,15 +39,15 @@ def counting(moment: Moment) -> Iterator[Draft]:
             yield from _count_inside(moment, kind, target.name)
 
 
-def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[Draft]:
+def _count(moment: Moment, family: str, key: str, plural: str, members: list[str]) -> Iterator[QuestionDraft]:
     """Yield the question for the number of some objects, unless one of them is neither clear nor hidden."""
     shown = [name for name in members if moment.is_clear(name)]
     if all(moment.is_clear(name) or moment.is_hidden(name) for name in members):
         tags = () if members else ("absent",)
-        yield Draft(Form.NUMBER, family, (key,), str(len(shown)), {"things": plural}, tuple(shown), tags)
+        yield QuestionDraft(Form.NUMBER, family, (key,), str(len(shown)), {"things": plural}, tuple(shown), tags)
 
 
-def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[Draft]:
+def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[QuestionDraft]:
     """Yield the question for the number of objects in a container, if all of them are clear and none is in doubt."""
     inside = []
     for o in moment.objects:
@@ -60,4 +60,4 @@ def _count_inside(moment: Moment, kind: str, target: str) -> Iterator[Draft]:
             return
     if all(moment.is_clear(name) for name in inside):
         words = {"target": definite(kind)}
-        yield Draft(Form.NUMBER, "how many inside", (kind,), str(len(inside)), words, (target, *inside))
+        yield QuestionDraft(Form.NUMBER, "how many inside", (kind,), str(len(inside)), words, (target, *inside))

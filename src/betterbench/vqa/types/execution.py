@@ -9,7 +9,7 @@ from betterbench.tasks.relations import relation
 from betterbench.vqa.episode import Act
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.containment import IN_WORDS
 from betterbench.vqa.types.relation import yes
 
@@ -17,7 +17,7 @@ NOTHING_YET, EVERYTHING, NOTHING_LEFT = "nothing yet", "all of it", "nothing, al
 _ON_WORDS = {**IN_WORDS, "layer": "on", "on_plate": "on"}
 
 
-def execution(moment: Moment) -> Iterator[Draft]:
+def execution(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about the robot's motion and about the progress of what it was told."""
     yield from _doing(moment)
     goals = moment.condition.instruction.subgoals
@@ -30,16 +30,16 @@ def execution(moment: Moment) -> Iterator[Draft]:
     for number, goal in enumerate(goals):
         told = {**words, "step": step_words(moment, goal)}
         answer = yes(done[number])
-        yield Draft(Form.YES_NO, "is step done", (*group, told["step"]), answer, told, names, ("over time",))
+        yield QuestionDraft(Form.YES_NO, "is step done", (*group, told["step"]), answer, told, names, ("over time",))
     answer = done_words(moment, done)
-    yield Draft(Form.CHOICE, "what is done", group, answer, words, names, ("over time",))
+    yield QuestionDraft(Form.CHOICE, "what is done", group, answer, words, names, ("over time",))
     left = [g for g in range(len(goals)) if not done[g]]
     if moment.state.held is None and (len(left) <= 1 or moment.condition.instruction.ordered):
         answer = step_words(moment, goals[left[0]]) if left else NOTHING_LEFT
-        yield Draft(Form.CHOICE, "what is next", group, answer, words, names, ("over time",))
+        yield QuestionDraft(Form.CHOICE, "what is next", group, answer, words, names, ("over time",))
 
 
-def _doing(moment: Moment) -> Iterator[Draft]:
+def _doing(moment: Moment) -> Iterator[QuestionDraft]:
     doing = moment.episode.doing(moment.row)
     if doing is None:
         return
@@ -48,7 +48,7 @@ def _doing(moment: Moment) -> Iterator[Draft]:
         return
     items = sorted(k for k, x in moment.single.items() if x.role in ("item", "distractor") and not x.fixed)
     verb = "carrying" if doing.act is Act.CARRYING else "reaching for"
-    yield Draft(Form.CHOICE, "what is it doing", tuple(items), f"{verb} {definite(o.kind)}", {}, (o.name,))
+    yield QuestionDraft(Form.CHOICE, "what is it doing", tuple(items), f"{verb} {definite(o.kind)}", {}, (o.name,))
 
 
 def evidence_of(moment: Moment, done: list[bool]) -> tuple[str, ...] | None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from betterbench.state import Box, SeenObject, inner_pixel
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 
 CELLS = 8
 """Cells per side of the image over which boxes and points are spread: a cell is about as large as an object."""
@@ -18,16 +18,16 @@ MOST_OPTIONS = 4
 """Largest number of objects among which one is to be recognized in one question."""
 
 
-def grounding(moment: Moment) -> Iterator[Draft]:
+def grounding(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions for the box of each object, for a point on it, and for what is in its box."""
     for kind, o in moment.named.items():
         seen = moment.view.objects[o.name]
         words, cell = {"thing": definite(kind)}, cell_of(seen, moment.view.width, CELLS)
-        yield Draft(
+        yield QuestionDraft(
             Form.BOX, "box of", (kind,), written(seen.box), words, (o.name,), bucket=cell, box=seen.box
         )  # fmt: skip
         point = written(inner_pixel(seen, moment.view.width))
-        yield Draft(
+        yield QuestionDraft(
             Form.POINT, "point at", (kind,), point, words, (o.name,), bucket=cell, box=seen.box, runs=seen.runs
         )  # fmt: skip
     for kinds in chunks(sorted(moment.named)):
@@ -37,7 +37,7 @@ def grounding(moment: Moment) -> Iterator[Draft]:
             if _is_alone(moment, o.name, seen.box):
                 cell = cell_of(seen, moment.view.width, COARSE_CELLS)
                 words = {"box": written(seen.box)}
-                yield Draft(Form.CHOICE, "what is in box", (*kinds, cell), kind, words, (o.name,), box=seen.box)
+                yield QuestionDraft(Form.CHOICE, "what is in box", (*kinds, cell), kind, words, (o.name,), box=seen.box)
 
 
 def written(numbers: Sequence[int]) -> str:

@@ -6,20 +6,20 @@ from collections.abc import Iterator
 
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import indefinite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import COARSE_CELLS, cell_of, written
 from betterbench.vqa.types.relation import yes
 
 
-def premise(moment: Moment) -> Iterator[Draft]:
+def premise(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield whether each kind is there, whether an object is of a kind, and whether the instruction can be followed."""
     for kind in (*moment.episode.vocabulary, *moment.episode.foreign):
         words = {"thing": indefinite(kind)}
         members = [o.name for o in moment.objects if o.kind == kind]
         if any(moment.is_clear(name) for name in members):
-            yield Draft(Form.YES_NO, "is it there", (kind,), yes(True), words, tuple(members))
+            yield QuestionDraft(Form.YES_NO, "is it there", (kind,), yes(True), words, tuple(members))
         elif moment.surely_absent(kind):
-            yield Draft(Form.YES_NO, "is it there", (kind,), yes(False), words, (), _absent(moment, kind))
+            yield QuestionDraft(Form.YES_NO, "is it there", (kind,), yes(False), words, (), _absent(moment, kind))
     yield from _is_a(moment)
     yield from _can_be_done(moment)
 
@@ -34,7 +34,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
     return tuple(tags)
 
 
-def _is_a(moment: Moment) -> Iterator[Draft]:
+def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield whether what is in a box is of a kind: of its own kind, and of each kind that training had in its slot."""
     info = moment.state.info
     for kind, o in moment.things.items():
@@ -45,10 +45,10 @@ def _is_a(moment: Moment) -> Iterator[Draft]:
             tags = () if asked == kind else ("look-alike",)
             words = {"box": written(seen.box), "thing": indefinite(asked)}
             group = (asked, cell)
-            yield Draft(Form.YES_NO, "is it a", group, yes(asked == kind), words, (o.name,), tags, box=seen.box)
+            yield QuestionDraft(Form.YES_NO, "is it a", group, yes(asked == kind), words, (o.name,), tags, box=seen.box)
 
 
-def _can_be_done(moment: Moment) -> Iterator[Draft]:
+def _can_be_done(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield whether everything that the instruction names is there."""
     goals, trace = moment.condition.instruction.subgoals, moment.episode.trace
     names = [trace.info.objects[i].name for meant in trace.meant for i in meant]
@@ -61,6 +61,6 @@ def _can_be_done(moment: Moment) -> Iterator[Draft]:
     text = moment.condition.instruction.text
     words = {"instruction": text}
     tags = () if there else ("absent", "look-alike")
-    yield Draft(
+    yield QuestionDraft(
         Form.YES_NO, "can it be done", (text,), yes(there), words, tuple(dict.fromkeys((*names, *targets))), tags
     )

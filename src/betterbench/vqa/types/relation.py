@@ -9,7 +9,7 @@ from betterbench.geometry import horizontal_distance
 from betterbench.tasks.relations.beside import BESIDE, SIDES
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.grounding import chunks
 
 IMAGE_MARGIN = 0.08
@@ -21,7 +21,7 @@ ROBOT_MARGIN_M = 0.05
 """The same across or away from the robot: an object is 4 to 8 cm wide."""
 
 
-def spatial_relation(moment: Moment) -> Iterator[Draft]:
+def spatial_relation(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about pairs of objects and about the outermost of several."""
     for (a, first), (b, second) in itertools.combinations(moment.named.items(), 2):
         names = first.name, second.name
@@ -46,39 +46,39 @@ def _apart(moment: Moment, a: str, b: str) -> bool:
     )  # fmt: skip
 
 
-def _in_image(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[Draft]:
+def _in_image(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
     (ax, _), (bx, _) = (moment.view.objects[name].centroid for name in names)
     if abs(ax - bx) < IMAGE_MARGIN * moment.view.width:
         return
     for side, holds in (("left", ax < bx), ("right", ax > bx)):
         words = {"a": definite(kinds[0]), "b": definite(kinds[1]), "side": side}
-        yield Draft(Form.YES_NO, "side in image", (side, *kinds), yes(holds), words, names)
+        yield QuestionDraft(Form.YES_NO, "side in image", (side, *kinds), yes(holds), words, names)
 
 
-def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[Draft]:
+def _from_camera(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
     near, far = (moment.view.depth_m(moment.center(name)) for name in names)
     if abs(near - far) >= CAMERA_MARGIN_M:
         words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
-        yield Draft(Form.CHOICE, "closer to camera", kinds, kinds[0] if near < far else kinds[1], words, names)
+        yield QuestionDraft(Form.CHOICE, "closer to camera", kinds, kinds[0] if near < far else kinds[1], words, names)
 
 
-def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[Draft]:
+def _from_robot(moment: Moment, kinds: tuple[str, str], names: tuple[str, str]) -> Iterator[QuestionDraft]:
     """Yield questions in the frame of the robot, which looks along x from the origin, with y to its left."""
     a, b = (moment.center(name) for name in names)
     words = {"a": definite(kinds[0]), "b": definite(kinds[1])}
     if abs(a[1] - b[1]) >= ROBOT_MARGIN_M:
         for side, holds in (("left", a[1] > b[1]), ("right", a[1] < b[1])):
             told = {**words, "side": side}
-            yield Draft(
+            yield QuestionDraft(
                 Form.YES_NO, "side for robot", (side, *kinds), yes(holds), told, names, ("robot frame",)
             )  # fmt: skip
     near, far = horizontal_distance(a, (0.0, 0.0)), horizontal_distance(b, (0.0, 0.0))
     if abs(near - far) >= ROBOT_MARGIN_M:
         answer = kinds[0] if near < far else kinds[1]
-        yield Draft(Form.CHOICE, "closer to robot", kinds, answer, words, names, ("robot frame",))
+        yield QuestionDraft(Form.CHOICE, "closer to robot", kinds, answer, words, names, ("robot frame",))
 
 
-def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[Draft]:
+def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> Iterator[QuestionDraft]:
     """Yield whether an object is at a side of an anchor, which its own front defines."""
     try:
         side = moment.place(BESIDE, thing[1], anchor[1])
@@ -88,10 +88,10 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
     for region in BESIDE.regions(info):
         words = {"a": definite(thing[0]), "b": definite(anchor[0]), "side": SIDES[region]}
         group = (region, thing[0], anchor[0])
-        yield Draft(Form.YES_NO, "side of anchor", group, yes(side == region), words, (thing[1], anchor[1]))
+        yield QuestionDraft(Form.YES_NO, "side of anchor", group, yes(side == region), words, (thing[1], anchor[1]))
 
 
-def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[Draft]:
+def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft]:
     """Yield which of several objects is leftmost or rightmost in the image."""
     if len(kinds) < 3:
         return
@@ -101,7 +101,7 @@ def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[Draft]:
     for side, (best, following) in (("leftmost", across[:2]), ("rightmost", across[:-3:-1])):
         if abs(best[0] - following[0]) >= margin:
             words = {"side": side, "things": ", ".join(definite(k) for k in kinds)}
-            yield Draft(Form.CHOICE, "outermost", (side, *kinds), best[1], words, names)
+            yield QuestionDraft(Form.CHOICE, "outermost", (side, *kinds), best[1], words, names)
 
 
 def yes(holds: bool) -> str:

@@ -10,14 +10,14 @@ from betterbench.tasks.relations.layer import LAYER
 from betterbench.tasks.relations.on_plate import ON_PLATE
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 HIGHER_M = 0.008
 """Least difference in height for one object to be higher than another; layers are 10 mm thick or more."""
 
 
-def stacking(moment: Moment) -> Iterator[Draft]:
+def stacking(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about what lies on each base or plate, and about the order of stacks."""
     stacked: set[str] = set()
     for base in _bases(moment):
@@ -62,32 +62,32 @@ def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
         found.append(above[0])
 
 
-def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Draft]:
+def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
     info = moment.state.info
     items = sorted(k for k, o in moment.single.items() if o.role == "item" and o.name != base.name)
     on_it = info.object(stack[0]).kind if stack else "nothing"
     names = (base.name, *stack[:1])
     if on_it in (*items, "nothing"):
         words = {"base": definite(base.kind)}
-        yield Draft(Form.CHOICE, "what is on", (base.kind, *items), on_it, words, names)
+        yield QuestionDraft(Form.CHOICE, "what is on", (base.kind, *items), on_it, words, names)
     for kind in items:
         if moment.is_large(moment.single[kind].name):
             words = {"a": definite(kind), "base": definite(base.kind)}
             pair = (moment.single[kind].name, base.name)
-            yield Draft(Form.YES_NO, "is it on", (kind, base.kind), yes(kind == on_it), words, pair)
+            yield QuestionDraft(Form.YES_NO, "is it on", (kind, base.kind), yes(kind == on_it), words, pair)
 
 
-def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Draft]:
+def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
     """Yield the order of two or more things on a base, if all are seen and have names of their own."""
     kinds = [moment.state.info.object(name).kind for name in stack]
     if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
         words = {"base": definite(base.kind), "things": " and ".join(definite(k) for k in sorted(kinds))}
         answer = ", ".join(kinds)
         group = (base.kind, *sorted(kinds))
-        yield Draft(Form.CHOICE, "order", group, answer, words, (base.name, *stack), ("several steps",))
+        yield QuestionDraft(Form.CHOICE, "order", group, answer, words, (base.name, *stack), ("several steps",))
 
 
-def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[Draft]:
+def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[QuestionDraft]:
     """Yield which of two things that can be stacked has its middle higher up, if at least one is on a stack."""
     for (a, first), (b, second) in itertools.combinations(moment.things.items(), 2):
         if {first.name, second.name} & stacked and moment.state.held not in (first.name, second.name):
@@ -95,4 +95,4 @@ def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[Draft]:
             if abs(up - down) >= HIGHER_M:
                 words = {"a": definite(a), "b": definite(b)}
                 answer = a if up > down else b
-                yield Draft(Form.CHOICE, "higher", (a, b), answer, words, (first.name, second.name))
+                yield QuestionDraft(Form.CHOICE, "higher", (a, b), answer, words, (first.name, second.name))

@@ -10,7 +10,7 @@ from betterbench.tasks.relations.closed import CLOSED, PUSHED_IN
 from betterbench.vqa.episode import CARRY_M, Act
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
-from betterbench.vqa.question import Draft, Form
+from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 WIDELY_OPEN, SHUT = 0.75, 0.15
@@ -24,7 +24,7 @@ LEAST_SLENDER = 0.9
 """Least height over width of a thing for which standing and lying look different."""
 
 
-def object_state(moment: Moment) -> Iterator[Draft]:
+def object_state(moment: Moment) -> Iterator[QuestionDraft]:
     """Yield questions about drawers, the gripper, and what stands."""
     yield from _drawers(moment)
     yield from _gripper(moment)
@@ -33,10 +33,10 @@ def object_state(moment: Moment) -> Iterator[Draft]:
             tilt = tilt_of(moment.state.pose(o.name).quaternion)
             if tilt <= UPRIGHT_RAD or tilt >= FALLEN_RAD:
                 words = {"a": definite(kind)}
-                yield Draft(Form.YES_NO, "fallen over", (kind,), yes(tilt >= FALLEN_RAD), words, (o.name,))
+                yield QuestionDraft(Form.YES_NO, "fallen over", (kind,), yes(tilt >= FALLEN_RAD), words, (o.name,))
 
 
-def _drawers(moment: Moment) -> Iterator[Draft]:
+def _drawers(moment: Moment) -> Iterator[QuestionDraft]:
     trace = moment.episode.trace
     for drawer, cabinet, _ in trace.drawers:
         info, fixed = trace.info.objects[drawer], trace.info.objects[cabinet]
@@ -45,17 +45,19 @@ def _drawers(moment: Moment) -> Iterator[Draft]:
         shut = CLOSED.where(moment.state, info.name, fixed.name) is not None
         if shut or trace.opening(moment.row, drawer) >= 2.0 * PUSHED_IN:
             words = {"a": definite(info.kind)}
-            yield Draft(Form.YES_NO, "is it open", (info.kind,), yes(not shut), words, (info.name, fixed.name))
+            yield QuestionDraft(Form.YES_NO, "is it open", (info.kind,), yes(not shut), words, (info.name, fixed.name))
 
 
-def _gripper(moment: Moment) -> Iterator[Draft]:
+def _gripper(moment: Moment) -> Iterator[QuestionDraft]:
     trace, state = moment.episode.trace, moment.state
     if not moment.is_clear(GRIPPER):
         return
     touched = bool(trace.touched[moment.row].any())
     opening = state.finger_width_m / state.info.gripper_opening_m
     if not touched and (opening >= WIDELY_OPEN or opening <= SHUT):
-        yield Draft(Form.CHOICE, "gripper open", (), "open" if opening >= WIDELY_OPEN else "closed", {}, (GRIPPER,))
+        yield QuestionDraft(
+            Form.CHOICE, "gripper open", (), "open" if opening >= WIDELY_OPEN else "closed", {}, (GRIPPER,)
+        )
     doing = moment.episode.doing(moment.row)
     held = trace.info.objects[doing.object] if doing is not None and doing.act is Act.CARRYING else None
     if held is None and (touched or state.held is not None):
@@ -64,11 +66,11 @@ def _gripper(moment: Moment) -> Iterator[Draft]:
         return
     items = sorted(k for k, o in moment.single.items() if o.role in ("item", "distractor") and not o.fixed)
     names = (GRIPPER,) if held is None else (GRIPPER, held.name)
-    yield Draft(Form.CHOICE, "what is held", tuple(items), "nothing" if held is None else held.kind, {}, names)
+    yield QuestionDraft(Form.CHOICE, "what is held", tuple(items), "nothing" if held is None else held.kind, {}, names)
     for kind in moment.things:
         is_it = held is not None and held.kind == kind
         words = {"a": definite(kind)}
-        yield Draft(Form.YES_NO, "is it held", (kind,), yes(is_it), words, (moment.things[kind].name, GRIPPER))
+        yield QuestionDraft(Form.YES_NO, "is it held", (kind,), yes(is_it), words, (moment.things[kind].name, GRIPPER))
 
 
 def _lift(moment: Moment, name: str) -> float:
