@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from betterbench.recording.parquet import COMPRESSION_LEVEL
 
-TableCell = str | int | float | bool | None | Sequence[str] | Sequence[int]
+PlainCell = str | int | float | bool | None | Sequence[str] | Sequence[int]
 
 _KINDS = {
     "text": pa.string(),
@@ -22,7 +22,7 @@ _KINDS = {
 
 
 def table_bytes(
-    columns: Mapping[str, str], rows: Sequence[Mapping[str, TableCell]], metadata: Mapping[str, str]
+    columns: Mapping[str, str], rows: Sequence[Mapping[str, PlainCell]], metadata: Mapping[str, str]
 ) -> bytes:
     """Return a Parquet file (zstd) of rows; the same rows give the same bytes on one installation.
 
