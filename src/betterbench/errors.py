@@ -180,6 +180,10 @@ class PolicyKilledError(PolicyError):
     """The process of a policy was ended from outside; its trial is run again."""
 
 
+class ModelError(BetterError):
+    """A language model cannot be reached, refuses a request, or answers what cannot be read."""
+
+
 class HandshakeError(BetterError):
     """The two sides of a handshake declare different conventions; the text names both."""
 

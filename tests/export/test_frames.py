@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.export.actions import actions_in, commands
 from betterbench.export.frames import DONE, active_subgoals, frame_numbers
 from betterbench.export.layout import layout_of
-from betterbench.export.numbers import image_stats, levels_of, sampled_rows, vector_stats
+from betterbench.export.numbers import color_counts, image_stats, sampled_rows, vector_stats
 from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.presets import PRESETS
 from betterbench.scenes import Scene
@@ -106,7 +106,7 @@ def test_layouts_of_other_action_spaces_can_be_filled(name, demonstrations):
 def test_statistics_of_images_are_those_of_their_pixels():
     draw = np.random.default_rng(0)
     pictures = draw.integers(0, 256, (5, 8, 6, 3), np.uint8)
-    stats = image_stats(sum(levels_of(p) for p in pictures), 5)
+    stats = image_stats(sum(color_counts(p) for p in pictures), 5)
     pixels = pictures.reshape(-1, 3) / 255.0
     for what in ("min", "max", "mean", "std"):
         np.testing.assert_allclose(np.ravel(stats[what]), getattr(pixels, what)(axis=0), atol=1e-12)

@@ -85,6 +85,7 @@ VERBS: dict[str, Verb] = {
     "export": Verb("export:export_command", "Write a run's outcomes for others or a tracker."),
     "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
     "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
+    "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),
     "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),

@@ -164,6 +164,12 @@ class EpisodeAnalysis:
         """Return the subgoals that are not reached at a row and for which an object is left on the table."""
         return _open_goals(self.trace, self.goals, row)
 
+    def wanted(self, row: int) -> tuple[int, ...]:
+        """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
+        due = self.open_goals(row)
+        now = due[:1] if self.instruction.ordered else due
+        return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
+
     def completed_after(self, goal: int | None, row: int) -> bool:
         """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
         return goal is not None and bool(self.trace.done[row:, goal].any())

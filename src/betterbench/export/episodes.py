@@ -23,7 +23,7 @@ class FrameQuestion:
 
 
 @dataclass(frozen=True, slots=True)
-class Episode:
+class DatasetEpisode:
     """One episode of a data set: the folder of its part, what is known about it, and the digest of its record."""
 
     folder: Path
@@ -45,7 +45,7 @@ class Dataset:
         source: What is told about the origin: runs, versions, what was left out, the command to evaluate.
     """
 
-    episodes: tuple[Episode, ...]
+    episodes: tuple[DatasetEpisode, ...]
     layout: DatasetLayout
     form: ImageForm
     rate_hz: int
@@ -84,7 +84,7 @@ def splits(dataset: Dataset) -> dict[str, str]:
     return ranges if dataset.train == total else ranges | {"validation": f"{dataset.train}:{total}"}
 
 
-def starts(episodes: Sequence[Episode]) -> list[int]:
+def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
     """Return the number of the first frame of each episode, counted through the data set."""
     found, begun = [], 0
     for episode in episodes:

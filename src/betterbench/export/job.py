@@ -22,7 +22,7 @@ from typing import Any, Literal
 import betterbench
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export.card import card
-from betterbench.export.episodes import Dataset, Episode
+from betterbench.export.episodes import Dataset, DatasetEpisode
 from betterbench.export.layout import DatasetLayout
 from betterbench.export.lerobot import json_bytes, write_v30
 from betterbench.export.lerobot_v21 import write_v21
@@ -281,7 +281,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
         rates.add(round(index["about"]["control_rate_hz"]))
-        episodes.append(Episode(folder, index["about"], d.digest, asked.get(d.trial, ())))
+        episodes.append(DatasetEpisode(folder, index["about"], d.digest, asked.get(d.trial, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
     held_out = _validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
@@ -297,7 +297,7 @@ def _validation_seeds(seeds: set[int], share: float) -> set[int]:
     return set(by_hash[: round(share * len(seeds))])
 
 
-def _source(plan: ExportPlan, episodes: Sequence[Episode], identity: str, quality: str) -> dict[str, Any]:
+def _source(plan: ExportPlan, episodes: Sequence[DatasetEpisode], identity: str, quality: str) -> dict[str, Any]:
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,

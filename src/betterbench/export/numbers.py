@@ -41,7 +41,7 @@ def sampled_rows(rows: int) -> set[int]:
     return {round(row) for row in np.linspace(0, rows - 1, min(rows, MOST_SAMPLED))}
 
 
-def levels_of(picture: np.ndarray) -> np.ndarray:
+def color_counts(picture: np.ndarray) -> np.ndarray:
     """Return how often each level of each channel stands in a picture: (3, 256) int64."""
     return np.stack([np.bincount(picture[:, :, c].reshape(-1), minlength=_LEVELS) for c in range(3)])
 

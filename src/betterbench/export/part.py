@@ -18,7 +18,7 @@ from PIL import Image
 
 from betterbench.export.frames import active_subgoals, frame_numbers, shown_images
 from betterbench.export.layout import DatasetLayout
-from betterbench.export.numbers import levels_of, sampled_rows
+from betterbench.export.numbers import color_counts, sampled_rows
 from betterbench.export.video import VideoWriter
 from betterbench.recording import Record, write_durably
 from betterbench.recording.metadata import dump_json
@@ -81,7 +81,7 @@ def write_part(
             else:
                 pngs[name].append(png(images[name]))
             if row in sampled:
-                levels[name] += levels_of(images[name])
+                levels[name] += color_counts(images[name])
     columns |= {name: pa.array(images, pa.binary()) for name, images in pngs.items()}
     files = {f"{names.index(name)}.mp4": video.finish() for name, video in videos.items()}
     files[_NUMBERS] = parquet_bytes(pa.table(columns))

@@ -21,7 +21,6 @@ class Pictures:
         self._names = tuple(camera.name for camera in cameras)
         self._views = tuple(ViewSpec(camera.name, camera.width, camera.height) for camera in cameras)
         self._view = LimitedView(quality=quality)
-        self._scene: tuple[str, str] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -40,12 +39,8 @@ class Pictures:
             RecordError: If the stored scene is missing or unreadable, or belongs to another record.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
-        scene = (str(run.path), record.metadata.scene_hash)
-        if scene != self._scene:
-            self._scene = None
-            self._view.open(run.load_scene(record.metadata.scene_hash))
-            self._view.prepare(self._views, ("rgb",))
-            self._scene = scene
+        self._view.open_of(run, record)
+        self._view.prepare(self._views, ("rgb",))
         shown = range(record.n_steps) if rows is None else rows
         for sights in self._view.sights(record.qpos[shown], jitter=record.metadata.view_jitter):
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}

@@ -136,12 +136,12 @@ class _Pool:
     def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally, stack: ExitStack) -> None:
         self._run, self._folder, self._tally, self._stack = run, folder, tally, stack
         self._lock, self._stopped = threading.Lock(), False
-        self._views: dict[tuple[int, str], tuple[LimitedView, list[str]]] = {}
+        self._views: dict[tuple[int, str], LimitedView] = {}
 
     def stop(self) -> None:
         """End the processes: threads that wait for one of them come to an end."""
         self._stopped = True
-        for view, _ in self._views.values():
+        for view in self._views.values():
             view.close()
 
     def do(self, trial: TrialId) -> None:
@@ -181,7 +181,7 @@ class _Pool:
 
     def _draw(self, record: Record, digest: str, quality: str, place: Path, views: Sequence[ViewSpec]) -> list[Path]:
         meta, modalities = record.metadata, self._folder.wanted.modalities
-        limited = self._opened(meta.scene_hash, quality)
+        limited = self._opened(record, quality)
         facts, renderer = limited.prepare(views, modalities)
         with self._lock:
             self._folder.claim(renderer)
@@ -198,19 +198,15 @@ class _Pool:
                 raise
             return files.finish(origin)
 
-    def _opened(self, scene_hash: str, quality: str) -> LimitedView:
-        """Return the process of this thread, with a scene open."""
+    def _opened(self, record: Record, quality: str) -> LimitedView:
+        """Return the process of this thread, with the scene of a record open."""
         key = threading.get_ident(), quality
-        view, opened = self._views.get(key, (None, [""]))
+        view = self._views.get(key)
         if view is None or view.is_closed:
             with self._lock:
                 view = self._stack.enter_context(LimitedView(quality=quality))
-            opened = [""]
-            self._views[key] = view, opened
-        if opened[0] != scene_hash:
-            opened[0] = ""
-            view.open(self._run.load_scene(scene_hash))
-            opened[0] = scene_hash
+            self._views[key] = view
+        view.open_of(self._run, record)
         return view
 
 

@@ -87,7 +87,7 @@ def shown_rows(run: RunFolder, record: Record, views: Sequence[ViewSpec], *, qua
     meta = record.metadata
     categories = [o.category for o in meta.scene.objects]
     with LimitedView(quality=quality) as limited:
-        limited.open(run.load_scene(meta.scene_hash))
+        limited.open_of(run, record)
         facts, _ = limited.prepare(views, _SHOWN)
         values = [ViewValues(facts, _SHOWN, categories, focal_px) for focal_px in facts.focal_px]
         with ahead(limited.sights(record.qpos, jitter=meta.view_jitter), 4) as taken:

@@ -29,6 +29,7 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
 from betterbench.geometry import Vector
 from betterbench.json_form import read_form, strict_form
+from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.spec import ViewSpec
 from betterbench.scenes.gl_context import renderer_fingerprint
 from betterbench.scenes.sights import ModelFacts, StoredSights, sight_type
@@ -69,6 +70,7 @@ class _Facts:
     renderer: dict[str, str]
 
 
+_Wanted = tuple[tuple[ViewSpec, ...], tuple[str, ...], bool]
 _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
@@ -91,6 +93,8 @@ class LimitedView:
         with contextlib.suppress(OSError):  # more than this user may have
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         self._types: list[np.dtype[np.void]] = []
+        self._opened = ""
+        self._prepared: tuple[_Wanted, tuple[ModelFacts, dict[str, str]]] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -112,7 +116,15 @@ class LimitedView:
             RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
+        self._opened, self._prepared = "", None
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
+
+    def open_of(self, run: RunFolder, record: Record) -> None:
+        """Open the stored scene of a record of a run, unless it is open; raises what :meth:`open` raises."""
+        scene = record.metadata.scene_hash
+        if scene != self._opened:
+            self.open(run.load_scene(scene))
+            self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
         """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
@@ -133,13 +145,25 @@ class LimitedView:
             raise self._refused("it gave another number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
-    def prepare(self, views: Sequence[ViewSpec], modalities: Sequence[str]) -> tuple[ModelFacts, dict[str, str]]:
+    def prepare(
+        self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
+    ) -> tuple[ModelFacts, dict[str, str]]:
         """Get ready to draw sights of the open scene; return what they have in common, and OpenGL's fingerprint.
 
-        Raises what :meth:`open` raises.
+        ``gripper`` is that of :class:`~betterbench.scenes.sights.Sights`. What was prepared last for the same scene is
+        not prepared again. Raises what :meth:`open` raises.
         """
-        forms = json.loads(_VIEWS.dump_json(list(views)))
-        answer = self._ask({"views": forms, "modalities": list(modalities)}, b"", most=_MOST_FACTS_BYTES)
+        wanted = (tuple(views), tuple(modalities), gripper)
+        if self._prepared is None or self._prepared[0] != wanted:
+            self._prepared = None
+            self._prepared = wanted, self._prepare(views, modalities, gripper=gripper)
+        return self._prepared[1]
+
+    def _prepare(
+        self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool
+    ) -> tuple[ModelFacts, dict[str, str]]:
+        request = {"views": json.loads(_VIEWS.dump_json(list(views))), "modalities": list(modalities)}
+        answer = self._ask({**request, "gripper": gripper}, b"", most=_MOST_FACTS_BYTES)
         told = read_form(_FACTS, bytes(answer), where="stored scene", cure="Run the trial again", raises=RecordError)
         facts = ModelFacts(
             np.array(told.instances, np.uint16),
@@ -151,7 +175,7 @@ class LimitedView:
         if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
             raise self._refused("it gave other views")
         sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
-        self._types = [sight_type(view, modalities, **sizes) for view in views]
+        self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
         return facts, told.renderer
 
     def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
@@ -279,7 +303,7 @@ class _Drawer:
         if self._model is None:
             raise RecordError("stored scene: none is open. Run the trial again to store it.")
         if "views" in request:
-            yield self._prepare(request["views"], request["modalities"])
+            yield self._prepare(request["views"], request["modalities"], gripper=request["gripper"])
         elif "sights" in request:
             yield from self._draw_all(np.frombuffer(data).reshape(request["sights"], -1), _jitter_of(request))
         elif "project" in request:
@@ -293,11 +317,11 @@ class _Drawer:
             self._view = StoredView(self._model, self._quality, width=self._size, height=self._size)
         return self._view
 
-    def _prepare(self, views: list[dict[str, Any]], modalities: list[str]) -> bytes:
+    def _prepare(self, views: list[dict[str, Any]], modalities: list[str], *, gripper: bool) -> bytes:
         if self._sights is not None:
             self._sights.close()
         wanted = _VIEWS.validate_json(json.dumps(views))
-        self._sights = StoredSights(self._model, self._quality, wanted, modalities)
+        self._sights = StoredSights(self._model, self._quality, wanted, modalities, gripper=gripper)
         facts = self._sights.facts()
         form = _Facts(
             facts.instances.tolist(),

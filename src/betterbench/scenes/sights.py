@@ -12,14 +12,16 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.errors import RecordError
 from betterbench.recording.modalities.labels import STAGE
 from betterbench.recording.modalities.spec import PlacedCamera, ViewSpec
-from betterbench.scenes.cameras import CameraMatrices, ViewPlacement, camera_matrices, camera_number, focal_length_px
+from betterbench.scenes.cameras import CameraMatrices, camera_matrices, camera_number, focal_length_px
 from betterbench.scenes.instances import instances_of_bodies, object_bodies, visible_boxes
 from betterbench.scenes.rendering import Renderer
 from betterbench.scenes.stage import Quality
-from betterbench.state import NO_JITTER, ViewJitter
+from betterbench.scenes.stored import StoredState
+from betterbench.state import ViewJitter
+from betterbench.state.seen import Box
+from betterbench.state.world import GRIPPER_BODIES
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
@@ -28,18 +30,21 @@ _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)
 
-Rect = tuple[int, int, int, int]
-"""Left, top, right and bottom [pixel]; pixel (u, v) lies in it if left <= u < right and top <= v < bottom."""
+GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
+"""Instance ids of what belongs to the gripper."""
 
 
-def sight_type(view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int) -> np.dtype[np.void]:
+def sight_type(
+    view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
+) -> np.dtype[np.void]:
     """Return the type of one sight, the same bytes in every process.
 
     Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body number plus one,
     0 for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
-    ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), :data:`Rect` of what is seen of an object and of
-    what would be seen if nothing was in front of it, -1 without any pixel; ``visible_pixels`` and ``full_pixels``
-    (objects,) the numbers of pixels. Images that no modality needs are left out.
+    ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), boxes (:data:`betterbench.state.seen.Box`) of what
+    is seen of an object and of what would be seen if nothing was in front of it, -1 without any pixel;
+    ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels; ``gripper_pixels`` (2,) those of the
+    gripper, visible and full, only with ``gripper``. Images that no modality needs are left out.
     """
     shape = view.height, view.width
     images = {"rgb": ("u1", (*shape, 3)), "depth": ("<f4", shape), "bodies": ("<u2", shape)}
@@ -52,6 +57,7 @@ def sight_type(view: ViewSpec, modalities: Collection[str], *, bodies: int, obje
         ("full_pixels", "<i4", (objects,)),
     ]
     rest = [("camera", "<f8", (7,)), ("poses", "<f8", (bodies, 7)), *(boxes if "boxes" in modalities else ())]
+    rest += [("gripper_pixels", "<i4", (2,))] if gripper else []
     return np.dtype([*fields, *rest])
 
 
@@ -87,7 +93,7 @@ class _Drawn:
 class _Part:
     """A part of an image that holds an object, the object's lowest height [m], and its farthest depth [m]."""
 
-    rect: Rect
+    rect: Box
     low_m: float
     far_m: float
 
@@ -96,18 +102,28 @@ class Sights:
     """Draws the same views of one model, state after state."""
 
     def __init__(
-        self, model: mujoco.MjModel, quality: Quality, views: Sequence[ViewSpec], modalities: Collection[str]
+        self,
+        model: mujoco.MjModel,
+        quality: Quality,
+        views: Sequence[ViewSpec],
+        modalities: Collection[str],
+        *,
+        gripper: bool = False,
     ) -> None:
-        """Upload the model; raises what :class:`~betterbench.scenes.rendering.Renderer` raises."""
+        """Upload the model; raises what :class:`~betterbench.scenes.rendering.Renderer` raises.
+
+        With ``gripper`` the pixels of the gripper are counted too.
+        """
         self.model, self.views = model, tuple(views)
         self._bodies = object_bodies(model)
         self._boxes = visible_boxes(model, self._bodies)
         self._corners = self._boxes[:, None, 0] + _CORNERS * self._boxes[:, None, 1]
         sizes = {"bodies": int(model.nbody), "objects": len(self._bodies)}
-        self.types = [sight_type(view, modalities, **sizes) for view in self.views]
+        self.types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in self.views]
         self._with_boxes = "boxes" in modalities
-        self._outlines: list[dict[int, tuple[bytes, tuple[int, Rect]]]] = [{} for _ in self.views]
+        self._outlines: list[dict[int, tuple[bytes, tuple[int, Box]]]] = [{} for _ in self.views]
         instances = instances_of_bodies(model)
+        self._gripper = np.flatnonzero(np.isin(instances, GRIPPER_INSTANCES)).tolist() if gripper else []
         self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body number plus one, as in masks
         self._movable = np.concatenate([[False], instances > _LAST_FURNITURE])
         self._slot = int(np.argmin(model.cam_bodyid))  # a camera of the world
@@ -162,6 +178,9 @@ class Sights:
             (images,) = self._renderer.render_views(data, [(camera, view.width, view.height)], **wanted)
             if self._with_boxes and images.masks is not None and images.depth is not None:
                 self._add_boxes(sight, data, _Drawn(number, camera, matrices, images.masks, images.depth))
+            if self._gripper and images.masks is not None:
+                alone = self._renderer.draw_alone(data, camera, self._gripper, **size)
+                sight["gripper_pixels"] = [np.isin(mask, self._gripper).sum() for mask in (images.masks, alone)]
         for name, image in (("rgb", images.rgb), ("depth", images.depth)):
             if image is not None and name in names:
                 sight[name] = image
@@ -174,7 +193,7 @@ class Sights:
 
     def _add_boxes(self, sight: np.ndarray, data: mujoco.MjData, drawn: _Drawn) -> None:
         parts = self._parts(data, drawn.matrices)
-        behind: list[tuple[int, Rect]] = []
+        behind: list[tuple[int, Box]] = []
         for i, (body, part) in enumerate(zip(self._bodies.tolist(), parts, strict=True)):
             outline = (0, _NO_BOX) if part is None else _outline(drawn.masks, body, part.rect)
             sight["visible_pixels"][i], sight["visible_box"][i] = outline
@@ -218,8 +237,8 @@ class Sights:
         return bool((hides.take(masks + 1) & (masks != body) & (depth < part.far_m)).any())
 
     def _full_outlines(
-        self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Rect]]
-    ) -> list[tuple[int, tuple[int, Rect]]]:
+        self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
+    ) -> list[tuple[int, tuple[int, Box]]]:
         """Return pixels and box of the outline of some objects with nothing in front of them, by their numbers.
 
         Objects whose parts of the image do not touch are drawn together; one that has not moved before a camera that
@@ -227,8 +246,8 @@ class Sights:
         """
         matrices, known = drawn.matrices, self._outlines[drawn.number]
         where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
-        found: list[tuple[int, tuple[int, Rect]]] = []
-        passes: list[list[tuple[int, Rect]]] = []
+        found: list[tuple[int, tuple[int, Box]]] = []
+        passes: list[list[tuple[int, Box]]] = []
         keys: dict[int, bytes] = {}
         for i, rect in wanted:
             body = int(self._bodies[i])
@@ -257,12 +276,17 @@ class StoredSights:
     """Draws recorded states of a stored scene."""
 
     def __init__(
-        self, model: mujoco.MjModel, quality: Quality, views: Sequence[ViewSpec], modalities: Collection[str]
+        self,
+        model: mujoco.MjModel,
+        quality: Quality,
+        views: Sequence[ViewSpec],
+        modalities: Collection[str],
+        *,
+        gripper: bool = False,
     ) -> None:
         """Prepare; raises what :class:`Sights` raises."""
-        self._sights = Sights(model, quality, views, modalities)
-        self._data = mujoco.MjData(model)
-        self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
+        self._sights = Sights(model, quality, views, modalities, gripper=gripper)
+        self._state = StoredState(model)
 
     def facts(self) -> ModelFacts:
         """Return what :meth:`Sights.facts` returns."""
@@ -273,29 +297,19 @@ class StoredSights:
 
         Raises RecordError if the record belongs to another model.
         """
-        model, data = self._sights.model, self._data
-        if qpos.shape != (model.nq,):
-            raise RecordError(
-                f"record: {qpos.shape[0]} positions do not fit a scene of {model.nq}; the scene is another one."
-            )
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        if jitter != self._jitter:
-            self._jitter, self._placement = jitter, ViewPlacement(model, jitter)
-        self._placement.apply(data)
-        return self._sights.draw(data)
+        self._state.take(qpos, jitter)
+        return self._sights.draw(self._state.data)
 
     def close(self) -> None:
         """Free the renderer."""
         self._sights.close()
 
 
-def _apart(a: Rect, b: Rect) -> bool:
+def _apart(a: Box, b: Box) -> bool:
     return a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
 
 
-def _outline(masks: np.ndarray, body: int, rect: Rect) -> tuple[int, Rect]:
+def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
     """Return the number of pixels of a body in a part of a mask, and the tight box around them."""
     left, top, right, bottom = rect
     hit = masks[top:bottom, left:right] == body

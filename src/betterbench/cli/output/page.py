@@ -21,6 +21,7 @@ from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.statistics.wording import plural
 from betterbench.tasks.user_files import options_for
+from betterbench.vqa.knowing import read_knowledge
 
 THUMBNAIL_PX = 200
 """Side of the images on the cards of variations [px]."""
@@ -56,7 +57,11 @@ def build_report(
             say(f"no films: {error}")
     media = replace(media, folders={d.policy: str(run.path) for d, run in zip(diagnoses, runs, strict=True)})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
-    page = write_report(diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
+    knowledge = [replace(known, policy=name) for known, name in stored if known is not None]
+    page = write_report(
+        diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
+    )
     return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
 
 
