@@ -37,6 +37,9 @@ class Failing:
         self.left -= 1
         return self.source.photo(*what)
 
+    def stop(self):
+        """The source is used by other tests too."""
+
 
 def failing(photos, after):
     @contextmanager

@@ -12,9 +12,7 @@ import errno
 import hashlib
 import json
 import shutil
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -33,6 +31,7 @@ from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.scenes.stage import quality_preset
 
@@ -194,51 +193,33 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
     """Make the parts that are missing, and return how many those were."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
     missing = {folder: d for folder, d in wanted.items() if read_index(folder) is None}
-    done, lock, stop = len(wanted) - len(missing), threading.Lock(), threading.Event()
+    done = len(wanted) - len(missing)
     # Neighbors share a scene, which takes longer to open than a picture to draw.
-    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run), reverse=True)
+    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run))
     if on_progress is not None:
         on_progress(done, len(wanted))
 
-    def work() -> None:
+    def work(pictures: Pictures, item: tuple[Path, ChosenTrial]) -> None:
+        folder, demonstration = item
+        run = plan.runs[demonstration.run]
+        record = _record(run, demonstration)
+        _check_rate(record)
+        write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
+
+    def told(_: tuple[Path, ChosenTrial]) -> None:
         nonlocal done
-        with Pictures(plan.layout.cameras, quality) as pictures:
-            while not stop.is_set():
-                with lock:
-                    if not waiting:
-                        return
-                    folder, demonstration = waiting.pop()
-                run = plan.runs[demonstration.run]
-                record = _record(run, demonstration)
-                _check_rate(record)
-                write_part(folder, record, plan.layout, _until(stop, pictures.of(run, record)), plan.form)
-                with lock:
-                    done += 1
-                    if on_progress is not None:
-                        on_progress(done, len(wanted))
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(wanted))
 
-    with ThreadPoolExecutor(min(workers, max(1, len(missing)))) as pool:
-        futures = [pool.submit(work) for _ in range(min(workers, len(missing)))]
-        try:
-            wait(futures, return_when="FIRST_EXCEPTION")
-        finally:
-            stop.set()
-    problems = [problem for future in futures if (problem := future.exception()) is not None]
-    for problem in sorted(problems, key=lambda p: isinstance(p, _StoppedError)):
-        raise problem
+    in_threads(
+        waiting,
+        work,
+        workers=workers,
+        open_resource=lambda: Pictures(plan.layout.cameras, quality),
+        on_done=told,
+    )
     return len(missing)
-
-
-class _StoppedError(Exception):
-    """Another worker has failed, or the user has interrupted."""
-
-
-def _until(stop: threading.Event, pictures: Iterator[Any]) -> Iterator[Any]:
-    """Yield pictures until the export is stopped."""
-    for views in pictures:
-        if stop.is_set():
-            raise _StoppedError
-        yield views
 
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:

@@ -10,10 +10,8 @@ import gzip
 import hashlib
 import io
 import json
-import queue
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,6 +22,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.run import first_difference
 from betterbench.recording.tables import table_bytes
@@ -75,6 +74,9 @@ class PhotoSource(Protocol):
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return the image of a camera at a row of a record, and what it shows."""
+
+    def stop(self) -> None:
+        """Let whatever draws in any thread end soon with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -280,30 +282,20 @@ def _survey(
     done = len(trials) - len(waiting)
     if on_progress is not None:
         on_progress(done, len(trials))
-    if not waiting:
-        return
-    sources: queue.Queue[PhotoSource] = queue.Queue()
-    with ExitStack() as stack:
-        for _ in range(min(workers, len(waiting))):
-            sources.put(stack.enter_context(open_photos()))
 
-        def look(trial: TrialId) -> None:
-            source = sources.get()
-            try:
-                _look_at(run, out, trial, options, source)
-            finally:
-                sources.put(source)
+    def told(_: TrialId) -> None:
+        nonlocal done
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(trials))
 
-        pool = stack.enter_context(ThreadPoolExecutor(max_workers=sources.qsize()))
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        futures = {pool.submit(look, trial) for trial in waiting}
-        while futures:
-            ready, futures = wait(futures, timeout=0.5, return_when=FIRST_EXCEPTION)
-            for future in ready:
-                future.result()
-                done += 1
-            if on_progress is not None:
-                on_progress(done, len(trials))
+    in_threads(
+        waiting,
+        lambda source, trial: _look_at(run, out, trial, options, source),
+        workers=workers,
+        open_resource=open_photos,
+        on_done=told,
+    )
 
 
 def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:

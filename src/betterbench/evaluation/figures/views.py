@@ -55,6 +55,10 @@ class ViewRenderer:
     ) -> None:
         self._limited.close()
 
+    def stop(self) -> None:
+        """End the process from another thread: the one that draws gets a RecordError."""
+        self._limited.stop()
+
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
         """Return the image of a camera at a row of a record of the run, and what it shows.
 
