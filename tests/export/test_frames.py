@@ -16,6 +16,7 @@ from betterbench.export.layout import layout_of
 from betterbench.export.numbers import color_counts, image_stats, sampled_rows, vector_stats
 from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.presets import PRESETS
+from betterbench.recording import Demonstrator
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import get_task
@@ -41,6 +42,19 @@ def test_actions_in_another_space_command_the_same_motion(space, demonstrations)
 def test_in_the_space_of_the_record_they_are_the_applied_ones(demonstrations):
     record = next(iter(demonstrations.records.values()))
     np.testing.assert_array_equal(actions_in(record, ACTION_SPACES["ee_delta"]), record.applied[1:])
+
+
+@pytest.mark.parametrize("space", ["ee_delta", "ee_pose", "ee_delta_measured"])
+def test_noise_on_executed_actions_is_not_in_the_labels(space, demonstrations):
+    """A record whose executed actions were disturbed has the labels that lead to where the meant actions would have."""
+    record = next(iter(demonstrations.records.values()))
+    noise = np.zeros_like(record.applied)
+    noise[1:, :6] = np.random.default_rng(0).normal(0.0, 0.02, noise[1:, :6].shape)
+    meant = actions_in(record, ACTION_SPACES[space])
+    noisy = dataclasses.replace(record.metadata, demonstrator=Demonstrator("amplified", "amplify", action_noise=0.02))
+    disturbed = dataclasses.replace(record, metadata=noisy, action=record.applied, applied=record.applied + noise)
+    tolerance = 0.0 if space == "ee_delta" else 1e-9
+    np.testing.assert_allclose(actions_in(disturbed, ACTION_SPACES[space]), meant, rtol=0, atol=tolerance)
 
 
 def test_a_record_without_joint_references_cannot_be_said_in_joints(demonstrations):

@@ -51,6 +51,9 @@ def kept(drawn):
             shown = drawn[TrialId(m.task, m.condition, m.seed)]
             return iter(shown if rows is None else [shown[row] for row in rows])
 
+        def stop(self) -> None:
+            """Nothing is open."""
+
         def close(self) -> None:
             """Nothing is open."""
 

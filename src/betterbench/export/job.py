@@ -26,7 +26,7 @@ from betterbench.export.lerobot import json_bytes, write_v30
 from betterbench.export.lerobot_v21 import write_v21
 from betterbench.export.part import ImageForm, read_index, write_part
 from betterbench.export.pictures import Pictures
-from betterbench.export.questions import read_questions
+from betterbench.export.questions import question_set, questions_of
 from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
@@ -56,7 +56,7 @@ class ExportPlan:
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: File of questions for them, or None.
+        questions: Folder of a set of questions for them, or None.
     """
 
     runs: Sequence[RunFolder]
@@ -150,7 +150,7 @@ def _identity(plan: ExportPlan, quality: str) -> str:
         "left_out": dict(plan.selection.left_out),
         "validation": plan.validation,
         "language": plan.language,
-        "questions": hashlib.sha256(plan.questions.read_bytes()).hexdigest() if plan.questions else None,
+        "questions": question_set(plan.questions).sha256 if plan.questions else None,
     }
     return hashlib.sha256(dump_json(form)).hexdigest()
 
@@ -254,7 +254,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
     """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
-    asked = read_questions(plan.questions, plan.layout) if plan.questions else {}
+    trials = {d.trial for d in plan.selection.demonstrations}
+    asked = questions_of(question_set(plan.questions), plan.layout, trials) if plan.questions else {}
     episodes, rates = [], set()
     for d in plan.selection.demonstrations:
         folder = _part_folder(staging, plan, quality, d)
