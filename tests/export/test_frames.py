@@ -16,7 +16,7 @@ from betterbench.export.layout import layout_of
 from betterbench.export.numbers import color_counts, image_stats, sampled_rows, vector_stats
 from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.presets import PRESETS
-from betterbench.recording import Demonstrator
+from betterbench.recording import Demonstrator, SubgoalSegment
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import get_task
@@ -73,13 +73,14 @@ def test_commands_keep_the_last_one_where_the_gripper_is_kept(gripper):
     np.testing.assert_array_equal(commands(np.array(gripper)), wanted)
 
 
-def test_the_active_subgoal_is_the_one_that_is_reached_next_for_good(demonstrations):
+def test_the_active_subgoal_is_that_of_the_segment(demonstrations):
     record = next(iter(demonstrations.records.values()))
-    meta = dataclasses.replace(record.metadata, subgoal_names=("pack_fries", "pack_drink"))
-    # The drink comes first, and is dropped once; the fries later; then nothing is left to do.
-    held = np.array([[0, 0], [0, 1], [0, 0], [0, 1], [0, 1], *[[1, 1]] * 5], bool)
-    record = dataclasses.replace(record, metadata=meta, subgoals=held)
-    assert active_subgoals(record) == (*["pack drink"] * 3, *["pack fries"] * 2, *[DONE] * 4)
+    kept = [("pack_drink", 0, 3), ("pack_fries", 3, 5), ("", 5, len(record))]
+    segments = tuple(SubgoalSegment(name, "", "", "", "", start, stop) for name, start, stop in kept)
+    shown = dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, segments=segments))
+    done = [DONE] * (record.n_steps - 5)
+    assert active_subgoals(shown) == (*["pack drink"] * 3, *["pack fries"] * 2, *done)
+    assert active_subgoals(record) == (DONE,) * record.n_steps  # the gripper never closes
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
