@@ -92,7 +92,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_at_the_place(demonstrations,
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     monkeypatch.setattr(part, "write_durably", full)
-    with pytest.raises(StorageError, match=r"No space left on device\. Finished episodes are kept"):
+    with pytest.raises(StorageError, match=r"No space left on device\. Nothing finished is lost"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
     assert not (tmp_path / "set").exists()
 
@@ -218,6 +218,14 @@ def test_the_command_line_names_what_is_missing(demonstrations, tmp_path, capsys
     assert "Unknown preset" in told(run, "--to", "lerobot", "--preset", "openpi", "--out", str(tmp_path / "x"))
     assert "Unknown task of the run" in told(run, "--to", "lerobot", "--tasks", "coffee", "--out", str(tmp_path / "x"))
     assert "runs: 2 are named" in told(run, run)
+
+
+def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path, capsys):
+    words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
+    assert main(words) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--preset: belongs to data sets, and submission is none. Add --to lerobot" in said
+    assert not (tmp_path / "set").exists()
 
 
 def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_path, capsys):

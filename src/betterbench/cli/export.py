@@ -82,6 +82,15 @@ def export_command(
         }
         _export_dataset(runs, to, out, options, written, as_json=json)
         return
+    given = {
+        "--preset": preset, "--tasks": tasks, "--variations": variations, "--images": images != "video",
+        "--observation": observation, "--quality": quality, "--validation": validation, "--language": language,
+        "--vqa": vqa,
+    }  # fmt: skip
+    for option, value in given.items():
+        if value:
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
     _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
 
 

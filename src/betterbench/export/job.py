@@ -7,18 +7,16 @@ follow from the records and the options alone.
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import betterbench
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.export.card import card
 from betterbench.export.episodes import Dataset, DatasetEpisode
 from betterbench.export.layout import DatasetLayout
@@ -31,6 +29,7 @@ from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.scenes.stage import quality_preset
@@ -100,7 +99,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     out, quality = plan.out.absolute(), _quality(plan)
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
-    with _on_disk(out):
+    with on_disk(out):
         if out.exists():
             return _finished(plan, out, identity, staging, quality)
         with RunLock(staging / ".lock"):
@@ -323,16 +322,3 @@ def _told(plan: ExportPlan, out: Path, made: int, quality: str) -> Exported:
         plan.selection.left_out,
         evaluation_command(plan.layout, quality),
     )
-
-
-@contextlib.contextmanager
-def _on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError."""
-    try:
-        yield
-    except OSError as problem:
-        if problem.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG):
-            raise
-        raise StorageError(
-            f"{path}: {problem.strerror}. Finished episodes are kept: make room, then run the same command again."
-        ) from problem

@@ -87,7 +87,7 @@ def materialize_run(
     Raises:
         RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
         RecordError: If records or scenes are missing or damaged; the other trials are done before.
-        StorageError: If nothing can be written.
+        StorageError: If the disk is full.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     began, tally = time.monotonic(), _Tally()

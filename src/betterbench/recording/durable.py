@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
+
+from betterbench.errors import StorageError
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; what carries it after a crash can be deleted."""
@@ -58,6 +62,22 @@ def write_durably(path: Path, data: bytes) -> None:
     with DurableFile(path) as written:
         written.file.write(data)
         written.finish()
+
+
+_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})
+
+
+@contextlib.contextmanager
+def on_disk(path: Path) -> Iterator[None]:
+    """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
+    try:
+        yield
+    except OSError as problem:
+        if problem.errno not in _LASTING:
+            raise
+        raise StorageError(
+            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
+        ) from problem
 
 
 def sync_folder(folder: Path) -> None:

@@ -26,11 +26,11 @@ _UNITS: dict[Coordinates, str] = {
     "fractions": "fractions of the width and the height of the image, from 0 to 1",
 }
 _LINES = {
-    Form.YES_NO: "ModelAnswer with Yes or No only.",
-    Form.CHOICE: "ModelAnswer with the letter of the right option only.",
-    Form.NUMBER: "ModelAnswer with a number only.",
-    Form.BOX: "ModelAnswer with [left, top, right, bottom] only, in {unit}.",
-    Form.POINT: "ModelAnswer with [x, y] only, in {unit}.",
+    Form.YES_NO: "Answer with Yes or No only.",
+    Form.CHOICE: "Answer with the letter of the right option only.",
+    Form.NUMBER: "Answer with a number only.",
+    Form.BOX: "Answer with [left, top, right, bottom] only, in {unit}.",
+    Form.POINT: "Answer with [x, y] only, in {unit}.",
 }
 
 

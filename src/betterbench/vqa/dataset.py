@@ -20,8 +20,9 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.run import first_difference
@@ -161,13 +162,13 @@ def make_set(
         RunConflictError: If the folder holds another set or other files, or is being written to.
         InvalidInputError: If the run has no record, or its seeds are of demonstrations and of trials.
         RecordError: If a record or a scene cannot be read.
-        OSError: If nothing more can be written.
+        StorageError: If the disk is full.
     """
     trials = trials_of(run, options.tasks)
     purpose = purpose_of(trials)
     plan = {"kind": "balanced", "run": run_digest(run), "options": asdict(options), "purpose": purpose}
     out = out.absolute()
-    with begun_set(out, plan) as done:
+    with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
@@ -425,14 +426,6 @@ COLUMNS = {
 def _row(question: Question) -> dict[str, Any]:
     form = question.to_json()
     return {**form, **form["source"], "question": question.text, "type": question.type.value}
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """One turn of a conversation."""
-
-    value: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_epis
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.durable import on_disk
 from betterbench.recording.metadata import dump_json
 from betterbench.state import ObjectInfo
 from betterbench.tasks import Expected, Kind, Label, training_distribution_of
@@ -112,7 +113,7 @@ def make_decisive_set(
     if not chosen:
         raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
     questions: list[Question] = []
-    with begun_set(out, plan) as done:
+    with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         with open_photos() as source:
