@@ -105,7 +105,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
         with RunLock(staging / ".lock"):
             if out.exists():
                 return _finished(plan, out, identity, staging, quality)
-            made = _make_parts(plan, staging, quality, max(1, workers), on_progress)
+            made = _make_parts(plan, staging, quality, workers, on_progress)
             _assemble(plan, staging, out, identity, quality)
             shutil.rmtree(staging, ignore_errors=True)
     return _told(plan, out, made, quality)

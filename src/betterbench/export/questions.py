@@ -14,7 +14,7 @@ from betterbench.vqa.dataset import QuestionSet, read_set
 
 def question_set(path: Path) -> QuestionSet:
     """Return the set of questions in a folder, or beside its file of JSON lines; raises what ``read_set`` raises."""
-    return read_set(path if path.is_dir() else path.parent)
+    return read_set(path.parent if path.is_file() else path)
 
 
 def questions_of(

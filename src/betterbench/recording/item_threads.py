@@ -9,6 +9,10 @@ from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager
 from typing import Protocol, TypeVar
 
+from betterbench.errors import require_between
+
+MOST_THREADS = 256
+
 
 class Stoppable(Protocol):
     """A resource of a thread."""
@@ -33,7 +37,10 @@ def in_threads(
 
     After an error, or Ctrl-C, no further item is begun, the resources are stopped, and the first error is raised when
     all threads have ended. ``on_done`` is called after each item, by one thread at a time.
+
+    Raises InvalidInputError if the number of workers is out of range.
     """
+    require_between("--workers", workers, 1, MOST_THREADS)
     waiting, lock = deque(items), threading.Lock()
     resources: list[ResourceT] = []
     problems: list[BaseException] = []

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording.line_journal import MAX_BYTES, LineJournal
@@ -19,6 +19,9 @@ from betterbench.statistics import Rate
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
+
+MOST_AT_ONCE = 256
+"""Most requests at the same time."""
 
 _UNITS: dict[Coordinates, str] = {
     "pixels": "pixels of the image, which is {width} pixels wide and {height} high",
@@ -146,7 +149,9 @@ def ask_set(
     Raises:
         ModelError: If the model cannot be reached; what was answered is kept.
         RunConflictError: If the file holds answers of another model or set.
+        InvalidInputError: If the number of requests is out of range.
     """
+    require_between("--at-once", at_once, 1, MOST_AT_ONCE)
     head = AnswersHead(chat.name, asked.sha256, coordinates)
     with _AnswerFile(file, head) as kept:
         todo = [q for q in asked.questions if q.id not in kept.known]

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk
@@ -54,6 +54,11 @@ SET_SCHEMA_VERSION = 1
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
 
+MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
+"""Most questions of a set, and most frames of a trial that are asked about."""
+SIZES_PX = 32, 4096
+"""Least and largest side of the images [pixel]."""
+
 _MAX_BYTES = 1 << 30
 _CURE = "Make the set again in a new folder"
 
@@ -84,6 +89,11 @@ OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
 OnProgress = Callable[[int, int], None]
 
 
+def require_size(size: int) -> None:
+    """Raise InvalidInputError if images cannot have sides of so many pixels."""
+    require_between("--size", size, *SIZES_PX)
+
+
 @dataclass(frozen=True, slots=True)
 class SetOptions:
     """What set is asked for.
@@ -104,6 +114,12 @@ class SetOptions:
     seed: int = 0
     types: tuple[QuestionType, ...] = tuple(QuestionType)
     tasks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse numbers of which no set can be made."""
+        require_between("--questions", self.questions, 0, MOST_QUESTIONS)
+        require_between("--frames", self.frames, 0, MOST_FRAMES)
+        require_size(self.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,15 +203,11 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
     Raises:
         InvalidInputError: If there is none.
     """
-    found = sorted(
-        (e.task, e.variation or e.condition, e.seed)
-        for e in run.entries()
-        if e.status == "done" and (not tasks or e.task in tasks)
-    )
+    found = sorted(e.key for e in run.entries() if e.status == "done" and (not tasks or e.task in tasks))
     if not found:
         of = f" of {', '.join(tasks)}" if tasks else ""
         raise InvalidInputError(str(run.path), f"it has no finished trial{of}", "Name a run with finished trials")
-    return [TrialId(*trial) for trial in found]
+    return found
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:

@@ -32,6 +32,7 @@ from betterbench.vqa.dataset import (
     image_path,
     purpose_of,
     read_set,
+    require_size,
     run_digest,
     trials_of,
     write_set,
@@ -88,6 +89,10 @@ class DecisiveOptions:
     seed: int = 0
     tasks: tuple[str, ...] = ()
     failures_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that no image can have."""
+        require_size(self.size)
 
 
 def make_decisive_set(
