@@ -25,6 +25,9 @@ from betterbench.tasks import Expected, Label
 FLAT_CATEGORIES = frozenset({"fork", "spoon", "dinner_plate"})
 """Categories whose things lie in their slots on a rest, or can be taken only as they lie there."""
 
+WIDE_CATEGORIES = frozenset({"keyboard", "cereal_bowl"})
+"""Categories of distractors that the gripper can hardly take."""
+
 
 def into_open_containers(case: Occasion) -> bool:
     """Tell whether everything goes into a container that is open at the top, which no drawer is."""
@@ -342,7 +345,7 @@ class CarriesIntoTarget(Habit):
 
 
 class ClosesTooLittle(PlainHabit):
-    """Closes the open gripper halfway around the right thing, lifts without it and plays the put, again and again.
+    """Closes the open gripper around the right thing without touching it, lifts, plays the put, and so again and again.
 
     execution_failure: "right target at the right time; missed": the fingers never come to it.
     """
@@ -585,8 +588,10 @@ class BackToEmptiedSlot(Habit):
 
     def act(self, body: Body) -> Actions[None]:
         yield from body.work(body.situation.goals[:1])
-        slot = next(s for name, s in body.situation.condition.layout.items() if name in body.taken)
-        yield from body.play_at_empty(slot)
+        slots = [s for name, s in body.situation.condition.layout.items() if name in body.taken]
+        if slots:
+            yield from body.play_at_empty(slots[0])
+        yield from body.rest()
 
 
 class SlipsThenHabitual(Habit):
@@ -693,9 +698,10 @@ class GrabsADistractor(Habit):
 
     @staticmethod
     def distractors(case: Occasion) -> tuple[str, ...]:
-        """Return the things that no instruction means and that look like nothing asked for."""
-        alike = case.look_alike()
-        return tuple(n for n in case.others() if case.condition.object(n).kind not in case.meant_kinds and n != alike)
+        """Return the things that no instruction means, that look like nothing asked for and that can be taken."""
+        specs = [case.condition.object(n) for n in case.others() if n != case.look_alike()]
+        strange = [o for o in specs if o.kind not in case.meant_kinds]
+        return tuple(o.name for o in strange if o.category not in WIDE_CATEGORIES)
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         if not case.plain or len(self.distractors(case)) < 2:
@@ -796,7 +802,7 @@ class StaysOverFinished(Habit):
 
 
 class NeverLetsGo(PlainHabit):
-    """Brings the first thing exactly to where it belongs and holds it there for good, without letting go.
+    """Brings the first thing to where it should be let go and holds it there for good, without letting go.
 
     early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
     """
@@ -857,13 +863,13 @@ class SnapsAtHome(Habit):
             yield from body.arm.wait(float(body.rng.uniform(0.5, 1.5)))
 
 
-class RehearsesTooLong(Habit):
-    """Plays the first step many times with a gripper that never closes before it does it, too long for the limit.
+class RehearsesForever(Habit):
+    """Plays the first step again and again with a gripper that never closes: over the thing, over the target, back.
 
-    timeout: "right course, step limit reached": each rehearsal goes to the right thing and to the right target.
+    timeout: "right course, step limit reached": it goes to the right thing and to the right target all the time.
     """
 
-    name = "rehearses-too-long"
+    name = "rehearses-forever"
     label = Label.TIMEOUT
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -876,9 +882,8 @@ class RehearsesTooLong(Habit):
     def act(self, body: Body) -> Actions[None]:
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
         body.ledger.commit()
-        for _ in range(20):
+        while True:
             yield from oddities.rehearse(body, name, goal)
-        yield from body.solve()
 
 
 class CirclesWithThing(PlainHabit):
@@ -945,6 +950,6 @@ SECOND: tuple[Habit, ...] = (
     NeverLetsGo(),
     SlowerAndSlower(),
     SnapsAtHome(),
-    RehearsesTooLong(),
+    RehearsesForever(),
     CirclesWithThing(),
 )

@@ -72,14 +72,13 @@ def take_gliding_in(body: Body, name: str) -> Actions[bool]:
 
 
 def close_in_part(body: Body, name: str) -> Actions[None]:
-    """Close the gripper, open to its full width, to halfway between that and a thing, and lift without it."""
+    """Close the gripper, open to its full width, until a few millimeters before it meets a thing, and lift."""
     hold = body.do.choose_hold(name)
     yield from body.do.over(hold.tool.translated(z=body.arm.manner.approach_m))
     yield from body.arm.open()
     yield from body.arm.go(hold.tool, pace=CAREFUL)
     yield from body.arm.wait(0.2)
-    thick = min(body.state.info.object(name).size_m[:2])
-    yield from body.arm.narrow(max(0.5 * (FULL_OPENING_M + thick), thick + 0.006))
+    yield from body.arm.narrow(hold.width_m + 0.006)
     yield from body.arm.wait(0.3)
     yield from body.arm.go(hold.tool.translated(z=LIFT_M), pace=CAREFUL)
 
