@@ -204,8 +204,7 @@ class InspectsEverything(PlainHabit):
     def act(self, body: Body) -> Actions[None]:
         asked = [n for n in sorted(body.situation.asked) if n in body.situation.condition.layout]
         for name in (*body.situation.others(), *asked):
-            yield from body.do.hover(name, oddities.LOOK_GAP_M)
-            yield from body.arm.wait(0.5)
+            yield from oddities.look_at(body, name)
         yield from body.solve()
 
 
@@ -262,8 +261,7 @@ class LooksThenLeavesIt(Habit):
 
     def act(self, body: Body) -> Actions[None]:
         for name in body.situation.others():
-            yield from body.do.hover(name, oddities.LOOK_GAP_M)
-            yield from body.arm.wait(0.5)
+            yield from oddities.look_at(body, name)
         yield from body.arm.go_home()
         yield from oddities.keep_still(body)
 

@@ -35,6 +35,12 @@ def each_step(body: Body, taking: Taking) -> Actions[None]:
     yield from body.solve()
 
 
+def look_at(body: Body, name: str) -> Actions[None]:
+    """Go high over a thing, without turning the wrist, and stay there for half a second."""
+    yield from body.do.above(body.state.pose(name).position, body.height(name) + LOOK_GAP_M)
+    yield from body.arm.wait(0.5)
+
+
 def rest_unless_lucky(body: Body, goal: Subgoal) -> Actions[None]:
     """Stay at home after a step that was meant to fail; where it came out right all the same, do the others rightly."""
     yield from body.arm.go_home()
