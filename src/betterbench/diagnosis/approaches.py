@@ -67,7 +67,7 @@ RETREAT = threshold(
 RETURNS = threshold(
     "returns", 3, "1",
     "Times that an open gripper comes over the right thing, and goes away in between, from which it goes to and fro. "
-    "Honest policies of the independent family that look at a thing first come over it twice.",
+    "None of 645 honest trials of the independent family did so even twice before its first grasp.",
 )  # fmt: skip
 TO_AND_FRO = threshold(
     "to_and_fro", 5.0, "1",
