@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from betterbench.geometry import Pose
@@ -23,7 +24,7 @@ from betterbench.independent.controller import Actions
 from betterbench.independent.habit import Habit, PlainHabit
 from betterbench.independent.habits_second import WIDE_CATEGORIES, flat, into_open_containers, two_kinds
 from betterbench.independent.occasion import Occasion
-from betterbench.independent.oddities import each_step, rest_unless_lucky
+from betterbench.independent.oddities import each_step, keep_still, rest_unless_lucky
 from betterbench.independent.routines import FULL_OPENING_M, LIFT_M
 from betterbench.independent.strokes import Arcing, Faltering, Sidling, Swinging
 from betterbench.independent.truth import HONEST, StatedTruth
@@ -31,6 +32,12 @@ from betterbench.tasks import Expected, Label, Subgoal
 
 DENSE_TASKS = frozenset({"breakfast_table"})
 """Tasks with things so close to each other that a miss may meet a neighbor."""
+
+ROUND_CATEGORIES = frozenset({"apple", "orange"})
+"""Categories whose things roll away when they are shoved."""
+
+FAR_FROM_ALL_M = 0.12
+"""Distance to the next thing from which on a closing in an empty slot cannot be meant for that thing."""
 
 
 def no_drawers(case: Occasion) -> bool:
@@ -146,14 +153,14 @@ class SidlesIn(Habit):
     label = HONEST
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if roomy(case) else None
+        return StatedTruth(self.label, first_right=True) if roomy(case) and no_drawers(case) else None
 
     def act(self, body: Body) -> Actions[None]:
         body.do = Sidling.like(body.do)
         yield from body.solve()
 
 
-class ShiversAllTheTime(PlainHabit):
+class ShiversAllTheTime(Habit):
     """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near things. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure.
@@ -161,6 +168,9 @@ class ShiversAllTheTime(PlainHabit):
 
     name = "shivers-all-the-time"
     label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if no_drawers(case) else None
 
     def act(self, body: Body) -> Actions[None]:
         yield from strokes.shivering(body, body.solve())
@@ -176,7 +186,7 @@ class FumblesThenSinks(Habit):
     label = HONEST
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if roomy(case) else None
+        return StatedTruth(self.label, first_right=True) if roomy(case) and no_drawers(case) else None
 
     def act(self, body: Body) -> Actions[None]:
         body.do = Arcing.like(body.do)
@@ -185,14 +195,15 @@ class FumblesThenSinks(Habit):
             hold = body.do.choose_hold(name)
             x, y, z = hold.tool.position
             high = Pose((x, y, max(z, body.height(name)) + 0.02), hold.tool.quaternion)
-            yield from body.do.over(high)
+            yield from body.do.over(high.translated(z=body.arm.manner.approach_m))
+            yield from body.arm.go(high, pace=0.4)
             yield from body.arm.close()
             yield from body.arm.open()
             yield from body.arm.wait(0.3)
             yield from body.arm.go(hold.tool, pace=0.4)
             yield from body.arm.close()
             yield from body.arm.go(hold.tool.translated(z=LIFT_M), pace=0.6)
-            return body.note_hold(name)
+            return body.note_hold(name) or (yield from body.take_patiently(name))
 
         yield from each_step(body, taking)
 
@@ -222,7 +233,8 @@ class LeavesWrongAlone(Habit):
             yield from body.do.above(body.state.pose(name).position, body.height(name) + 0.18)
         for goal in self.rest_of(body.situation):
             yield from body.attempt_once(goal)
-        yield from body.rest()
+        yield from body.arm.go_home()
+        yield from keep_still(body)
 
 
 # --- failures of manipulation
@@ -274,7 +286,7 @@ class ClosesOverItTwisted(Habit):
 
 
 class LosesItAndGoesOn(Habit):
-    """Takes the right thing, loses it in the middle of the way, plays the put with nothing, and stays at home.
+    """Takes the right thing, loses it on the way, plays the put with nothing in its fingers, and stays at home.
 
     execution_failure: "right target at the right time; dropped".
     """
@@ -294,13 +306,13 @@ class LosesItAndGoesOn(Habit):
         yield from rest_unless_lucky(body, goal)
 
 
-class LetsGoShort(Habit):
-    """Takes the right thing and lets go of it before the edge of its container or rack, from a hand's height.
+class LetsGoOutside(Habit):
+    """Takes the right thing and lets go of it outside the edge of its container, bun or rack, from a hand's height.
 
-    execution_failure: "right target at the right time; dropped": it falls to the table in front of where it belongs.
+    execution_failure: "right target at the right time; dropped": it falls to the table beside where it belongs.
     """
 
-    name = "lets-go-short"
+    name = "lets-go-outside"
     label = Label.EXECUTION_FAILURE
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -313,12 +325,12 @@ class LetsGoShort(Habit):
         goal, name = body.situation.ahead[0], str(body.situation.first_thing())
         if (yield from body.take_patiently(name)):
             body.ledger.commit()
-            yield from strokes.put_short(body, name, goal, 0.03)
+            yield from strokes.let_go_outside(body, name, goal, 0.03)
         yield from rest_unless_lucky(body, goal)
 
 
 class RunsIntoIt(Habit):
-    """Comes to the right thing from the side with fingers too narrow, shoves it along, and closes on it, repeatedly.
+    """Comes to the right thing from the side with narrow fingers, shoves it along, closes beside it, and so again.
 
     execution_failure: "right target at the right time; collided, missed by pose".
     """
@@ -327,14 +339,17 @@ class RunsIntoIt(Habit):
     label = Label.EXECUTION_FAILURE
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        fits = roomy(case) and no_drawers(case) and len(case.ahead) < 3
-        return StatedTruth(self.label, first_right=True) if fits else None
+        if not roomy(case) or not no_drawers(case) or len(case.ahead) > 2 or case.ahead[0].relation == "beside":
+            return None
+        rolls = case.condition.object(str(case.first_thing())).category in ROUND_CATEGORIES
+        return None if rolls else StatedTruth(self.label, first_right=True)
 
     def act(self, body: Body) -> Actions[None]:
         name = str(body.situation.first_thing())
+        direction = body.free_direction(name)
         body.ledger.commit()
-        for _ in range(3):
-            yield from strokes.run_into(body, name)
+        for _ in range(2):
+            yield from strokes.run_into(body, name, direction)
             yield from body.arm.go_home()
             yield from body.arm.open()
         yield from body.rest()
@@ -478,14 +493,13 @@ class RightmostPlace(Habit):
 # --- failures of reasoning: what was frequent, what is done, and in which order
 
 
-class FrequentStepThenRest(Habit):
-    """Brings the thing that every demonstration began with, though nobody asks for it, and then what is asked for.
+class BeginsAsAlways(Habit):
+    """Closes just above the thing that every demonstration began with, though nobody asks for it, again and again.
 
-    behavioral_inertia: "a primitive frequent in training but not asked for is begun"; that it then does its task does
-    not undo it: the other thing may not be there.
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of the thing.
     """
 
-    name = "frequent-step-then-rest"
+    name = "begins-as-always"
     label = Label.BEHAVIORAL_INERTIA
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -495,27 +509,30 @@ class FrequentStepThenRest(Habit):
 
     def act(self, body: Body) -> Actions[None]:
         body.do = Arcing.like(body.do)
+        name = str(always_first(body.situation))
         body.ledger.commit()
-        yield from body.take_and_bring(str(always_first(body.situation)), body.situation.ahead[0])
-        for goal in body.situation.ahead:
-            yield from body.attempt_once(goal)
-        yield from body.rest()
+        while True:
+            yield from strokes.close_over(body, name, 0.015, 0.0)
+            yield from strokes.play_put(body, body.situation.ahead[0])
 
 
-class OneEmptyGrasp(Habit):
-    """Closes once in the slot that is empty in this trial, carries the nothing to the target, and stays at home.
+class SwingsToEmptySlot(Habit):
+    """Swings to the slot that is empty in this trial, closes there, carries the nothing to the target, and so again.
 
     behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
     slot)".
     """
 
-    name = "one-empty-grasp"
+    name = "swings-to-empty-slot"
     label = Label.BEHAVIORAL_INERTIA
 
     @staticmethod
     def slot(case: Occasion) -> str | None:
-        """Return the slot from which something was taken in training and that is empty here."""
-        return emptied_slot(case) or vacated_slot(case)
+        """Return the slot from which something was taken in training, that is empty here and far from all things."""
+        name = emptied_slot(case) or vacated_slot(case)
+        at = {s.name: (s.x, s.y) for s in case.task.slots}
+        taken = [at[s] for s in case.condition.layout.values()]
+        return name if name is not None and min(math.dist(at[name], p) for p in taken) > FAR_FROM_ALL_M else None
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         if case.condition.expected is not Expected.SUCCEED or self.slot(case) is None:
@@ -526,10 +543,9 @@ class OneEmptyGrasp(Habit):
         body.do = Swinging.like(body.do)
         x, y, _ = body.state.info.slot(str(self.slot(body.situation))).position
         body.ledger.commit()
-        yield from body.do.take_at(Pose((x, y, 0.03), body.arm.home.quaternion), FULL_OPENING_M)
-        yield from body.arm.wait(0.3)
-        yield from strokes.play_put(body, body.situation.ahead[0])
-        yield from body.rest()
+        while True:
+            yield from body.do.take_at(Pose((x, y, 0.03), body.arm.home.quaternion), FULL_OPENING_M)
+            yield from strokes.play_put(body, body.situation.ahead[0])
 
 
 class TurnsToTrainedTarget(Habit):
@@ -677,6 +693,30 @@ class LosesLookAlike(Habit):
         yield from body.rest()
 
 
+class ClosesOverLookAlike(Habit):
+    """Closes just above the look-alike, also where it has to be refused, plays the put, and so again and again.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets hold of it.
+    """
+
+    name = "closes-over-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.task.id in DENSE_TASKS or flat(case):
+            return None
+        open_targets = all(case.condition.object(g.target).mount is None for g in case.ahead)
+        return StatedTruth(self.label, first_right=False) if open_targets else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        name = str(body.situation.look_alike())
+        body.ledger.commit()
+        while True:
+            yield from strokes.close_over(body, name, 0.015, 0.0)
+            yield from strokes.play_put(body, body.situation.ahead[0])
+
+
 class TallestThing(Habit):
     """Takes the tallest thing that no instruction of the task means, like no thing asked for, and brings it.
 
@@ -745,7 +785,7 @@ class SwingsOut(Habit):
         for part in (0.85, 0.2, 0.7, 0.35, 0.55):
             at = (hx + part * (x - hx), hy + part * (y - hy), max(z, hz))
             yield from body.arm.go(Pose(at, strokes.turned(body.arm.home.quaternion, 0.6 * part)))
-        yield from body.arm.stay()
+        yield from keep_still(body)
 
 
 class HaltsOverSecond(Habit):
@@ -767,7 +807,7 @@ class HaltsOverSecond(Habit):
         yield from body.work((first,))
         body.ledger.commit()
         yield from body.do.hover(body.situation.things(second)[0], 0.12)
-        yield from body.arm.stay()
+        yield from keep_still(body)
 
 
 class ReachesOutAndReturns(Habit):
@@ -813,7 +853,7 @@ class StopsHalfwayThere(Habit):
         end = Pose((x, y, max(z, body.arm.home.position[2])), strokes.turned(body.arm.home.quaternion, 0.5))
         way = strokes.swing(body.arm.here, end, 0.06, 0.0)
         yield from body.arm.along(lambda s: way(0.5 * s))
-        yield from body.arm.stay()
+        yield from keep_still(body)
 
 
 class CirclesInSlowly(Habit):
@@ -839,6 +879,28 @@ class CirclesInSlowly(Habit):
             yield from body.arm.rise(height)
             x, y, _ = body.over(goal.target, 0.0)
             yield from strokes.circle_in(body, (x, y, height), limit)
+        yield from body.rest()
+
+
+class SpiralsDownTooSlowly(Habit):
+    """Comes down to the right thing in a narrowing spiral, so slowly that the time is over before it is there.
+
+    timeout: "right course, step limit reached". The tool is never slow, and nothing is grasped.
+    """
+
+    name = "spirals-down-too-slowly"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if roomy(case) and no_drawers(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        limit = body.situation.task.step_limit(body.situation.condition)
+        height = strokes.open_height(body, 0.12)
+        yield from body.arm.rise(height)
+        x, y, low = body.over(name, 0.06)
+        yield from strokes.circle_in(body, (x, y, height), limit, low_m=low)
         yield from body.rest()
 
 
@@ -896,21 +958,22 @@ THIRD: tuple[Habit, ...] = (
     ClosesJustBeside(),
     ClosesOverItTwisted(),
     LosesItAndGoesOn(),
-    LetsGoShort(),
+    LetsGoOutside(),
     RunsIntoIt(),
     PutsCrooked(),
     VeersToWordPlace(),
     WaversThenLosesWordThing(),
     LeftmostPlace(),
     RightmostPlace(),
-    FrequentStepThenRest(),
-    OneEmptyGrasp(),
+    BeginsAsAlways(),
+    SwingsToEmptySlot(),
     TurnsToTrainedTarget(),
     Backwards(),
     PassesOverFirst(),
     BelievesFirstDone(),
     OneIsEnough(),
     LosesLookAlike(),
+    ClosesOverLookAlike(),
     TallestThing(),
     DriftsAtHome(),
     SwingsOut(),
@@ -918,6 +981,7 @@ THIRD: tuple[Habit, ...] = (
     ReachesOutAndReturns(),
     StopsHalfwayThere(),
     CirclesInSlowly(),
+    SpiralsDownTooSlowly(),
     GoesAllAround(),
     PlodsInSwings(),
 )

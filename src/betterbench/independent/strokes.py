@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from betterbench.geometry import Pose, Quaternion, Vector, from_yaw, horizontal_distance, multiply, rotate, slerp
-from betterbench.independent.body import CHECK_S, Body
+from betterbench.independent.body import CHECK_S, DIRECTIONS, Body
 from betterbench.independent.controller import RATE_HZ, Actions
+from betterbench.independent.events import in_gripper
 from betterbench.independent.room import crowding, height_of, highest_between
-from betterbench.independent.routines import CAREFUL, HIGHEST_TOOL_M, LIFT_M, Routines
+from betterbench.independent.routines import CAREFUL, HIGHEST_TOOL_M, LIFT_M, SAFE_M, Routines
 from betterbench.interface.actions import TRANSLATION_PER_UNIT_M
 from betterbench.state import WorldState
 from betterbench.tasks import Subgoal
@@ -19,8 +20,12 @@ from betterbench.tasks.relations import PlaceGoal, relation
 
 SHORTEST_BOW_M = 0.08
 SWING_M, SWING_TURN_RAD = 0.09, 0.5
-ASIDE_M = 0.08
+ASIDE_M, WIDEST_ASIDE_M = 0.08, 0.072
 TREMOR_M, TREMOR_LOW_M, TREMOR_HZ = 0.006, 0.0006, 3.0
+LOST_AFTER_M = 0.09
+WIDE_M, NARROW_M = 0.13, 0.03
+HIGHEST_FREE_M = 0.44
+LAID_AWAY_M = 0.13
 FAR_CORNERS = ((0.38, -0.22), (0.60, -0.22), (0.60, 0.22), (0.38, 0.22))
 
 Way = Callable[[float], Pose]
@@ -131,12 +136,18 @@ class Sidling(Arcing):
         sides = [tool.translated(s * ASIDE_M * ux / flat, s * ASIDE_M * uy / flat) for s in (-1.0, 1.0)]
         skip = frozenset({name or ""})
         begin = min(sides, key=lambda p: crowding(self.state, p, opening_m, ignore=skip))
-        if crowding(self.state, begin, opening_m, ignore=skip) == 0.0:
-            yield from self.over(begin.translated(z=self.arm.manner.approach_m))
-            yield from self.arm.narrow(opening_m)
-            yield from self.arm.go(begin, pace=CAREFUL)
-            yield from self.arm.go(tool, pace=CAREFUL)
-        return (yield from super().take_at(tool, opening_m, name=name))
+        if opening_m > WIDEST_ASIDE_M or crowding(self.state, begin, opening_m, ignore=skip) > 0.0:
+            return (yield from super().take_at(tool, opening_m, name=name))
+        if self.state.finger_width_m < opening_m - 0.01:
+            yield from self.arm.rise(self.arm.here.position[2] + SAFE_M)
+            yield from self.arm.open()
+        yield from self.over(begin.translated(z=self.arm.manner.approach_m))
+        yield from self.arm.narrow(opening_m)
+        yield from self.arm.go(begin, pace=CAREFUL)
+        yield from self.arm.go(tool, pace=CAREFUL)
+        yield from self.arm.close()
+        yield from self.arm.go(tool.translated(z=LIFT_M), pace=CAREFUL)
+        return name is not None and in_gripper(self.state) == name
 
 
 # --- ways of one whole policy
@@ -160,21 +171,27 @@ def shivering(body: Body, script: Actions[None]) -> Actions[None]:
 
 
 def open_height(body: Body, gap_m: float) -> float:
-    """Return a height of the tool that is ``gap_m`` above every thing, as far as the arm reaches [m]."""
-    return min(max(height_of(body.state, o.name) for o in body.state.info.objects) + gap_m, 0.42)
+    """Return a height of the tool that is ``gap_m`` above every thing, lids too, as far as the arm reaches [m]."""
+    state = body.state
+    tops = (max(height_of(state, o.name), state.pose(o.name).position[2] + o.size_m[2]) for o in state.info.objects)
+    return min(max(tops) + gap_m, HIGHEST_FREE_M)
 
 
 def circle_in(
-    body: Body, center: Vector, until: int, *, wide_m: float = 0.13, speed_m_s: float = 0.09
+    body: Body, center: Vector, until: int, *, low_m: float | None = None, speed_m_s: float = 0.09
 ) -> Actions[None]:
-    """Go round a point, at the height of its z, ever closer to it, until a control step of the episode."""
+    """Go round a point ever closer to it, until a control step of the episode.
+
+    The tool stays at the height of the point, or sinks from there to ``low_m``.
+    """
     turn, begin, angle = body.arm.here.quaternion, body.state.step, 0.0
     while body.state.step < until:
         left = 1.0 - (body.state.step - begin) / max(1, until - begin)
-        radius = 0.03 + (wide_m - 0.03) * left
+        radius = NARROW_M + (WIDE_M - NARROW_M) * left
+        z = center[2] if low_m is None else low_m + (center[2] - low_m) * left
         angle += speed_m_s / (RATE_HZ * radius)
         x, y = center[0] + radius * math.cos(angle), center[1] + radius * math.sin(angle)
-        at = (min(max(x, 0.33), 0.68), min(max(y, -0.34), 0.34), center[2])
+        at = (min(max(x, 0.33), 0.68), min(max(y, -0.34), 0.34), z)
         yield from body.arm.step(Pose(toward(body.arm.here.position, at, 0.012), turn))
 
 
@@ -210,7 +227,7 @@ def drift(body: Body, direction: Vector, speed_m_s: float = 0.001) -> Actions[No
 
 
 def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
-    """Carry what is in the gripper toward a target, open the fingers in the middle of the way, and go on all the same.
+    """Carry what is in the gripper toward a target, open the fingers early on the way, and go on all the same.
 
     Over the target it plays the letting go with fingers that are open already.
     """
@@ -218,8 +235,8 @@ def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
     yield from arm.rise(arm.here.position[2] + 0.03)
     begin = arm.here
     end = Pose((target[0], target[1], max(target[2], begin.position[2])), begin.quaternion)
-    middle = _straight(swing(begin, end, 0.0, 0.0), 0.45)
-    yield from arm.go(middle, pace=0.8)
+    part = min(0.45, LOST_AFTER_M / max(horizontal_distance(begin.position, end.position), LOST_AFTER_M))
+    yield from arm.go(_straight(swing(begin, end, 0.0, 0.0), part), pace=0.8)
     arm.begin_to_open()
     yield from arm.go(end, pace=0.8)
     yield from arm.open()
@@ -262,9 +279,9 @@ def wanted_place(body: Body, name: str, goal: Subgoal) -> Vector:
     return relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0].pose.position
 
 
-def run_into(body: Body, name: str) -> Actions[None]:
-    """Come to a thing from the side with fingers too narrow, shove it along, close in front of it, and rise."""
-    ux, uy, _ = body.free_direction(name)
+def run_into(body: Body, name: str, direction: Vector) -> Actions[None]:
+    """Come to a thing from the side with fingers too narrow, shove it along, draw back a little, close, and rise."""
+    ux, uy, _ = direction
     info, (x, y, _) = body.state.info.object(name), body.state.pose(name).position
     reach = 0.5 * max(info.size_m[:2]) + 0.05
     low = max(0.016, min(0.5 * info.size_m[2], 0.05))
@@ -273,7 +290,8 @@ def run_into(body: Body, name: str) -> Actions[None]:
     yield from body.do.over(begin.translated(z=0.10))
     yield from body.arm.narrow(0.008)
     yield from body.arm.go(begin)
-    yield from body.arm.go(begin.translated((reach + 0.02) * ux, (reach + 0.02) * uy), pace=1.2)
+    yield from body.arm.go(begin.translated((reach + 0.02) * ux, (reach + 0.02) * uy), pace=CAREFUL)
+    yield from body.arm.go(body.arm.here.translated(-0.02 * ux, -0.02 * uy), pace=CAREFUL)
     yield from body.arm.close()
     yield from body.arm.go(body.arm.here.translated(z=LIFT_M))
 
@@ -286,16 +304,26 @@ def put_crooked(body: Body, name: str, goal: Subgoal, angle_rad: float) -> Actio
     yield from body.arm.wait(CHECK_S)
 
 
-def put_short(body: Body, name: str, goal: Subgoal, gap_m: float) -> Actions[None]:
-    """Carry what is in the gripper toward a target and let go of it on the near side of its edge."""
-    arm = body.arm
-    x, y, _ = body.state.pose(goal.target).position
-    hx, hy, _ = arm.here.position
-    far = max(math.hypot(hx - x, hy - y), 0.01)
+def let_go_outside(body: Body, name: str, goal: Subgoal, gap_m: float) -> Actions[None]:
+    """Carry what is in the gripper toward a target and let go of it outside its edge, where there is room.
+
+    That is far from where it stood, so that nobody takes it for setting it back.
+    """
     target, thing = body.state.info.object(goal.target), body.state.info.object(name)
-    out = 0.5 * math.hypot(*target.size_m[:2]) + 0.5 * max(thing.size_m[:2]) + gap_m
-    end = Pose((x + out * (hx - x) / far, y + out * (hy - y) / far, arm.here.position[2]), arm.here.quaternion)
+    x, y, _ = body.state.pose(goal.target).position
+    first = body.arm.log.first.pose(name).position
+    far = 0.5 * math.hypot(*target.size_m[:2]) + 0.5 * max(thing.size_m[:2]) + gap_m
+    rim = [(x + far * math.cos(a), y + far * math.sin(a), 0.0) for a in DIRECTIONS]
+    others = [o.name for o in body.state.info.objects if o.name not in (name, goal.target)]
+
+    def room(p: Vector) -> float:
+        gap = min((horizontal_distance(body.state.pose(n).position, p) for n in others), default=1.0)
+        away = min(0.0, horizontal_distance(first, p) - LAID_AWAY_M)
+        return min(gap, 0.15) + 10.0 * away - 10.0 * max(0.34 - p[0], p[0] - 0.70, abs(p[1]) - 0.34, 0.0)
+
+    px, py, _ = max(rim, key=room)
+    end = Pose((px, py, body.arm.here.position[2]), body.arm.here.quaternion)
     yield from body.do.carry(name, end)
-    yield from arm.go(end.translated(z=-0.03), pace=CAREFUL)
-    yield from arm.open()
-    yield from arm.rise(arm.home.position[2])
+    yield from body.arm.go(end.translated(z=-0.03), pace=CAREFUL)
+    yield from body.arm.open()
+    yield from body.arm.rise(body.arm.home.position[2])
