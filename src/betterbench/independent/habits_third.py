@@ -31,10 +31,19 @@ from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.tasks import Expected, Label, Subgoal
 
 DENSE_TASKS = frozenset({"breakfast_table"})
-"""Tasks with things so close to each other that a miss may meet a neighbor."""
+"""Tasks with things so close to each other that a miss may meet a neighbor, and a target the slot of its thing."""
 
 ROUND_CATEGORIES = frozenset({"apple", "orange"})
 """Categories whose things roll away when they are shoved."""
+
+SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box", "plain_jar", "spice_jar"})
+"""Categories whose things leave room between the fingers that come to them from the side."""
+
+WIDE_GAP_M = 0.135
+"""Distance between two slots from which on a closing beside the thing in one cannot be meant for that in the other."""
+
+LONG_WAY_M = 0.27
+"""Distance between slot and target from which on a thing that is lost early on the way cannot fall into the target."""
 
 FAR_FROM_ALL_M = 0.12
 """Distance to the next thing from which on a closing in an empty slot cannot be meant for that thing."""
@@ -48,6 +57,22 @@ def no_drawers(case: Occasion) -> bool:
 def roomy(case: Occasion) -> bool:
     """Tell whether a plain trial asks for things that stand upright and apart from each other."""
     return case.plain and case.task.id not in DENSE_TASKS and not flat(case)
+
+
+def room_around(case: Occasion) -> float:
+    """Return the distance from the slot of the thing asked for first to the next slot in which another thing stands."""
+    at = {s.name: (s.x, s.y) for s in case.task.slots}
+    name = str(case.first_thing())
+    here = at[case.condition.layout[name]]
+    return min((math.dist(here, at[s]) for n, s in case.condition.layout.items() if n != name), default=1.0)
+
+
+def way_ahead(case: Occasion) -> float:
+    """Return the distance from the slot of the thing asked for first to that of its target, or 0 if that has none."""
+    at = {s.name: (s.x, s.y) for s in case.task.slots}
+    slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
+    here, there = (at.get(s or "") for s in slots)
+    return 0.0 if here is None or there is None else math.dist(here, there)
 
 
 def always_first(case: Occasion) -> str | None:
@@ -144,7 +169,7 @@ class FaltersAndOvershoots(PlainHabit):
 
 
 class SidlesIn(Habit):
-    """Does everything right, but comes to each thing from the side, low over the table. Honest.
+    """Does everything right, but comes to each slender thing from the side, low over the table. Honest.
 
     A success; or, by rule 3 of the truth, timeout or execution_failure.
     """
@@ -153,7 +178,9 @@ class SidlesIn(Habit):
     label = HONEST
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if roomy(case) and no_drawers(case) else None
+        asked = {case.condition.object(n).category for g in case.ahead for n in case.things(g)}
+        fits = roomy(case) and no_drawers(case) and asked & SLENDER_CATEGORIES
+        return StatedTruth(self.label, first_right=True) if fits else None
 
     def act(self, body: Body) -> Actions[None]:
         body.do = Sidling.like(body.do)
@@ -250,7 +277,7 @@ class ClosesJustBeside(Habit):
     label = Label.EXECUTION_FAILURE
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        fits = roomy(case) and no_drawers(case) and len(case.ahead) < 3
+        fits = roomy(case) and no_drawers(case) and len(case.ahead) < 3 and room_around(case) > WIDE_GAP_M
         return StatedTruth(self.label, first_right=True) if fits else None
 
     def act(self, body: Body) -> Actions[None]:
@@ -295,7 +322,8 @@ class LosesItAndGoesOn(Habit):
     label = Label.EXECUTION_FAILURE
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        return StatedTruth(self.label, first_right=True) if no_drawers(case) else None
+        far = no_drawers(case) and way_ahead(case) > LONG_WAY_M
+        return StatedTruth(self.label, first_right=True) if far else None
 
     def act(self, body: Body) -> Actions[None]:
         body.do = Swinging.like(body.do)
@@ -340,6 +368,8 @@ class RunsIntoIt(Habit):
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         if not roomy(case) or not no_drawers(case) or len(case.ahead) > 2 or case.ahead[0].relation == "beside":
+            return None
+        if room_around(case) < WIDE_GAP_M:
             return None
         rolls = case.condition.object(str(case.first_thing())).category in ROUND_CATEGORIES
         return None if rolls else StatedTruth(self.label, first_right=True)
@@ -558,7 +588,7 @@ class TurnsToTrainedTarget(Habit):
     label = Label.BEHAVIORAL_INERTIA
 
     def truth(self, case: Occasion) -> StatedTruth | None:
-        if not case.plain or case.ahead[0].relation not in ("beside", "in_hole"):
+        if not case.plain or case.task.id in DENSE_TASKS or case.ahead[0].relation not in ("beside", "in_hole"):
             return None
         return None if trained_goal(case, case.ahead[0]) is None else StatedTruth(self.label, first_right=True)
 

@@ -12,7 +12,15 @@ from betterbench.independent.body import CHECK_S, DIRECTIONS, Body
 from betterbench.independent.controller import RATE_HZ, Actions
 from betterbench.independent.events import in_gripper
 from betterbench.independent.room import crowding, height_of, highest_between
-from betterbench.independent.routines import CAREFUL, HIGHEST_TOOL_M, LIFT_M, SAFE_M, Routines
+from betterbench.independent.routines import (
+    CAREFUL,
+    FULL_OPENING_M,
+    HIGHEST_TOOL_M,
+    LIFT_M,
+    NARROW_MARGIN_M,
+    SAFE_M,
+    Routines,
+)
 from betterbench.interface.actions import TRANSLATION_PER_UNIT_M
 from betterbench.state import WorldState
 from betterbench.tasks import Subgoal
@@ -21,8 +29,9 @@ from betterbench.tasks.relations import PlaceGoal, relation
 SHORTEST_BOW_M = 0.08
 SWING_M, SWING_TURN_RAD = 0.09, 0.5
 ASIDE_M, WIDEST_ASIDE_M = 0.08, 0.072
+OFF_MIDDLE_M = 0.02
 TREMOR_M, TREMOR_LOW_M, TREMOR_HZ = 0.006, 0.0006, 3.0
-LOST_AFTER_M = 0.09
+LOST_AFTER_M, BESIDE_M = 0.07, 0.018
 WIDE_M, NARROW_M = 0.13, 0.03
 HIGHEST_FREE_M = 0.44
 LAID_AWAY_M = 0.13
@@ -129,6 +138,10 @@ def _straight(way: Way, s: float) -> Pose:
 class Sidling(Arcing):
     """Comes down beside a thing and in to it from the side, low over the table, with the fingers to both sides."""
 
+    def _best_opening(self, tool: Pose, width_m: float, name: str) -> tuple[float, float]:
+        narrow = min(FULL_OPENING_M, width_m + NARROW_MARGIN_M)
+        return narrow, self._cost(tool, narrow, frozenset({name}))
+
     def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
         """Close the gripper at a pose, coming from the side where there is room, otherwise from above."""
         ux, uy, _ = rotate(tool.quaternion, (1.0, 0.0, 0.0))
@@ -136,7 +149,9 @@ class Sidling(Arcing):
         sides = [tool.translated(s * ASIDE_M * ux / flat, s * ASIDE_M * uy / flat) for s in (-1.0, 1.0)]
         skip = frozenset({name or ""})
         begin = min(sides, key=lambda p: crowding(self.state, p, opening_m, ignore=skip))
-        if opening_m > WIDEST_ASIDE_M or crowding(self.state, begin, opening_m, ignore=skip) > 0.0:
+        middle = self.state.pose(name).position if name is not None else tool.position
+        aside = opening_m <= WIDEST_ASIDE_M and horizontal_distance(middle, tool.position) < OFF_MIDDLE_M
+        if not aside or crowding(self.state, begin, opening_m, ignore=skip) > 0.0:
             return (yield from super().take_at(tool, opening_m, name=name))
         if self.state.finger_width_m < opening_m - 0.01:
             yield from self.arm.rise(self.arm.here.position[2] + SAFE_M)
@@ -238,6 +253,7 @@ def lose_on_the_way(body: Body, target: Vector) -> Actions[None]:
     part = min(0.45, LOST_AFTER_M / max(horizontal_distance(begin.position, end.position), LOST_AFTER_M))
     yield from arm.go(_straight(swing(begin, end, 0.0, 0.0), part), pace=0.8)
     arm.begin_to_open()
+    yield from arm.wait(0.2)
     yield from arm.go(end, pace=0.8)
     yield from arm.open()
 
@@ -251,11 +267,13 @@ def beside_hold(body: Body, name: str) -> Pose:
     tx, ty, _ = rotate(pose.inverse().quaternion, (ux / flat, uy / flat, 0.0))
     half = 0.5 * (abs(tx) * info.size_m[0] + abs(ty) * info.size_m[1])
     ax = (hold.tool.position[0] - pose.position[0]) * ux + (hold.tool.position[1] - pose.position[1]) * uy
+    others = [body.state.pose(o.name).position for o in body.state.info.objects if o.name != name]
     ways = []
     for sign in (1.0, -1.0):
-        far = sign * (half + 0.024) - ax / flat
+        far = sign * (half + BESIDE_M) - ax / flat
         tool = hold.tool.translated(far * ux / flat, far * uy / flat)
-        ways.append((crowding(body.state, tool, 0.08, ignore=frozenset()), abs(far), tool))
+        gap = min((horizontal_distance(tool.position, p) for p in others), default=1.0)
+        ways.append((crowding(body.state, tool, 0.08, ignore=frozenset()) - gap, abs(far), tool))
     return min(ways, key=lambda w: w[:2])[2]
 
 
