@@ -33,8 +33,8 @@ from betterbench.tasks import Expected, Label, Subgoal
 DENSE_TASKS = frozenset({"breakfast_table"})
 """Tasks with things so close to each other that a miss may meet a neighbor, and a target the slot of its thing."""
 
-ROUND_CATEGORIES = frozenset({"apple", "orange"})
-"""Categories whose things roll away when they are shoved."""
+ROUND_CATEGORIES = frozenset({"apple", "orange", "plain_jar", "spice_jar"})
+"""Categories whose things roll away, or fall over first, when they are shoved."""
 
 SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box", "plain_jar", "spice_jar"})
 """Categories whose things leave room between the fingers that come to them from the side."""
