@@ -11,6 +11,7 @@ from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.habits_second import SECOND
+from betterbench.independent.habits_third import THIRD
 from betterbench.independent.manner import MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
@@ -22,8 +23,13 @@ if TYPE_CHECKING:
     from betterbench.scenes import Scene
 
 PREFIX = "independent:"
-Half = Literal["development", "held_out", "second"]
-HALVES: dict[Half, tuple[Habit, ...]] = {"development": DEVELOPMENT, "held_out": HELD_OUT, "second": SECOND}
+Half = Literal["development", "held_out", "second", "third"]
+HALVES: dict[Half, tuple[Habit, ...]] = {
+    "development": DEVELOPMENT,
+    "held_out": HELD_OUT,
+    "second": SECOND,
+    "third": THIRD,
+}
 
 
 @dataclass(frozen=True, slots=True)
