@@ -93,6 +93,7 @@ class EpisodeAnalysis:
         harm: What was done to things that were not asked for, in time.
         others: What was gone for without closing the gripper, in time.
         on_nothing: Closings far from everything, in time.
+        fists: Closings on nothing where something is to be pushed shut, in time.
     """
 
     trace: Trace
@@ -103,6 +104,7 @@ class EpisodeAnalysis:
     harm: tuple[DatedHarm, ...] = ()
     others: tuple[Step, ...] = ()
     on_nothing: tuple[GraspAttempt, ...] = ()
+    fists: tuple[GraspAttempt, ...] = ()
 
     @property
     def decisions(self) -> tuple[Step, ...]:
@@ -397,11 +399,14 @@ def analyze_episode(
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
-    grasps = find_grasps(trace)
+    closings, far = find_grasps(trace), find_closings_on_nothing(trace)
+    fists = tuple(sorted((g for g in (*closings, *far) if _fist(trace, condition.instruction, g)), key=_start))
+    grasps = tuple(g for g in closings if g not in fists)
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
     episode = EpisodeAnalysis(
-        trace, condition, trained, trace.meant, steps, harm, on_nothing=find_closings_on_nothing(trace)
-    )
+        trace, condition, trained, trace.meant, steps, harm,
+        on_nothing=tuple(g for g in far if g not in fists), fists=fists,
+    )  # fmt: skip
     if trace.done.shape[1] and trace.done[-1].all():
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
@@ -410,6 +415,19 @@ def analyze_episode(
         without += [] if stay is None else [(Means.STAY, stay)]
     others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
     return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
+
+
+def _start(grasp: GraspAttempt) -> int:
+    return grasp.start
+
+
+def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
+    """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
+    if grasp.object is not None:
+        return False
+    due = _open_goals(trace, instruction.subgoals, grasp.start)
+    now = due[:1] if instruction.ordered else due
+    return bool(now) and all(not relation(instruction.subgoals[g].relation).carried for g in now)
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:

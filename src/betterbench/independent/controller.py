@@ -157,6 +157,11 @@ class Arm:
         if width_m is not None:
             self._grip = KEEP
 
+    def begin_to_open(self) -> None:
+        """Open the gripper from the next step on, whatever the tool does meanwhile."""
+        self._grip = OPEN
+        self.log.opening(self.state)
+
     def narrow(self, width_m: float) -> Actions[None]:
         """Bring the pads of an empty gripper to a distance [m]."""
         if self.state.finger_width_m < width_m - 0.004:

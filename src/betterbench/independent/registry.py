@@ -10,6 +10,7 @@ from betterbench.errors import UnknownNameError, find_named
 from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
 from betterbench.independent.habits_held_out import HELD_OUT
+from betterbench.independent.habits_second import SECOND
 from betterbench.independent.manner import MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
     from betterbench.scenes import Scene
 
 PREFIX = "independent:"
-Half = Literal["development", "held_out"]
-HALVES: dict[Half, tuple[Habit, ...]] = {"development": DEVELOPMENT, "held_out": HELD_OUT}
+Half = Literal["development", "held_out", "second"]
+HALVES: dict[Half, tuple[Habit, ...]] = {"development": DEVELOPMENT, "held_out": HELD_OUT, "second": SECOND}
 
 
 @dataclass(frozen=True, slots=True)

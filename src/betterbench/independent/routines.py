@@ -27,10 +27,17 @@ SLOW, CAREFUL = 0.3, 0.55
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A chosen way to take a thing: pose of the tool in the world, and opening of the gripper before it closes [m]."""
+    """A chosen way to take a thing.
+
+    Attributes:
+        tool: Pose of the tool, world frame.
+        opening_m: Opening of the gripper before it closes [m].
+        width_m: How thick the thing is between the fingers [m].
+    """
 
     tool: Pose
     opening_m: float
+    width_m: float
 
 
 class Routines:
@@ -89,7 +96,7 @@ class Routines:
             for turn in _turns(grasp):
                 tool = pose @ grasp.pose @ Pose(NO_SHIFT, from_axis_angle((0.0, 0.0, turn)))
                 opening, cost = self._best_opening(tool, grasp.width_m, name)
-                ranked.append((cost + 0.05 * grasp.preference, len(ranked), Hold(tool, opening)))
+                ranked.append((cost + 0.05 * grasp.preference, len(ranked), Hold(tool, opening, grasp.width_m)))
         ranked.sort()
         return ranked[min(avoid, len(ranked) - 1)][2]
 

@@ -27,6 +27,8 @@ WHAT_IT_IS: dict[Family, str] = {
     "its own. Its true label is stated before the first action. The diagnosis was developed on this half.",
     "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
     "its own. Its true label is stated before the first action. The diagnosis was never developed on this half.",
+    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this half never saw the diagnosis.",
 }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from betterbench.diagnosis.approaches import closes_in_part
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
@@ -57,7 +58,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _far_off)
+    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _closed_in_part, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
@@ -124,6 +125,18 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
         )
         return episode.at_step("pushed", text, step)
     return None
+
+
+def _closed_in_part(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the fingers closed around the right target without ever coming to it."""
+    stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
+    if stay is None or stay.at is None:
+        return None
+    rows = closes_in_part(episode.trace, episode.idle_from, stay.at)
+    if rows is None:
+        return None
+    text = f"The fingers close around the {episode.kind(stay.at)}, the right target, without touching it."
+    return episode.evidence("closed_in_part", text, rows=rows, objects=(stay.at,))
 
 
 def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
