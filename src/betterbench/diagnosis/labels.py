@@ -58,7 +58,7 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
     return tuple(LabelEvidence(label, evidence) for label, evidence in found if evidence is not None)
 
 
-_OF_ORDER = ("attempted_in_wrong_order", "memorized_order", "required_step_skipped")
+_OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
 """Rules of evidence that a favorite place explains as well."""
 
 

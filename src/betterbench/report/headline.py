@@ -146,7 +146,10 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
     headline = headline_of(diagnosis)
     rates = (("training", headline.training), ("variations", headline.variations))
     counts = ", ".join(f"{name} {figure.count()}" for name, figure in rates if not figure.missing)
-    return f"{headline.policy}: {headline.conclusion.rstrip('.')}{f' ({counts})' if counts else ''}."
+    said = headline.conclusion.rstrip(".")
+    if counts:
+        said = f"{said.removesuffix(')')}; {counts})" if said.endswith(")") else f"{said} ({counts})"
+    return f"{headline.policy}: {said}."
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
@@ -191,10 +194,11 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Tell whether a rule is followed only to things that look like the target, and elsewhere is not."""
+    """Tell whether a rule is followed only to things that look like the target, and elsewhere often is not."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
-    return alike and any(trial.intention_correct and rule in _exposed(trial) for trial in trials)
+    right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
+    return alike and 2 * right >= len(followed)
 
 
 def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
@@ -238,32 +242,37 @@ def _conclusion(trials: Sequence[TrialDiagnosis], training: Figure) -> tuple[str
 def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
     """Return the sentence and the family of a failure that is rare over all but the rule in some conditions of a task.
 
-    Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there.
+    Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there. It is
+    none if the same failure is scattered over other tasks as well.
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
         if trial.kind is not Kind.NONE:
             groups[trial.task, trial.label].append(trial)
-    ranks, found = list(LEGEND), []
+    ranks, counts, shown = list(LEGEND), dict[tuple[str, Label], str](), Counter[Label]()
     for (task, label), members in groups.items():
         names = sorted({t.variation or t.condition for t in members})
         n = sum(t.task == task and (t.variation or t.condition) in names for t in trials)
         if any(t.variation for t in members) and len(members) >= max(FEW, SHARE_OF_ALL * n):
-            found.append((-len(members), ranks.index(label), task, label, members, f"{len(members)}/{n} trials", names))
+            where = listed(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
+            counts[task, label] = f"{len(members)}/{n} trials of {where}"
+            shown[label] += len(members)
+    labels = Counter(trial.label for trial in trials)
+    found = [key for key in counts if shown[key[1]] >= SHARE_OF_ALL * labels[key[1]]]
     if not found:
         return None
-    _, _, task, label, members, count, names = min(found, key=lambda f: f[:3])
-    text = LEGEND[label].conclude(members)
-    where = listed(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
-    return f"In {task} {text[0].lower()}{text[1:].removesuffix('.')} ({count} of {where}).", LEGEND[label].family
+    task, label = min(found, key=lambda key: (-len(groups[key]), ranks.index(key[1]), key[0]))
+    text = LEGEND[label].conclude(groups[task, label]).removesuffix(".")
+    return f"In {task} {text[0].lower()}{text[1:]} ({counts[task, label]}).", LEGEND[label].family
 
 
 def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
     """Return the clause that says on which axis nearly all trials of a label are, if other axes were run too."""
     axes = Counter(trial.axis for trial in varied if trial.label is label)
     axis, count = axes.most_common(1)[0]
+    least = max(FEW, SHARE_OF_ALL * axes.total())
     elsewhere = sum(trial.axis != axis for trial in varied)
-    return AXIS_PLACES.get(axis or "", "") if count >= max(FEW, SHARE_OF_ALL * axes.total()) <= elsewhere else ""
+    return AXIS_PLACES.get(axis or "", "") if count >= least and elsewhere >= least else ""
 
 
 def _pairs(diagnosis: RunDiagnosis) -> tuple[Figure, Figure]:

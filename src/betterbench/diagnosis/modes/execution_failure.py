@@ -73,7 +73,7 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     lost = [g for g in range(done.shape[1]) if not done[last, g]]
     things = tuple(dict.fromkeys(i for g in lost for i in episode.meant[g]))
     kinds = list(dict.fromkeys(episode.kind(i) for i in things))
-    many = len(kinds) > 1 or is_plural("".join(kinds))
+    many = len(kinds) > 1 or any(map(is_plural, kinds))
     state = "are not where they have" if many else "is not where it has"
     which = f": the {listed(kinds)} {state} to be, at rest and let go" if kinds else " for long enough"
     text = f"Every attempt was right, and yet the goal does not hold at the end{which}."
@@ -255,8 +255,8 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
-    was, was_not = agreeing(kinds, "was where it", "were where they"), agreeing(kinds, "is", "are")
-    text = f"The {kinds} {was} had to be and {was_not} knocked away from there."
+    was, now = agreeing(kinds, "was where it", "were where they"), agreeing(kinds, "is", "are")
+    text = f"The {kinds} {was} had to be and {now} knocked away from there."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 

@@ -53,7 +53,7 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     text = (
         f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training: it is at "
-        f"{episode.describe(step, slots=False)}, which is not what that means here."
+        f"{episode.describe(step, slots=False)}, which {word!r} does not mean here."
     )
     return episode.at_step("word_leads_to_trained_slot", text, step, shared=_shared(episode, step, step.goal))
 

@@ -47,9 +47,10 @@ def _find(trial: TrialView) -> Evidence | None:
         if late is not None and episode.attempted_after(late, step.grasp.start):
             done = None if before is None or before.at is None else episode.kind(before.at)
             trained = done is not None and _followed(episode, done, step)
+            habit = f"; in training {episode.describe(step, slots=False)} came next after the {done}" if trained else ""
             text = (
                 f"It goes for {episode.describe(step)} before {episode.asked_words(late)}, "
-                f"which comes first and is attempted later{f'; in training it followed the {done}' if trained else ''}."
+                f"which comes first and is attempted later{habit}."
             )
             return episode.at_step("memorized_order" if trained else "attempted_in_wrong_order", text, step)
         if not episode.trace.is_drawer(step.at):
