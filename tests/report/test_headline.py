@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import diagnosis, trial
 
 from betterbench.diagnosis import Label
+from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.report.headline import headline_of, verdict_line
 
 RULE, LOOK = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.SEMANTIC_FEATURE_COLLAPSE
@@ -131,3 +132,12 @@ def test_a_word_rule_that_holds_for_look_alikes_alone_is_one_of_looks(shared, ri
     failure = headline_of(diagnosis(trials)).failure
     assert failure is not None
     assert failure.label is named
+
+
+def test_an_unfinished_run_is_no_breakdown_of_the_policy():
+    """Half of the trials were never run: nothing shows that the policy failed to run."""
+    missing = varied(range(5), Label.POLICY_ERROR)
+    none = [replace(t, evidence=without_record(None), attempts=()) for t in missing]
+    assert headline_of(diagnosis(none)).conclusion.startswith("The run is not finished")
+    broken = [replace(t, evidence=without_record("the server went away"), attempts=()) for t in missing]
+    assert headline_of(diagnosis(broken)).conclusion.startswith("The policy itself failed to run")

@@ -60,7 +60,9 @@ def _find(trial: TrialView) -> Evidence | None:
 
 def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
     """Tell whether an attempt is at what followed a kind in some demonstrations."""
-    pair = None if step.at is None else (done, episode.kind(step.at))
+    if step.at is None:
+        return False
+    pair = (done, episode.kind(step.at))
     return any(pair in itertools.pairwise(sequence) for sequence in episode.trained.sequences)
 
 
