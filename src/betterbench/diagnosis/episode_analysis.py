@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -12,6 +13,7 @@ from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushe
 from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
 from betterbench.tasks.harm import DISPLACED
@@ -19,6 +21,7 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
 from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.words import place_words
 
 DOUBT = threshold(
     "doubt", 0.03, "m",
@@ -261,8 +264,9 @@ class EpisodeAnalysis:
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"{float(time[first]):.1f} s"]
-        if objects:
-            facts.append(self._place(first, objects[0]))
+        place = self._place(first, objects[0]) if objects else ""
+        if place and place.removeprefix("at ") not in text:
+            facts.append(place)
         if "asked for" not in text:
             facts.append(f"asked for: {self.asked_at(first)}")
         said = f"{text.removesuffix('.')} ({', '.join(facts)})."
@@ -274,7 +278,7 @@ class EpisodeAnalysis:
         """Return the words of the steps that are due at a row, with the things that they mean."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return " and ".join(due) or "nothing more"
+        return listed(due) or "nothing more"
 
     def open_words(self, row: int) -> tuple[str, ...]:
         """Return the words of the subgoals that are open at a row, each once."""
@@ -288,8 +292,10 @@ class EpisodeAnalysis:
         return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return where an object is: at a place of a target, in a slot, or at coordinates."""
+        """Return where an object is: at a place of a target, in a slot, or at coordinates; of a drawer, nothing."""
         trace = self.trace
+        if trace.is_drawer(i):
+            return ""
         place = trace.placed(row, i)
         if place is not None:
             return f"at the {self.kind(place.target)}"
@@ -304,13 +310,33 @@ class EpisodeAnalysis:
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
-    def describe(self, step: Step) -> str:
-        """Return a phrase for what an attempt was at."""
-        slot = "" if step.grasp.slot is None else f" at slot {step.grasp.slot!r}"
+    def describe(self, step: Step, *, slots: bool = True) -> str:
+        """Return a phrase for what an attempt was at, with its slot or without."""
+        slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
         how = {Means.PUSH: " (pushed)", Means.STAY: " (the open gripper stays over it)"}.get(step.means, "")
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
+
+    def where(self, target: int, region: str) -> str:
+        """Return a phrase for a place of a target: "the laptop (left)"."""
+        return place_words(self.kind(target), region)
+
+    def asked_where(self, step: Step) -> str:
+        """Return a phrase for the place to which the object of an attempt was to be brought."""
+        if step.goal is None:
+            return "elsewhere"
+        return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
+
+    def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
+        """Return what the look of an object has in common with one of several: "color", "shape"."""
+        found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
+        shared = []
+        if found.color and any(found.color == other.color for other in others):
+            shared.append("color")
+        if found.shape and any(found.shape == other.shape for other in others):
+            shared.append("shape")
+        return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
         """Return a phrase for what was asked for at an attempt."""
@@ -516,5 +542,5 @@ def _target_of(
     if any(at in names for names in trace.meant):
         return AttemptTarget.REPEATED
     found = trace.info.objects[at]
-    other = found.kind in known or found.role in ("container", "fixture")
+    other = found.kind in known or found.role in ("container", "fixture") or at in trace.targets
     return AttemptTarget.OTHER if other else AttemptTarget.FOREIGN

@@ -2,17 +2,45 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 
 from betterbench.diagnosis.approaches import closes_in_part
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
+from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.words import agreeing, is_plural
+
+_KNOCKS = "knocks things over or out of their places"
+_HOW = {
+    "missed_by_pose": "closes beside them",
+    "missed_by_far": "closes far from them",
+    "slipped": "does not lift them",
+    "pushed": "pushes them away",
+    "dropped": "drops them",
+    "placed_outside_the_goal": "puts them down outside the goal",
+    "drawer_left_halfway": "leaves drawers halfway",
+    "collided": _KNOCKS,
+    "knocked_out_of_place": _KNOCKS,
+    "harm": _KNOCKS,
+}
+"""What a policy does by the rule of its evidence, after "It goes for the right things, but"."""
+
+
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return how the manipulation fails in nearly all trials, if one or two ways tell it."""
+    ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in trials).most_common(2)
+    told = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
+    known = all(way for way, _ in told) and sum(count for _, count in told) >= SHARE_OF_ALL * len(trials)
+    return f"It goes for the right things, but {' or '.join(way for way, _ in told)}." if known else ""
 
 
 @FailureMode(
@@ -21,6 +49,7 @@ from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
     definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
     "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
+    sharper=_sharper,
     finding="Chooses the right target and fails at the manipulation",
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -43,8 +72,10 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     done = episode.trace.done
     lost = [g for g in range(done.shape[1]) if not done[last, g]]
     things = tuple(dict.fromkeys(i for g in lost for i in episode.meant[g]))
-    names = " and ".join(dict.fromkeys(episode.kind(i) for i in things))
-    which = f": the {names} is not where it has to be, at rest and let go" if names else " for long enough"
+    kinds = list(dict.fromkeys(episode.kind(i) for i in things))
+    many = len(kinds) > 1 or any(map(is_plural, kinds))
+    state = "are not where they have" if many else "is not where it has"
+    which = f": the {listed(kinds)} {state} to be, at rest and let go" if kinds else " for long enough"
     text = f"Every attempt was right, and yet the goal does not hold at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
@@ -171,12 +202,13 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     wanted = trace.placed(rest, i) is not None and not episode.slipped(step)
     if wanted or trace.serves[rest, :, i].any():
         return None
-    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    kind, fall = episode.kind(i), float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:
         how, height = "drops" if gone >= step.grasp.release else "loses", f"{100 * fall:.0f} cm"
-        text = f"The gripper {how} the {episode.kind(i)}, the right target, {height} above where it comes to rest."
+        comes = agreeing(kind, "it comes", "they come")
+        text = f"The gripper {how} the {kind}, the right target, {height} above where {comes} to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
-    text = f"The {episode.kind(i)}, the right target, is let go outside the goal."
+    text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
 
 
@@ -197,7 +229,7 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
     if not found:
         return None
     row, i = min(found)
-    text = f"The {episode.kind(i)} is knocked over without having been grasped."
+    text = f"The {episode.kind(i)} {agreeing(episode.kind(i), 'is', 'are')} knocked over without having been grasped."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))
 
 
@@ -223,7 +255,8 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
-    text = f"The {kinds} was where it had to be and is knocked away from there."
+    was, now = agreeing(kinds, "was where it", "were where they"), agreeing(kinds, "is", "are")
+    text = f"The {kinds} {was} had to be and {now} knocked away from there."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 
