@@ -353,6 +353,40 @@ def test_a_fist_that_is_to_push_a_drawer_shut_grasps_at_nothing(stage):
     assert [a for a in found.attempts if a.start_s > before] == []
 
 
+def fist(s):
+    """Serves all but the closing of the drawer, and makes a fist in front of it; returns the drawer."""
+    goals = s.condition.instruction.subgoals
+    shut = next(k for k, g in enumerate(goals) if g.relation == "closed")
+    for k in range(shut):
+        s.serve(k)
+    drawer = s.condition.resolve(goals[shut].reference)[0]
+    x, y, z = s.grip_point(drawer)
+    s.over(np.array([x, y, z]), 0.3).go(x - 0.1, y - 0.1, 0.06).close()
+    return drawer
+
+
+def test_a_fist_that_leaves_the_drawer_open_has_failed_at_execution(stage):
+    s = stage("office_drawer", "train1")
+    drawer = fist(s)
+    x, y, z = s.grip_point(drawer)
+    found = diagnose_record(s.go(x - 0.05, y - 0.05, z).wait(1.0).open().go(0.4, -0.2, 0.3).wander(20).end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "drawer_left_halfway")
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_fist_under_which_the_drawer_still_moves_at_the_limit_ran_out_of_time(stage, moves):
+    s = stage("office_drawer", "train1")
+    drawer = fist(s)
+    shut, out = s.rails[drawer]
+    left = s.task.step_limit(s.condition) - s.step
+    for k in range(left):
+        s.tool = np.array([0.35 + 0.02 * np.sin(0.5 * k), 0.02 * np.cos(0.5 * k), 0.1])
+        s.positions[drawer] = shut + (0.15 - 0.12 * k / left * moves) * out
+        s.tick()
+    found = diagnose_record(s.end())
+    assert found.label is (Label.TIMEOUT if moves else Label.EXECUTION_FAILURE)
+
+
 # -- misses ---------------------------------------------------------------------------------------------------------
 
 

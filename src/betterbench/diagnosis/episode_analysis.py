@@ -114,11 +114,12 @@ class EpisodeAnalysis:
     @property
     def idle_from(self) -> int:
         """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
-        grasps = [*(step.grasp for step in self.steps), *self.on_nothing]
+        grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
-        last = max(grasps, key=lambda g: g.start)
-        return min(self.trace.rows - 1, last.release if last.object is not None else last.end + 1)
+        last = max(grasps, key=_start)
+        pushes = last in self.fists
+        return min(self.trace.rows - 1, last.release if last.object is not None or pushes else last.end + 1)
 
     @property
     def instruction(self) -> Instruction:

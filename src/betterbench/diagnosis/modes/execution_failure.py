@@ -10,6 +10,7 @@ import numpy as np
 from betterbench.diagnosis.approaches import closes_in_part
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
 from betterbench.statistics.wording import listed
@@ -58,7 +59,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _closed_in_part, _far_off)
+    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _closed_in_part, _not_shut, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
@@ -137,6 +138,25 @@ def _closed_in_part(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     text = f"The fingers close around the {episode.kind(stay.at)}, the right target, without touching it."
     return episode.evidence("closed_in_part", text, rows=rows, objects=(stay.at,))
+
+
+def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if a fist that was to push a drawer shut has left it open, or pushes and moves it no more."""
+    trace, last = episode.trace, episode.trace.rows - 1
+    if not episode.fists or find_halt(episode) is not None:
+        return None
+    fist = episode.fists[-1]
+    for g in episode.open_goals(last):
+        if relation(episode.goals[g].relation).carried:
+            continue
+        i, lately = episode.meant[g][0], last - trace.steps(THRESHOLDS.halt_time)
+        openings = [trace.opening(row, i) for row in range(fist.start, trace.rows)]
+        then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
+        if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
+            return None  # the limit comes while it pushes
+        text = f"The closed gripper is to push the {episode.kind(i)}, the right one, shut, and leaves it open."
+        return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
+    return None
 
 
 def _far_off(episode: EpisodeAnalysis) -> Evidence | None:

@@ -44,8 +44,6 @@ def _find(trial: TrialView) -> Evidence | None:
         return episode.evidence("freeze_in_mid_task_scene", text, rows=halt)
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
-    if episode.fists and episode.fists[-1].release >= episode.trace.rows:
-        return None  # it pushes until the end
     stay = next((step for step in episode.others if step.means is Means.STAY), None)
     if stay is not None:
         return _comes_and_goes(episode, stay)
