@@ -14,14 +14,14 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
 from betterbench.geometry import distance
-from betterbench.independent import HALVES, INDEPENDENT, is_independent, make_independent, shown_in
+from betterbench.independent import FAMILY_PARTS, INDEPENDENT, is_independent, make_independent, shown_in
 from betterbench.independent.events import in_gripper
 from betterbench.independent.manner import MANNERS
 from betterbench.independent.truth import HONEST, Ledger, StatedTruth
 from betterbench.tasks import Kind, Label, all_labels
 from betterbench.tasks.relations import relation
 
-HABITS = tuple(chain.from_iterable(HALVES.values()))
+HABITS = tuple(chain.from_iterable(FAMILY_PARTS.values()))
 NAMES = tuple(h.name for h in HABITS)
 
 
@@ -37,19 +37,19 @@ def test_nothing_of_the_family_imports_the_experts_or_the_diagnosis():
 
 def test_each_half_has_a_dozen_habits_of_its_own():
     assert len(set(NAMES)) == len(NAMES)
-    for half in HALVES.values():
-        assert len(half) >= 12
-        assert sum(h.label == HONEST for h in half) >= 3
-    kinds = [{type(h) for h in half} for half in HALVES.values()]
+    for part in FAMILY_PARTS.values():
+        assert len(part) >= 12
+        assert sum(h.label == HONEST for h in part) >= 3
+    kinds = [{type(h) for h in part} for part in FAMILY_PARTS.values()]
     assert len(set.union(*kinds)) == sum(map(len, kinds))
-    assert len(HALVES["second"]) >= 22
+    assert len(FAMILY_PARTS["second"]) >= 22
 
 
 def test_each_half_covers_every_label_that_one_trial_can_end_with():
     cannot = {Label.WRONG_OBJECT, Label.POLICY_ERROR}
     wanted = {str(x) for x in all_labels() if x.kind is not Kind.NONE} - cannot
-    for half in HALVES.values():
-        assert {h.label for h in half} - {HONEST} == wanted
+    for part in FAMILY_PARTS.values():
+        assert {h.label for h in part} - {HONEST} == wanted
 
 
 @pytest.mark.parametrize("habit", HABITS, ids=NAMES)
@@ -205,7 +205,7 @@ def test_a_thing_that_is_never_let_go_is_held_where_it_should_be_let_go(play):
 
 @pytest.mark.slow
 @pytest.mark.physics
-@pytest.mark.parametrize("habit", [h for h in HALVES["second"] if h.label == HONEST], ids=lambda h: h.name)
+@pytest.mark.parametrize("habit", [h for h in FAMILY_PARTS["second"] if h.label == HONEST], ids=lambda h: h.name)
 def test_an_honest_habit_of_the_second_half_succeeds_in_most_tasks(play, habit):
     shown = {s.task: s.condition for s in reversed(shown_in(habit.name))}
     won = [play(f"{habit.name}-calm", task, condition).success for task, condition in shown.items()]
@@ -256,7 +256,7 @@ def test_plans_hold_trials_in_which_the_habits_show():
     from betterbench.calibration import independent_plans
 
     plans = independent_plans("development", trials=2, seed=5)
-    assert len(plans) == len(HALVES["development"]) * len(MANNERS)
+    assert len(plans) == len(FAMILY_PARTS["development"]) * len(MANNERS)
     for plan in plans:
         habit = INDEPENDENT[plan.policy].habit
         shown = {(s.task, s.condition) for s in shown_in(habit.name)}
@@ -282,7 +282,7 @@ def test_a_half_is_run_judged_and_resumed_by_the_command_line(tmp_path, monkeypa
     assert set(found["policies"]) == {p.policy for p in two}
     assert found["accused"]["n"] >= 1
     assert found["accused"]["k"] == 0
-    assert "developed on this half" in (tmp_path / "calibration.html").read_text()
+    assert "developed on this part" in (tmp_path / "calibration.html").read_text()
     records = {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
     assert main(arguments) == 0
     assert records == {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}

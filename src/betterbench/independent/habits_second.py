@@ -1,4 +1,4 @@
-"""The second half: habits written by someone who knew the suite and the other habits, and nothing of the diagnosis."""
+"""The second part: habits written by someone who knew the suite and the other habits, and nothing of the diagnosis."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 

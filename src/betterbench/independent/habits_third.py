@@ -1,4 +1,4 @@
-"""The third half: habits that move in other ways, each in those conditions alone in which its label is beyond doubt."""
+"""The third part: habits that move in other ways, each in those conditions alone in which its label is beyond doubt."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 

@@ -1,4 +1,4 @@
-"""Odd ways to move, for habits of the second half: what a person or a learned policy might do with right intentions."""
+"""Odd ways to move, for habits of the second part: what a person or a learned policy might do with right intentions."""
 
 from __future__ import annotations
 

@@ -1,17 +1,17 @@
-"""The third half of the independent family: its bodies do what its habits say."""
+"""The third part of the independent family: its bodies do what its habits say."""
 
 from __future__ import annotations
 
 import pytest
 
 from betterbench.geometry import distance, horizontal_distance
-from betterbench.independent import HALVES, make_independent, shown_in
+from betterbench.independent import FAMILY_PARTS, make_independent, shown_in
 from betterbench.independent.events import in_gripper
 from betterbench.independent.habits_third import FAR_FROM_ALL_M
 from betterbench.tasks import Label
 
 pytestmark = pytest.mark.physics
-ODD_ONES = [h for h in HALVES["third"] if not h.label]
+ODD_ONES = [h for h in FAMILY_PARTS["third"] if not h.label]
 
 
 @pytest.mark.parametrize(
