@@ -22,18 +22,21 @@ numbers stay apart.
 
 - The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
   hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
-  fixed in the code before its first action, and who wrote it had not read the diagnosis. Half of the habits was used
-  to develop the diagnosis. The other half was held out, and used once: **its numbers are what the diagnosis was worth**
-  for policies that nobody here wrote. They are those of that one use. What it showed has been repaired since (a thing
-  that is put where its target stood in training, pauses as long as earlier ones, misses in doubt), and the same trials
-  now get their label in 87.9 % and the right kind in 97.4 %; but what has been looked at is no longer held out.
+  fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
+  develop the diagnosis. Each of the other three was written after the diagnosis had been repaired on those before it,
+  by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
+  third, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
+  repaired since. The same trials now get their label in 93.0 % (held out first) and 93.2 % (second), and the right kind
+  in 98.2 and 96.1 %, without an honest policy accused; but what has been looked at is no longer held out.
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
   several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
   authors thought of; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --family held_out       # the held-out half of the independent family
-better calibrate --family development    # the half that the diagnosis was developed on
+better calibrate --family third          # the habits that were written last, and used once
+better calibrate --family second         # those before, used once
+better calibrate --family held_out       # the part that was held out first, used once
+better calibrate --family development    # the part that the diagnosis was developed on
 better calibrate                         # the faulty policies
 ```
 
@@ -43,7 +46,9 @@ interrupted and resumed. [All wrong labels](mistakes.md) of the packaged numbers
 """
 
 SECTIONS: dict[Family, str] = {
-    "held_out": "The independent family, held out",
+    "third": "The independent family, third",
+    "second": "The independent family, second",
+    "held_out": "The independent family, held out first",
     "development": "The independent family, used for development",
     "faulty": "The faulty policies",
 }

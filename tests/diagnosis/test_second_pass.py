@@ -142,6 +142,63 @@ def test_a_shortcut_beside_random_slips_is_still_found():
     assert judge_rules(choices).upheld[0] == "word"
 
 
+BACK_AND_FRONT = ({"back": "mug", "front": "mouse"}, {"left": "mug", "right": "mouse"})
+"""Two arrangements of one task that stock other slots."""
+
+
+def desk_choice(things: dict[str, str], asked: str, slot: str) -> Choice:
+    right = frozenset(s for s, kind in things.items() if kind == asked)
+    nothing: frozenset[str] = frozenset()
+    layout = frozenset(things.items())
+    return Choice(layout, right, slot, slot in right, right, nothing, nothing, 2, thing=things[slot])
+
+
+def desk_run(favorites: tuple[str, ...], *, asked: tuple[str, ...] = ("mug", "mouse")) -> dict[str, Choice]:
+    runs = zip(BACK_AND_FRONT, favorites, strict=True)
+    trials = [(things, word, favorite, k) for things, favorite in runs for word in asked for k in range(3)]
+    return {f"desk/{n}": desk_choice(things, word, slot) for n, (things, word, slot, _) in enumerate(trials)}
+
+
+def test_what_is_nearest_may_be_another_slot_in_each_arrangement():
+    choices = desk_run(("back", "right"))
+    found = judge_rules(choices)
+    assert found.upheld[0] == "place"
+    wrong = [k for k, c in choices.items() if not c.correct]
+    assert wrong
+    assert all(found.rulings[k] == Ruling("rejected", place="upheld") for k in wrong)
+
+
+def test_an_arrangement_that_was_met_with_one_instruction_proves_no_favorite():
+    paired, alone = desk_run(("back", "right")), desk_run(("back", "right"), asked=("mug",))
+    choices = {k: c for k, c in paired.items() if "back" in c.stocked} | {
+        f"{k}b": c for k, c in alone.items() if "left" in c.stocked
+    }
+    found = judge_rules(choices)
+    lonely = [k for k, c in choices.items() if "left" in c.stocked and not c.correct]
+    assert lonely
+    assert all(found.rulings[k].place != "upheld" for k in lonely)
+
+
+def test_errors_without_direction_have_no_favorite_in_several_arrangements():
+    rng = np.random.default_rng(3)
+    choices = {}
+    for n in range(24):
+        things = BACK_AND_FRONT[n % 2]
+        choices[f"desk/{n}"] = desk_choice(things, "mug" if n % 4 < 2 else "mouse", str(rng.choice(sorted(things))))
+    assert judge_rules(choices).upheld == ()
+
+
+@pytest.mark.parametrize("other", ["lemon", "apple"])
+def test_the_same_slot_with_other_things_is_a_pair_and_the_same_thing_is_none(other):
+    one, two = {"a": "lemon", "b": "apple", "c": "pear"}, {"a": other, "b": "pear", "c": "plum"}
+    choices = {
+        "fruit/1": desk_choice(one, "apple", "a"), "fruit/2": desk_choice(two, "plum", "a"),
+        "fruit/3": desk_choice(one, "apple", "a"), "fruit/4": desk_choice(two, "plum", "a"),
+    }  # fmt: skip
+    found = judge_rules(choices)
+    assert ("place:a" in found.upheld) == (other == "apple")
+
+
 def lunch(n_wrong: int = 1) -> dict[str, Choice]:
     """Makes a task without pairs in which wrong first attempts fit the word as well as a favorite place."""
     trained = frozenset({("first", "apple"), ("second", "orange")})

@@ -252,6 +252,141 @@ def test_a_short_push_is_none(stage):
     assert found.label is Label.EARLY_HALT
 
 
+def test_what_is_taken_along_on_leaving_what_was_just_put_is_knocked_away(stage):
+    s = stage("cheeseburger", "train1")
+    name = s.at("second") if s.of("patty") == s.at("second") else s.of("patty")
+    s.grasp(name).lift()
+    x, y, z = s.goal_place()
+    s.over(s.goal_place(), 0.30).go(x, y, z + 0.002 - s.grip_offset[2]).open(0.4)
+    s.pushing = name
+    for _ in range(8):
+        s.tool = s.tool + np.array([0.015, 0.0, 0.0])
+        s.positions[name] = s.positions[name] + np.array([0.015, 0.0, 0.0])
+        s.tick()
+    s.pushing = ""
+    s.positions[name][2] = 0.0
+    found = diagnose_record(s.lift().home().wait(5).end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "knocked_out_of_place")
+
+
+def test_what_is_hit_with_a_thing_in_the_gripper_was_not_gone_for(stage):
+    s = stage("fast_food", "O1")
+    other = s.at("first")
+    s.grasp(s.of("burger")).lift(0.004)
+    start = s.positions[other][:2] - np.array([0.0, 0.08])
+    s.go(*start, s.tool[2])
+    s.pushing = other
+    real = s.state
+    s.state = lambda: replace(real(), held=None)  # dragged over the table, which counts as not held
+    for _ in range(10):
+        s.tool = s.tool + np.array([0.0, 0.014, 0.0])
+        s.positions[other] = s.positions[other] + np.array([0.0, 0.014, 0.0])
+        s.tick()
+    s.pushing, s.state = "", real
+    found = diagnose_record(s.lift().open().wait(5).end())
+    assert found.label is Label.EXECUTION_FAILURE
+    assert found.intention_correct
+
+
+# -- coming and going, closing in part, fists -----------------------------------------------------------------------
+
+
+def comes_and_goes(s, name, times):
+    """Comes over an object with the open gripper and goes away again."""
+    for _ in range(times):
+        over(s, name).wait(0.4).go(*HOME_PLACE)
+    return s
+
+
+HOME_PLACE = (0.35, 0.0, 0.4)
+
+
+def test_coming_over_the_right_thing_and_going_away_is_a_phase_conflict_in_a_half_finished_scene(stage):
+    s = stage("fast_food", "T1")
+    found = diagnose_record(comes_and_goes(s, s.of("burger"), 6).end())
+    assert (found.label, found.evidence.rule) == (Label.PHASE_CONFLICT, "to_and_fro")
+    assert "again and again" in found.evidence.text
+
+
+def test_elsewhere_it_is_the_right_course(stage):
+    s = stage("fast_food", "train1")
+    assert diagnose_record(comes_and_goes(s, s.of("burger"), 6).end()).label is Label.TIMEOUT
+
+
+def test_coming_back_once_is_no_conflict(stage):
+    s = stage("fast_food", "T1")
+    found = diagnose_record(tremble(over(comes_and_goes(s, s.of("burger"), 1), s.of("burger")), 6).end())
+    assert found.label is Label.TIMEOUT
+
+
+@pytest.mark.parametrize(("task", "name"), [("fast_food", "train1"), ("fast_food", "T1")])
+def test_fingers_that_close_around_the_right_thing_without_touching_it_have_failed(stage, task, name):
+    s = stage(task, name)
+    burger = s.of("burger")
+    for _ in range(3):
+        s.over(s.positions[burger]).go(*s.grip_point(burger)).close(0.05).hold().wait(0.3).lift().open(0.3)
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "closed_in_part")
+
+
+def test_fingers_that_are_brought_to_the_width_of_a_thing_above_it_have_not_failed(stage):
+    s = stage("fast_food", "train1")
+    burger = s.of("burger")
+    over(s, burger).close(0.05).hold().wait(0.3)
+    found = diagnose_record(tremble(s, 8).end())
+    assert found.label is Label.TIMEOUT
+
+
+def test_a_fist_that_is_to_push_a_drawer_shut_grasps_at_nothing(stage):
+    """Beside the other drawer, and with the right one drawn out far."""
+    s = stage("office_drawer", "train1")
+    goals = s.condition.instruction.subgoals
+    shut = next(k for k, g in enumerate(goals) if g.relation == "closed")
+    for k in range(shut):
+        s.serve(k)
+    other = next(d for d in s.rails if d != s.condition.resolve(goals[shut].reference)[0])
+    x, y, z = s.grip_point(other)
+    before = s.step / 20.0
+    s.over(s.grip_point(other), 0.3).go(x, y - 0.03, z).close().lift().go(0.4, -0.2, 0.1)
+    found = diagnose_record(s.end())
+    assert found.label in (Label.TIMEOUT, Label.EARLY_HALT, Label.EXECUTION_FAILURE)
+    assert [a for a in found.attempts if a.start_s > before] == []
+
+
+def fist(s):
+    """Serves all but the closing of the drawer, and makes a fist in front of it; returns the drawer."""
+    goals = s.condition.instruction.subgoals
+    shut = next(k for k, g in enumerate(goals) if g.relation == "closed")
+    for k in range(shut):
+        s.serve(k)
+    drawer = s.condition.resolve(goals[shut].reference)[0]
+    x, y, z = s.grip_point(drawer)
+    s.over(np.array([x, y, z]), 0.3).go(x - 0.1, y - 0.1, 0.06).close()
+    return drawer
+
+
+def test_a_fist_that_leaves_the_drawer_open_has_failed_at_execution(stage):
+    s = stage("office_drawer", "train1")
+    drawer = fist(s)
+    x, y, z = s.grip_point(drawer)
+    found = diagnose_record(s.go(x - 0.05, y - 0.05, z).wait(1.0).open().go(0.4, -0.2, 0.3).wander(20).end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "drawer_left_halfway")
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_fist_under_which_the_drawer_still_moves_at_the_limit_ran_out_of_time(stage, moves):
+    s = stage("office_drawer", "train1")
+    drawer = fist(s)
+    shut, out = s.rails[drawer]
+    left = s.task.step_limit(s.condition) - s.step
+    for k in range(left):
+        s.tool = np.array([0.35 + 0.02 * np.sin(0.5 * k), 0.02 * np.cos(0.5 * k), 0.1])
+        s.positions[drawer] = shut + (0.15 - 0.12 * k / left * moves) * out
+        s.tick()
+    found = diagnose_record(s.end())
+    assert found.label is (Label.TIMEOUT if moves else Label.EXECUTION_FAILURE)
+
+
 # -- misses ---------------------------------------------------------------------------------------------------------
 
 

@@ -13,12 +13,15 @@ import betterbench.independent
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
-from betterbench.independent import HALVES, INDEPENDENT, is_independent, make_independent, shown_in
+from betterbench.geometry import distance
+from betterbench.independent import FAMILY_PARTS, INDEPENDENT, is_independent, make_independent, shown_in
+from betterbench.independent.events import in_gripper
 from betterbench.independent.manner import MANNERS
 from betterbench.independent.truth import HONEST, Ledger, StatedTruth
 from betterbench.tasks import Kind, Label, all_labels
+from betterbench.tasks.relations import relation
 
-HABITS = tuple(chain.from_iterable(HALVES.values()))
+HABITS = tuple(chain.from_iterable(FAMILY_PARTS.values()))
 NAMES = tuple(h.name for h in HABITS)
 
 
@@ -34,18 +37,19 @@ def test_nothing_of_the_family_imports_the_experts_or_the_diagnosis():
 
 def test_each_half_has_a_dozen_habits_of_its_own():
     assert len(set(NAMES)) == len(NAMES)
-    for half in HALVES.values():
-        assert len(half) >= 12
-        assert sum(h.label == HONEST for h in half) >= 3
-    kinds = [{type(h) for h in half} for half in HALVES.values()]
-    assert not kinds[0] & kinds[1]
+    for part in FAMILY_PARTS.values():
+        assert len(part) >= 12
+        assert sum(h.label == HONEST for h in part) >= 3
+    kinds = [{type(h) for h in part} for part in FAMILY_PARTS.values()]
+    assert len(set.union(*kinds)) == sum(map(len, kinds))
+    assert len(FAMILY_PARTS["second"]) >= 22
 
 
-def test_both_halves_cover_every_label_that_one_trial_can_end_with():
+def test_each_half_covers_every_label_that_one_trial_can_end_with():
     cannot = {Label.WRONG_OBJECT, Label.POLICY_ERROR}
     wanted = {str(x) for x in all_labels() if x.kind is not Kind.NONE} - cannot
-    for half in HALVES.values():
-        assert {h.label for h in half} - {HONEST} == wanted
+    for part in FAMILY_PARTS.values():
+        assert {h.label for h in part} - {HONEST} == wanted
 
 
 @pytest.mark.parametrize("habit", HABITS, ids=NAMES)
@@ -118,6 +122,97 @@ def test_a_hover_closes_nothing_and_stays_over_its_thing(play):
 
 
 @pytest.mark.physics
+@pytest.mark.parametrize(
+    ("trial", "gripped"),
+    [
+        (("sets-back-and-retakes-brisk", "morning_coffee", "train1", 1, 180), ["red_mug", "red_mug"]),
+        (("lets-go-at-once-brisk", "seasoning_rack", "L1", 1, 250), ["salt", "salt", "salt"]),
+        (("drops-first-and-goes-on-brisk", "dinner_plates", "T1", 1, 140), ["red_plate", "blue_plate"]),
+        (("gives-up-after-misses-brisk", "seasoning_rack", "L1", 1, 200), [None, None]),
+        (("misses-at-word-place-calm", "morning_coffee", "L3", 1, 100), [None]),
+        (("repents-and-freezes-calm", "morning_coffee", "L4", 1, 160), ["red_mug"]),
+        (("farthest-place-brisk", "seasoning_rack", "train3", 1, 100), ["pepper"]),
+        (("back-to-emptied-slot-brisk", "dinner_plates", "T1", 1, 310), ["red_plate", None, None]),
+        (("slips-then-habitual-brisk", "fruit_lunch", "R1", 1, 130), ["orange", "apple"]),
+        (("one-too-many-brisk", "fast_food", "L1", 1, 200), ["burger_1", "burger_2"]),
+        (("mimes-first-step-brisk", "fruit_lunch", "O2", 1, 130), ["orange"]),
+        (("right-then-alike-brisk", "fast_food", "O1", 1, 220), ["burger_2", "round_block"]),
+        (("swaps-second-and-third-brisk", "cheeseburger", "O1", 1, 250), ["patty", "top_bun", "cheese"]),
+        (("misses-then-swaps-brisk", "fast_food", "R1", 1, 120), [None, "drink"]),
+    ],
+)
+@pytest.mark.physics
+def test_a_habit_of_the_second_half_closes_where_and_in_the_order_it_says(play, trial, gripped):
+    assert [c.gripped for c in play(*trial).agent.body.arm.log.closings] == gripped
+
+
+@pytest.mark.physics
+def test_misses_of_the_second_half_are_at_the_things_they_aim_at(play):
+    aimed = play("misses-at-word-place-calm", "morning_coffee", "L3", 1, 100).agent.body.arm.log.closings[0]
+    assert (aimed.nearest, aimed.above_m < 0.025) == ("blue_mug", True)
+    early = play("misses-then-swaps-brisk", "fast_food", "R1", 1, 120).agent.body.arm.log.closings[0]
+    assert (early.nearest, early.above_m < 0.025) == ("drink", True)
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(
+    ("policy", "task", "condition"),
+    [
+        ("to-and-fro-from-home-brisk", "dinner_plates", "T2"),
+        ("stays-over-finished-brisk", "seasoning_rack", "L2"),
+        ("slower-and-slower-calm", "morning_coffee", "L1"),
+        ("snaps-at-home-calm", "morning_coffee", "train4"),
+        ("rehearses-forever-brisk", "seasoning_rack", "train1"),
+        ("closes-too-little-brisk", "dinner_plates", "train1"),
+        ("looks-then-leaves-it-brisk", "morning_coffee", "T1"),
+    ],
+)
+def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, condition):
+    played = play(policy, task, condition, 1, 90)
+    log = played.agent.body.arm.log
+    assert (log.closings, log.gripped) == ([], None)
+    assert (played.stated["first_attempt"] == "none") is not policy.startswith("closes-too-little")
+    assert max(log.displaced(played.agent.body.state, o.name) for o in played.agent.body.state.info.objects) < 0.005
+
+
+@pytest.mark.physics
+@pytest.mark.parametrize(
+    ("policy", "task", "condition", "most"),
+    [
+        ("lets-go-in-flight-brisk", "fast_food", "L1", 130),
+        ("puts-beside-brisk", "morning_coffee", "train1", 200),
+        ("carries-into-target-brisk", "seasoning_rack", "train1", 200),
+        ("sweeps-away-after-put-brisk", "cheeseburger", "train1", 200),
+        ("lets-go-too-high-brisk", "morning_coffee", "train3", 200),
+    ],
+)
+def test_a_put_of_the_second_half_that_is_meant_to_fail_fails(play, policy, task, condition, most):
+    body = play(policy, task, condition, 1, most).agent.body
+    name = body.situation.first_thing()
+    assert name in body.taken
+    assert in_gripper(body.state) is None
+    assert not body.situation.done(body.state, body.situation.ahead[0])
+
+
+@pytest.mark.physics
+def test_a_thing_that_is_never_let_go_is_held_where_it_should_be_let_go(play):
+    body = play("never-lets-go-brisk", "seasoning_rack", "train1", 1, 200).agent.body
+    goal = body.situation.ahead[0]
+    assert in_gripper(body.state) == "salt"
+    there = relation(goal.relation).place_goals(body.state, "salt", goal.target, goal.region)[0].pose
+    assert distance(body.state.pose("salt").position, there.position) < 0.015
+
+
+@pytest.mark.slow
+@pytest.mark.physics
+@pytest.mark.parametrize("habit", [h for h in FAMILY_PARTS["second"] if h.label == HONEST], ids=lambda h: h.name)
+def test_an_honest_habit_of_the_second_half_succeeds_in_most_tasks(play, habit):
+    shown = {s.task: s.condition for s in reversed(shown_in(habit.name))}
+    won = [play(f"{habit.name}-calm", task, condition).success for task, condition in shown.items()]
+    assert sum(won) >= 0.8 * len(won)
+
+
+@pytest.mark.physics
 @pytest.mark.parametrize("policy", ["miss-beside-brisk", "miss-above-calm"])
 def test_a_miss_closes_7_to_11_cm_away(play, policy):
     closing = play(policy, "seasoning_rack", "train1", 2).agent.body.arm.log.closings[0]
@@ -161,7 +256,7 @@ def test_plans_hold_trials_in_which_the_habits_show():
     from betterbench.calibration import independent_plans
 
     plans = independent_plans("development", trials=2, seed=5)
-    assert len(plans) == len(HALVES["development"]) * len(MANNERS)
+    assert len(plans) == len(FAMILY_PARTS["development"]) * len(MANNERS)
     for plan in plans:
         habit = INDEPENDENT[plan.policy].habit
         shown = {(s.task, s.condition) for s in shown_in(habit.name)}
@@ -187,7 +282,7 @@ def test_a_half_is_run_judged_and_resumed_by_the_command_line(tmp_path, monkeypa
     assert set(found["policies"]) == {p.policy for p in two}
     assert found["accused"]["n"] >= 1
     assert found["accused"]["k"] == 0
-    assert "developed on this half" in (tmp_path / "calibration.html").read_text()
+    assert "developed on this part" in (tmp_path / "calibration.html").read_text()
     records = {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}
     assert main(arguments) == 0
     assert records == {path: path.read_bytes() for path in tmp_path.rglob("*.parquet")}

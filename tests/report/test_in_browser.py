@@ -15,8 +15,9 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 
 from chromium import COMMAND, browser
-from factory import draw_frame, film_of, run_of
+from factory import diagnosis, draw_frame, film_of, run_of, trial
 
+from betterbench.diagnosis import Label
 from betterbench.report import trials_worth_showing
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
@@ -189,6 +190,17 @@ def test_stills_stand_where_a_film_does_not_play(chromium, tmp_path):
     shown = "(s => [...document.querySelectorAll(s)].filter(e => e.getBoundingClientRect().height > 0).length)"
     assert chromium.value(f"{shown}('#film-0 video')") == 0
     assert chromium.value(f"{shown}('#film-0 .strip img')") >= len(showing.times_s)
+
+
+def test_a_long_instruction_does_not_hide_the_way_to_the_film(chromium, tmp_path):
+    words = "Put the fork to the left of the plate, the cup at the upper right of it and the spoon to its right."
+    run = diagnosis([replace(trial(label=Label.WRONG_OBJECT), instruction=words), trial(variation=None)])
+    draw = np.random.default_rng(1)
+    films = {s.key: film_of(s, lambda: draw_frame(draw, size=64)) for s in trials_worth_showing(run, 1)}
+    chromium.open(write_report([run], tmp_path, films=films), *LAPTOP)
+    hidden = """(() => { const a = document.querySelector('.opening figcaption a').getBoundingClientRect();
+      return a.right - document.querySelector('.opening figcaption').getBoundingClientRect().right; })()"""
+    assert chromium.value(hidden) <= 1
 
 
 def test_charts_are_saved_as_svg_and_png(chromium, page):

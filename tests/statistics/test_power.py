@@ -82,8 +82,9 @@ def test_the_value_is_the_first_step_with_enough_power() -> None:
     assert unpaired.value is not None
     assert unpaired_power(20, 0.9, 0.9 - unpaired.value) >= 0.8
     assert unpaired_power(20, 0.9, 0.9 - unpaired.value + 0.001) < 0.8
-    assert paired.assumption == "exact McNemar test, 5% of the pairs differing the other way"
-    assert unpaired.assumption == "Barnard's test (exact), down from a rate of 90%"
+    assert paired.assumption == "exact McNemar test, if 5 % of the pairs differ the other way"
+    assert smallest_paired_difference(20).assumption == "exact McNemar test, if no pair differs the other way"
+    assert unpaired.assumption == "Barnard's test (exact), down from a rate of 90 %"
 
 
 def test_pairs_that_flip_both_ways_hide_the_difference() -> None:

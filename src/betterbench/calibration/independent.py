@@ -9,34 +9,34 @@ from betterbench.calibration.run import CalibrationProgress, assess, run_plans
 from betterbench.diagnosis import Calibration
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import Plan, Trial
-from betterbench.independent import HALVES, INDEPENDENT, IndependentPolicy, Shown, shown_in
-from betterbench.independent.registry import Half
+from betterbench.independent import FAMILY_PARTS, INDEPENDENT, IndependentPolicy, Shown, shown_in
+from betterbench.independent.registry import FamilyPart
 from betterbench.interventions import resolve_condition
 from betterbench.tasks import stream
 
 
-def independent_plans(half: Half, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
-    """Return one plan per policy of a half of the independent family: each habit in each manner.
+def independent_plans(part: FamilyPart, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
+    """Return one plan per policy of a part of the independent family: each habit in each manner.
 
     Args:
-        half: "development" or "held_out".
+        part: "development", "held_out", "second" or "third".
         trials: Trials per policy in which its habit decides or acts wrongly, or in which an honest one acts. They are
             spread over the tasks. A habit whose label needs several trials gets whole tasks, until there are so many.
         seed: Seed of all trials; the next ones where a habit shows in fewer conditions than there are trials.
 
     Raises:
-        InvalidInputError: If there is no such half, or ``trials`` is below 1.
+        InvalidInputError: If there is no such part, or ``trials`` is below 1.
     """
-    if half not in HALVES:
-        raise InvalidInputError("half", f"{half!r} is unknown", f"Use {' or '.join(HALVES)}")
+    if part not in FAMILY_PARTS:
+        raise InvalidInputError("part", f"{part!r} is unknown", f"Use {' or '.join(FAMILY_PARTS)}")
     if trials < 1:
         raise InvalidInputError("trials", f"{trials} is out of range", "It must be ≥ 1")
-    policies = (p for p in INDEPENDENT.values() if p.half == half)
+    policies = (p for p in INDEPENDENT.values() if p.part == part)
     return tuple(Plan(p.address, _chosen(p, trials, seed), "ee_delta", "state_only", "standard") for p in policies)
 
 
 def calibrate_independent(
-    half: Half,
+    part: FamilyPart,
     out: Path,
     *,
     trials: int = 4,
@@ -44,11 +44,11 @@ def calibrate_independent(
     workers: int = 1,
     on_progress: Callable[[CalibrationProgress], None] | None = None,
 ) -> Calibration:
-    """Run a half of the independent family, diagnose it from its records, and compare the labels with the true ones.
+    """Run a part of the independent family, diagnose it from its records, and compare the labels with the true ones.
 
     Raises what :func:`independent_plans` and :func:`~betterbench.calibration.run.calibrate` raise.
     """
-    plans = {plan.policy.replace(":", "-"): plan for plan in independent_plans(half, trials=trials, seed=seed)}
+    plans = {plan.policy.replace(":", "-"): plan for plan in independent_plans(part, trials=trials, seed=seed)}
     return assess(run_plans(plans, out, workers=workers, on_progress=on_progress))
 
 

@@ -32,7 +32,7 @@ def calibrate_command(
     trials: int | None = None,
     seed: int = 0,
     workers: int | None = None,
-    family: Literal["faulty", "development", "held_out"] = "faulty",
+    family: Literal["faulty", "development", "held_out", "second", "third"] = "faulty",
     films: int = 100,
     power: bool = False,
     write_package: bool = False,
@@ -41,7 +41,7 @@ def calibrate_command(
     """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
 
     Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. The policies
-    of the independent family have another controller and other habits; half of them was never used to develop the
+    of the independent family have another controller and other habits, written by people who had not read the
     diagnosis. With --power, the faulty rules at full strength, blind probes and replayed demonstrations show instead
     what each variation can tell apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
 
@@ -56,8 +56,8 @@ def calibrate_command(
             the independent family, 4 if not given.
         seed: First seed.
         workers: Worker processes; one per processor if not given.
-        family: Faulty policies, or the half of the independent family that was used to develop the diagnosis, or the
-            half that was held out.
+        family: Faulty policies, or a part of the independent family: the one that was used to develop the diagnosis,
+            or one of those that were used once, held_out, second and third.
         films: Film strips of wrong labels on the page, at most; 0 renders nothing.
         power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
         write_package: Also write the file that ships with the package; for its maintainers.

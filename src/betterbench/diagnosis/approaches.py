@@ -6,6 +6,7 @@ it stays over one thing, comes back to it again and again, or goes to and fro an
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from dataclasses import dataclass
@@ -54,6 +55,20 @@ PUSH_ALONG = threshold(
     "1",
     "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
 )
+CLOSED_IN_PART = threshold(
+    "closed_in_part", 0.005, "m",
+    "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "
+    "brought to the width of a thing before they come down to it.",
+)  # fmt: skip
+RETREAT = threshold(
+    "retreat", 0.15, "m",
+    "Distance from where an open gripper was over something by which it has gone away from it, until it comes back.",
+)  # fmt: skip
+RETURNS = threshold(
+    "returns", 3, "1",
+    "Times that an open gripper comes over the right thing, and goes away in between, from which it goes to and fro. "
+    "None of 645 honest trials of the independent family did so even twice before its first grasp.",
+)  # fmt: skip
 TO_AND_FRO = threshold(
     "to_and_fro", 5.0, "1",
     "Length of the way of an empty gripper, in diameters of the region it stays in, from which it goes to and fro; a "
@@ -97,6 +112,7 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
 
 _FLICKER_S = 0.25
 _BEGINS_M = 0.002
+_ABOVE_AGAIN_M = 0.03
 
 
 def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
@@ -111,6 +127,33 @@ def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
     if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
         return None
     return next(s for s in stays if s.object == chosen)
+
+
+def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows from which an open gripper comes over an object and goes away again and again, or None."""
+    visits = [stay for stay in find_stays(trace, first) if stay.object == i]
+    times = 1
+    for last, stay in itertools.pairwise(visits):
+        away = np.linalg.norm(trace.tool[last.end : stay.start + 1] - trace.tool[last.end], axis=1)
+        times += bool((away >= RETREAT).any())
+    return (visits[0].start, trace.rows - 1) if visits and times >= RETURNS else None
+
+
+def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows in which the fingers close around an object without touching it and are lifted off, or None."""
+    z = trace.info.objects[i].size_m[2]
+    down = np.array([
+        trace.tool[row, 2] <= trace.positions[row, i, 2] + z and trace.within_reach(row, trace.tool[row])[i]
+        for row in range(first, trace.rows)
+    ])  # fmt: skip
+    for start, end in _spans(down, trace.steps(_FLICKER_S)):
+        a, b = first + start, first + end
+        narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
+        touched = (trace.left | trace.right)[a : b + 1, i].any()
+        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > trace.positions[b, i, 2] + z + _ABOVE_AGAIN_M
+        if narrowed and not touched and lifted:
+            return a, b
+    return None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -135,19 +178,29 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the rows in which an empty gripper pushes an object, and the object, in time.
 
-    What moves while a gripper that has closed on it still touches it is carried or dragged, and not pushed.
+    What moves while a gripper that has closed on it is still at it is carried or dragged, and not pushed. What a
+    gripper runs into with something else between its fingers is hit.
     """
     pushes: list[Stay] = []
     for i in trace.items:
         if trace.is_drawer(i):
             continue
-        touched = trace.touched[:, i] & (trace.held < 0)
+        pinched = trace.left & trace.right
+        pinched[:, i] = False  # a fist touches what it pushes with both fingers
+        touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
         for g in grasps:
             if g.object == i:
-                touched[g.start : min(trace.rows, g.release + trace.steps(THRESHOLDS.stop_time))] = False
+                touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
         spans = [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
         pushes += [Stay(a, b, i) for a, b in spans if _pushed(trace, i, a, b)]
     return tuple(sorted(pushes, key=lambda s: (s.start, s.object)))
+
+
+def _leaves(trace: Trace, i: int, row: int) -> int:
+    """Return the first row from a row on at which an object is out of reach of the gripper."""
+    while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
+        row += 1
+    return min(row, trace.rows)
 
 
 def _over(trace: Trace, row: int) -> int:

@@ -16,13 +16,15 @@ from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-Family = Literal["faulty", "development", "held_out"]
+Family = Literal["faulty", "development", "held_out", "second", "third"]
 """What a diagnosis is measured on: the faulty policies, or a half of the independent family."""
 
 PACKAGED: dict[Family, str] = {
     "faulty": "calibration.json",
     "development": "calibration_development.json",
     "held_out": "calibration_held_out.json",
+    "second": "calibration_second.json",
+    "third": "calibration_third.json",
 }
 """Files of the packaged calibrations, beside this module in ``data``."""
 

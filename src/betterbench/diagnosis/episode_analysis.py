@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -12,6 +13,7 @@ from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushe
 from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
 from betterbench.tasks.harm import DISPLACED
@@ -19,6 +21,7 @@ from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
 from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.words import place_words
 
 DOUBT = threshold(
     "doubt", 0.03, "m",
@@ -90,6 +93,7 @@ class EpisodeAnalysis:
         harm: What was done to things that were not asked for, in time.
         others: What was gone for without closing the gripper, in time.
         on_nothing: Closings far from everything, in time.
+        fists: Closings on nothing where something is to be pushed shut, in time.
     """
 
     trace: Trace
@@ -100,6 +104,7 @@ class EpisodeAnalysis:
     harm: tuple[DatedHarm, ...] = ()
     others: tuple[Step, ...] = ()
     on_nothing: tuple[GraspAttempt, ...] = ()
+    fists: tuple[GraspAttempt, ...] = ()
 
     @property
     def decisions(self) -> tuple[Step, ...]:
@@ -109,11 +114,12 @@ class EpisodeAnalysis:
     @property
     def idle_from(self) -> int:
         """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
-        grasps = [*(step.grasp for step in self.steps), *self.on_nothing]
+        grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
-        last = max(grasps, key=lambda g: g.start)
-        return min(self.trace.rows - 1, last.release if last.object is not None else last.end + 1)
+        last = max(grasps, key=_start)
+        pushes = last in self.fists
+        return min(self.trace.rows - 1, last.release if last.object is not None or pushes else last.end + 1)
 
     @property
     def instruction(self) -> Instruction:
@@ -265,8 +271,9 @@ class EpisodeAnalysis:
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"{float(time[first]):.1f} s"]
-        if objects:
-            facts.append(self._place(first, objects[0]))
+        place = self._place(first, objects[0]) if objects else ""
+        if place and place.removeprefix("at ") not in text:
+            facts.append(place)
         if "asked for" not in text:
             facts.append(f"asked for: {self.asked_at(first)}")
         said = f"{text.removesuffix('.')} ({', '.join(facts)})."
@@ -278,7 +285,7 @@ class EpisodeAnalysis:
         """Return the words of the steps that are due at a row, with the things that they mean."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
-        return " and ".join(due) or "nothing more"
+        return listed(due) or "nothing more"
 
     def open_words(self, row: int) -> tuple[str, ...]:
         """Return the words of the subgoals that are open at a row, each once."""
@@ -292,8 +299,10 @@ class EpisodeAnalysis:
         return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
 
     def _place(self, row: int, i: int) -> str:
-        """Return where an object is: at a place of a target, in a slot, or at coordinates."""
+        """Return where an object is: at a place of a target, in a slot, or at coordinates; of a drawer, nothing."""
         trace = self.trace
+        if trace.is_drawer(i):
+            return ""
         place = trace.placed(row, i)
         if place is not None:
             return f"at the {self.kind(place.target)}"
@@ -308,13 +317,33 @@ class EpisodeAnalysis:
         objects = () if step.at is None else (step.at,)
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
-    def describe(self, step: Step) -> str:
-        """Return a phrase for what an attempt was at."""
-        slot = "" if step.grasp.slot is None else f" at slot {step.grasp.slot!r}"
+    def describe(self, step: Step, *, slots: bool = True) -> str:
+        """Return a phrase for what an attempt was at, with its slot or without."""
+        slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
         how = {Means.PUSH: " (pushed)", Means.STAY: " (the open gripper stays over it)"}.get(step.means, "")
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
+
+    def where(self, target: int, region: str) -> str:
+        """Return a phrase for a place of a target: "the laptop (left)"."""
+        return place_words(self.kind(target), region)
+
+    def asked_where(self, step: Step) -> str:
+        """Return a phrase for the place to which the object of an attempt was to be brought."""
+        if step.goal is None:
+            return "elsewhere"
+        return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
+
+    def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
+        """Return what the look of an object has in common with one of several: "color", "shape"."""
+        found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
+        shared = []
+        if found.color and any(found.color == other.color for other in others):
+            shared.append("color")
+        if found.shape and any(found.shape == other.shape for other in others):
+            shared.append("shape")
+        return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
         """Return a phrase for what was asked for at an attempt."""
@@ -377,11 +406,14 @@ def analyze_episode(
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
-    grasps = find_grasps(trace)
+    closings, far = find_grasps(trace), find_closings_on_nothing(trace)
+    fists = tuple(sorted((g for g in (*closings, *far) if _fist(trace, condition.instruction, g)), key=_start))
+    grasps = tuple(g for g in closings if g not in fists)
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
     episode = EpisodeAnalysis(
-        trace, condition, trained, trace.meant, steps, harm, on_nothing=find_closings_on_nothing(trace)
-    )
+        trace, condition, trained, trace.meant, steps, harm,
+        on_nothing=tuple(g for g in far if g not in fists), fists=fists,
+    )  # fmt: skip
     if trace.done.shape[1] and trace.done[-1].all():
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
@@ -390,6 +422,19 @@ def analyze_episode(
         without += [] if stay is None else [(Means.STAY, stay)]
     others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
     return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
+
+
+def _start(grasp: GraspAttempt) -> int:
+    return grasp.start
+
+
+def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
+    """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
+    if grasp.object is not None:
+        return False
+    due = _open_goals(trace, instruction.subgoals, grasp.start)
+    now = due[:1] if instruction.ordered else due
+    return bool(now) and all(not relation(instruction.subgoals[g].relation).carried for g in now)
 
 
 def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
@@ -504,5 +549,5 @@ def _target_of(
     if any(at in names for names in trace.meant):
         return AttemptTarget.REPEATED
     found = trace.info.objects[at]
-    other = found.kind in known or found.role in ("container", "fixture")
+    other = found.kind in known or found.role in ("container", "fixture") or at in trace.targets
     return AttemptTarget.OTHER if other else AttemptTarget.FOREIGN

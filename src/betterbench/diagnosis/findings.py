@@ -95,14 +95,14 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
     if mode.rule == PLACE:  # a slot may go by the name of another one at its place
         rule = _rule(found, f"{PLACE}:{slot}") or next(
-            (r for r in found.rules if r.slot and r.name in found.upheld), None
+            (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )
     else:
         rule = _rule(found, mode.rule)
     if rule is None or rule.explained > rule.opportunities:
         return ""
     here, there = Rate(rule.explained, rule.opportunities), Rate(rule.errors_elsewhere, rule.elsewhere)
-    place = "" if rule.slot is None else f" (slot {rule.slot!r})"
+    place = f" (slot {rule.slot!r})" if rule.slot else " (one slot per arrangement)" if rule.name == PLACE else ""
     text = f"; followed in {here.k}/{here.n} trials where that is wrong{place}"
     if there.n:
         p = fisher_p(here, there)

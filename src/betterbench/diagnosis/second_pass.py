@@ -1,12 +1,13 @@
 """The second pass: which one rule explains the wrong first attempts of a policy in a task.
 
 Four kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
-with the most frequent first step; *later* begins with what a later step asks for; the *place* is always the same slot.
+with the most frequent first step; *later* begins with what a later step asks for; the *place* is always the same slot,
+or always the same one where the same slots are stocked, as "whatever is nearest" is.
 A rule is judged as a policy that follows it with an unknown strength ``q`` and is right otherwise, apart from a small
 share of slips. Its cost is the negative log-likelihood of all first attempts at the best ``q``, so a rule that is
 applied in 30 % of the trials is found as well as one that is always applied, and right attempts where the rule predicts
-a wrong one count against it. A place rule pays for the choice of its slot, because the slot is fitted to the trials and
-the other rules come from training.
+a wrong one count against it. A place rule pays for the choice of its slot, or of each of its slots, because they are
+fitted to the trials and the other rules come from training.
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
 
@@ -19,6 +20,7 @@ over ten tasks the weights are worth 3.0 nats at most, as much as one attempt th
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -42,7 +44,7 @@ class PolicyRule:
     """One rule, judged on all first attempts of a task.
 
     Attributes:
-        name: "word", "habit", "later" or "place:SLOT".
+        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of slots that are stocked.
         cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
@@ -145,18 +147,20 @@ def judge_rules(
             None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
     """
     before = dict.fromkeys(FAMILIES, 0.0) | dict(costs or {})
-    items = sorted(choices.items())
+    places_known = known is not None and PLACE in known
+    items = _with_favorites(sorted(choices.items()), paired=not places_known)
     all_choices = [c for _, c in items]
     slots = sorted({c.slot for c in all_choices if c.slot is not None})
-    names = [WORD, HABIT, LATER, *(f"place:{s}" for s in slots)]
+    favorites = {(c.stocked, s) for c in all_choices for s in c.favorite_slots}
+    several = [PLACE] if len({s for _, s in favorites}) > 1 else []
+    names = [WORD, HABIT, LATER, *(f"place:{s}" for s in slots), *several]
     price = math.log(max((c.places for c in all_choices), default=2))
-    prices = {name: before[name] for name in (WORD, HABIT, LATER)}
+    prices = {name: before[name] for name in (WORD, HABIT, LATER)} | {PLACE: len(favorites) * price + before[PLACE]}
     rules = [_judge(name, all_choices, prices.get(name, price + before[PLACE])) for name in names]
     rank = {name: k for k, name in enumerate(names)}
     rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))
     confusion = _confusion(all_choices) + before[CONFUSION]
     proven = {r.name for r in rules if r.cost < confusion - 1e-9}
-    places_known = known is not None and PLACE in known
     if not places_known:
         proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
     if known is not None and LATER not in known:
@@ -175,18 +179,40 @@ def judge_rules(
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
-    """Tell whether in one layout the policy went to a slot although asked elsewhere, and was asked for different slots.
+    """Tell whether the policy went to a slot although asked elsewhere, and was asked for different slots, in one scene.
 
-    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not.
+    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not; or
+    where the same slots are stocked with other things, so that it is not one of the things that the policy likes.
     """
-    by_layout: dict[frozenset[tuple[str, str]], list[Choice]] = {}
-    for choice in choices:
-        by_layout.setdefault(choice.layout, []).append(choice)
-    for group in by_layout.values():
-        went = [c for c in group if c.slot == slot and c.right]
-        if len({c.right for c in went}) > 1 and any(not c.correct for c in went):
-            return True
-    return False
+    went = [c for c in choices if c.slot == slot and c.right]
+    alike: dict[frozenset[object], list[Choice]] = {}
+    for choice in went:
+        alike.setdefault(choice.layout, []).append(choice)
+    by_layout = list(alike.values())
+    alike = {}
+    for choice in went:
+        alike.setdefault(choice.stocked, []).append(choice)
+    of_several = [group for group in alike.values() if len({c.thing for c in group}) > 1]
+    return any(
+        len({c.right for c in group}) > 1 and any(not c.correct for c in group) for group in (*by_layout, *of_several)
+    )
+
+
+def _with_favorites(items: Sequence[tuple[str, Choice]], *, paired: bool) -> list[tuple[str, Choice]]:
+    """Return the choices with the slot that each may favor: the most frequent one where the same slots are stocked.
+
+    ``paired`` leaves it out where no pair of trials shows that the slot is favored whatever is asked.
+    """
+    groups: dict[frozenset[str], list[Choice]] = {}
+    for _, choice in items:
+        groups.setdefault(choice.stocked, []).append(choice)
+    favorites: dict[frozenset[str], frozenset[str]] = {}
+    for stocked, group in groups.items():
+        times = Counter(c.slot for c in group if c.slot is not None)
+        slot = max(sorted(times), key=lambda s: times[s], default=None)
+        if slot is not None and (not paired or has_pair(group, slot)):
+            favorites[stocked] = frozenset((slot,))
+    return [(key, replace(c, favorite_slots=favorites.get(c.stocked, frozenset()))) for key, c in items]
 
 
 def _provable(slot: str, choices: Sequence[Choice], price: float, confusion: float) -> bool:
@@ -207,13 +233,13 @@ def _rule_on(
         return Ruling("rejected")
     fits_word = _fits(WORD, choice)
     place = f"place:{choice.slot}"
-    told_apart = place in proven or any(_fits(WORD, c) != _fits(place, c) for c in choices)
+    told_apart = bool({place, PLACE} & proven) or any(_fits(WORD, c) != _fits(place, c) for c in choices)
     for rule in rules:
         if rule.name not in proven or not _fits(rule.name, choice):
             continue
         if rule.name == WORD:
             return Ruling("upheld" if told_apart else "open")
-        if rule.name == place:
+        if rule.name in (place, PLACE):
             return Ruling("rejected", place="upheld")
         if rule.name == LATER:
             return Ruling("rejected", habit="rejected")
@@ -233,6 +259,8 @@ def _predicted(name: str, choice: Choice) -> frozenset[str]:
         return choice.habit_slots
     if name == LATER:
         return choice.later_slots
+    if name == PLACE:
+        return choice.favorite_slots
     return frozenset((name.removeprefix("place:"),))
 
 

@@ -42,6 +42,8 @@ class Choice:
         habit_slots: Slots to which the most frequent first step leads; empty if training has none.
         later_slots: Slots of what is asked for in later steps; empty where no order is asked for.
         places: Number of slots at which something could be grasped.
+        thing: Kind of what stood in the slot of the first attempt; empty if nothing did.
+        favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
     """
 
     layout: frozenset[tuple[str, str]]
@@ -52,6 +54,13 @@ class Choice:
     habit_slots: frozenset[str]
     later_slots: frozenset[str]
     places: int
+    thing: str = ""
+    favorite_slots: frozenset[str] = frozenset()
+
+    @property
+    def stocked(self) -> frozenset[str]:
+        """The slots in which something stood at the start, whatever it was."""
+        return frozenset(slot for slot, _ in self.layout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +179,7 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         word_slots=frozenset(place[s] for s in word_slots), habit_slots=frozenset(place[s] for s in habit_slots),
         later_slots=frozenset(place[s] for s in _slots_of_later_steps(episode, standing)) - {place[s] for s in right},
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
+        thing="" if slot not in standing else episode.kind(standing[slot]),
     )  # fmt: skip
 
 

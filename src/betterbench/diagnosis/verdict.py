@@ -17,7 +17,8 @@ class Evidence:
 
     Attributes:
         start_s: Beginning of the span that shows it [s].
-        shared: For a look-alike, what it shares with the target ("color", "shape", "slot"), or nothing.
+        shared: What an object that was taken for another shares with that ("color", "shape"; of a look-alike "slot"
+            too), or nothing.
         candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
     """
 

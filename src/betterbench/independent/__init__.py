@@ -1,7 +1,7 @@
 """The independent family: faulty policies with a controller and habits of their own, to test the diagnosis with."""
 
 from betterbench.independent.registry import (
-    HALVES,
+    FAMILY_PARTS,
     INDEPENDENT,
     PREFIX,
     IndependentPolicy,
@@ -12,7 +12,7 @@ from betterbench.independent.registry import (
 )
 
 __all__ = [
-    "HALVES",
+    "FAMILY_PARTS",
     "INDEPENDENT",
     "PREFIX",
     "IndependentPolicy",

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from betterbench.geometry import Pose, Vector, from_axis_angle, horizontal_distance
 from betterbench.independent.controller import Actions, Arm
-from betterbench.independent.events import DISPLACED_M
+from betterbench.independent.events import DISPLACED_M, in_gripper
 from betterbench.independent.manner import Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.room import height_of
@@ -106,7 +106,12 @@ class Body:
 
     def take(self, name: str, *, avoid: int = 0) -> Actions[bool]:
         """Take a thing, and note a miss or that it was made good."""
-        if (yield from self.do.pick(name, avoid=avoid)):
+        yield from self.do.pick(name, avoid=avoid)
+        return self.note_hold(name)
+
+    def note_hold(self, name: str) -> bool:
+        """Note whether a thing that was to be taken is in the gripper, and tell it."""
+        if in_gripper(self.state) == name:
             self.taken.add(name)
             self.ledger.made_good(name)
             return True
@@ -289,6 +294,16 @@ class Body:
             return min(self._room(name, p) for p in points)
 
         return max(ways, key=room)
+
+    def free_spot(self, name: str, near: Vector) -> Vector:
+        """Return a point of the table with room for a thing, not far from a point."""
+        spots = [(0.36 + 0.04 * i, -0.30 + 0.04 * k, 0.0) for i in range(10) for k in range(16)]
+        reach = 0.5 * max(self.state.info.object(name).size_m[:2]) + 0.03
+
+        def worth(p: Vector) -> float:
+            return min(self._room(name, p), reach) - 0.1 * horizontal_distance(p, near)
+
+        return max(spots, key=worth)
 
     def _room(self, name: str, point: Vector) -> float:
         """Return the distance [m] from a point to the nearest box of another thing; less outside the work space."""

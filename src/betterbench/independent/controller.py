@@ -7,8 +7,9 @@ poses of the tool, timed by the manner.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import TypeVar
 
 import numpy as np
@@ -110,6 +111,17 @@ class Arm:
                 yield from self.wait(HALT_S)
         yield from self.arrive(target)
 
+    def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
+        """Follow a curve of the tool, given by the fraction that is behind it, without a stop, and wait at its end."""
+        points = [way(i / 16) for i in range(17)]
+        length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
+        turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))
+        duration = max(length / (self.manner.speed_m_s * pace * self.tempo), turn / (TURN_RAD_S * self.tempo), 0.15)
+        n = math.ceil(duration * RATE_HZ)
+        for i in range(1, n + 1):
+            yield from self.step(way(self._progress(i / n)))
+        yield from self.arrive(way(1.0))
+
     def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
         """Hold a pose until the tool is there, and tell whether it came there in time."""
         for _ in range(round(patience_s * RATE_HZ)):
@@ -156,6 +168,11 @@ class Arm:
             yield from self.step(hold)
         if width_m is not None:
             self._grip = KEEP
+
+    def begin_to_open(self) -> None:
+        """Open the gripper from the next step on, whatever the tool does meanwhile."""
+        self._grip = OPEN
+        self.log.opening(self.state)
 
     def narrow(self, width_m: float) -> Actions[None]:
         """Bring the pads of an empty gripper to a distance [m]."""

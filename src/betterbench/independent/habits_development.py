@@ -1,4 +1,4 @@
-"""The development half: habits that may be looked at while the diagnosis is improved."""
+"""The development part: habits that may be looked at while the diagnosis is improved."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 

@@ -1,4 +1,4 @@
-"""The held-out half: habits that are used once, at the end; nobody looks at them while the diagnosis is changed."""
+"""The held-out part: habits that are used once, at the end; nobody looks at them while the diagnosis is changed."""
 
 # ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
 

@@ -10,6 +10,8 @@ from betterbench.errors import UnknownNameError, find_named
 from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
 from betterbench.independent.habits_held_out import HELD_OUT
+from betterbench.independent.habits_second import SECOND
+from betterbench.independent.habits_third import THIRD
 from betterbench.independent.manner import MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
@@ -21,8 +23,13 @@ if TYPE_CHECKING:
     from betterbench.scenes import Scene
 
 PREFIX = "independent:"
-Half = Literal["development", "held_out"]
-HALVES: dict[Half, tuple[Habit, ...]] = {"development": DEVELOPMENT, "held_out": HELD_OUT}
+FamilyPart = Literal["development", "held_out", "second", "third"]
+FAMILY_PARTS: dict[FamilyPart, tuple[Habit, ...]] = {
+    "development": DEVELOPMENT,
+    "held_out": HELD_OUT,
+    "second": SECOND,
+    "third": THIRD,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +38,7 @@ class IndependentPolicy:
 
     habit: Habit
     manner: Manner
-    half: Half
+    part: FamilyPart
 
     @property
     def address(self) -> str:
@@ -41,9 +48,9 @@ class IndependentPolicy:
 
 INDEPENDENT: dict[str, IndependentPolicy] = {
     policy.address: policy
-    for half, habits in HALVES.items()
+    for part, habits in FAMILY_PARTS.items()
     for habit in habits
-    for policy in (IndependentPolicy(habit, manner, half) for manner in MANNERS.values())
+    for policy in (IndependentPolicy(habit, manner, part) for manner in MANNERS.values())
 }
 
 
@@ -109,7 +116,7 @@ def shown_in(habit: str) -> tuple[Shown, ...]:
     Raises:
         UnknownNameError: If there is no such habit.
     """
-    known = find_named("habit", habit, (h for habits in HALVES.values() for h in habits))
+    known = find_named("habit", habit, (h for habits in FAMILY_PARTS.values() for h in habits))
     found: list[Shown] = []
     for task in map(get_task, suite_tasks("better60")):
         for name in condition_names(task):

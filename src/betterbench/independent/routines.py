@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from betterbench.assets import Asset, Grasp
 from betterbench.geometry import Pose, Vector, angle_between, from_axis_angle, rotate
@@ -27,10 +28,17 @@ SLOW, CAREFUL = 0.3, 0.55
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A chosen way to take a thing: pose of the tool in the world, and opening of the gripper before it closes [m]."""
+    """A chosen way to take a thing.
+
+    Attributes:
+        tool: Pose of the tool, world frame.
+        opening_m: Opening of the gripper before it closes [m].
+        width_m: How thick the thing is between the fingers [m].
+    """
 
     tool: Pose
     opening_m: float
+    width_m: float
 
 
 class Routines:
@@ -38,7 +46,12 @@ class Routines:
 
     def __init__(self, arm: Arm, assets: Mapping[str, Asset]) -> None:
         """Prepare; ``assets`` are the assets of the scene by name of the thing."""
-        self.arm, self._assets = arm, assets
+        self.arm, self.assets = arm, assets
+
+    @classmethod
+    def like(cls, other: Routines) -> Self:
+        """Return the same routines for the same arm, with the ways of this class."""
+        return cls(other.arm, other.assets)
 
     @property
     def state(self) -> WorldState:
@@ -85,11 +98,11 @@ class Routines:
         """Return the hold with the most room and the least turn of the wrist; ``avoid`` passes over the best ones."""
         pose = self.state.pose(name)
         ranked: list[tuple[float, int, Hold]] = []
-        for grasp in self._assets[name].grasps or (_makeshift(self._assets[name]),):
+        for grasp in self.assets[name].grasps or (_makeshift(self.assets[name]),):
             for turn in _turns(grasp):
                 tool = pose @ grasp.pose @ Pose(NO_SHIFT, from_axis_angle((0.0, 0.0, turn)))
                 opening, cost = self._best_opening(tool, grasp.width_m, name)
-                ranked.append((cost + 0.05 * grasp.preference, len(ranked), Hold(tool, opening)))
+                ranked.append((cost + 0.05 * grasp.preference, len(ranked), Hold(tool, opening, grasp.width_m)))
         ranked.sort()
         return ranked[min(avoid, len(ranked) - 1)][2]
 
@@ -252,7 +265,7 @@ class Routines:
         yield from self.arm.rise(0.3)
 
     def _knob(self, name: str) -> Vector:
-        grasp = self._assets[name].grasps[0]
+        grasp = self.assets[name].grasps[0]
         return self.state.pose(name).apply(grasp.pose.position)
 
 

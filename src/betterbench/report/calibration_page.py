@@ -24,9 +24,14 @@ WHAT_IT_IS: dict[Family, str] = {
     "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
     "first wrong decision; the diagnosis sees the records alone.",
     "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was developed on this half.",
+    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
     "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was never developed on this half.",
+    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
+    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
+    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
+    "left out the conditions in which a label could be debated.",
 }
 
 

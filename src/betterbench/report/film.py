@@ -8,12 +8,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import zip_longest
 
-from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import Attempt, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.tasks.labels import Kind
 
 LEAD_S = 1.0
-"""A frame this long before the evidence shows the reach [s]; a reach over the table takes one to two seconds."""
+"""A frame this long before the evidence shows the reach, and one as long after a shorter one what came of it [s]; a
+reach over the table takes one to two seconds, and a grasp a fifth of one."""
+
+ACTS = ("attempt", "evidence", "same step")
+"""Captions of the frame that a film is about; "same step" is what a twin does where it is no grasp."""
 
 _SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
 _KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2}
@@ -129,15 +133,13 @@ def _representative_first(trials: list[TrialDiagnosis], by_key: dict[str, TrialD
 
 
 def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosis]) -> Showing:
-    """Return the moments of a trial about its evidence, and of its twin about the first attempt there."""
+    """Return the moments of a trial about its evidence, and of its twin about the same step."""
     start, end = trial.evidence.start_s, max(trial.evidence.start_s, trial.evidence.end_s)
-    what = "attempt" if trial.attempts and trial.kind is not Kind.NONE else "evidence"
-    moments = _moments(start, end, trial.duration_s, what)
+    grasps = trial.kind is not Kind.NONE and any(attempt.start_s == start for attempt in trial.attempts)
+    moments = _moments(start, end, trial.duration_s, "attempt" if grasps else "evidence")
     twin, shown = by_key.get(trial.twin_key or ""), dict[float, str]()
     if twin is not None:
-        span = twin.attempts[0] if twin.attempts else twin.evidence
-        what = "attempt" if twin.attempts else "evidence"
-        shown = _moments(span.start_s, max(span.start_s, span.end_s), twin.duration_s, what)
+        shown = _moments(*_same_step(trial, twin))
     key = None if twin is None else twin.key
     return Showing(
         policy,
@@ -151,13 +153,46 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
     )
 
 
+def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
+    """Return the span of a twin that answers to the evidence of a trial, its duration, and the caption.
+
+    It is about the same thing if the twin grasps at what was rightly gone for; otherwise about the grasp of the same
+    number, counted in things that were grasped at.
+    """
+    if not twin.attempts:
+        return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"
+    start = trial.evidence.start_s
+    last = next((a for a in reversed(trial.attempts) if a.start_s <= start), None)
+    firsts = _first_grasps(twin.attempts)
+    chosen = last is not None and last.start_s == start
+    about = trial.evidence.objects[0] if trial.evidence.objects else None
+    if last is not None and about in firsts and (last.result != "distractor" if chosen else last.object == about):
+        same, delay = firsts[about], start - last.start_s
+        if delay:
+            return same.start_s + delay, same.start_s + delay, twin.duration_s, "same step"
+    else:
+        before = len(_first_grasps([a for a in trial.attempts if a.start_s < start]))
+        grasps = list(firsts.values()) or list(twin.attempts)
+        same = grasps[min(before, len(grasps) - 1)]
+    return same.start_s, max(same.start_s, same.end_s), twin.duration_s, "attempt"
+
+
+def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
+    """Return the first attempt at each thing, in time."""
+    firsts: dict[str, Attempt] = {}
+    for attempt in attempts:
+        if attempt.object is not None:
+            firsts.setdefault(attempt.object, attempt)
+    return firsts
+
+
 def _moments(start_s: float, end_s: float, duration_s: float, what: str) -> dict[float, str]:
     """Return up to five moments with their captions; moments that fall together give one frame."""
     wanted: Iterable[tuple[float, str]] = (
         (start_s, what),
         (0.0, "start"),
         (duration_s, "end"),
-        (end_s, "after"),
+        (end_s if end_s - start_s >= LEAD_S else end_s + LEAD_S, "after"),
         (start_s - LEAD_S if start_s > 2 * LEAD_S else start_s / 2, "reach" if what == "attempt" else "before"),
     )
     chosen: dict[float, str] = {}

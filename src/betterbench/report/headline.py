@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
-from betterbench.errors import one_line
-from betterbench.report.legend import LEGEND
+from betterbench.errors import UnknownNameError, one_line
+from betterbench.report.legend import AXIS_PLACES, LEGEND
 from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure
+from betterbench.statistics import Rate
 from betterbench.statistics.wording import listed, plural, points
 from betterbench.tasks.labels import Kind, Label
 
@@ -21,6 +23,12 @@ WEAK_SHARE = 0.5
 """Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
 by its success; what it attempts first can still be judged."""
 
+
+FEW = 3
+"""Least number of trials that show a habit: of one task where failures are rare, and of one axis."""
+
+ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
+"""Labels that say nothing about where a policy fails."""
 
 LONGEST_REASON = 300
 """Most characters of the reason of a breakdown on the first screen."""
@@ -49,16 +57,25 @@ class Failure:
 
     @property
     def share(self) -> str:
-        """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials")."""
+        """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials").
+
+        Where all failures are of this kind, ``lead`` says so.
+        """
         more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
-        percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
-        text = f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
+        text = f"{self.count}/{self.trials} variation trials"
+        if self.count < self.failures:
+            percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
+            text = f"{percent} of all failures ({self.count}/{self.failures}), {text}"
         return text + (more if self.look_alikes else "")
 
     @property
     def lead(self) -> str:
         """The words that introduce it."""
-        return "The rule behind most failures" if self.look_alikes else "Most often"
+        if self.look_alikes:
+            return "The rule behind most failures"
+        if self.count < self.failures:
+            return "Most often"
+        return "The only failure" if self.failures == 1 else "All failures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +117,13 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     gap = Figure.of(diagnosis.metric("illusion_gap", "overall"), difference=True, noun="pairs")
     intention = Figure.of(diagnosis.metric("intention_accuracy", "overall"))
     varied = [trial for trial in diagnosis.trials if trial.variation is not None]
-    conclusion, family = _conclusion(varied, training)
+    conclusion, family = _conclusion(diagnosis.trials, training)
     breakdown = _breakdown(varied)
-    sentences = [_numbers(training, variations, gap), _failures(varied, diagnosis.findings), breakdown]
+    sentences = [
+        _numbers(training, variations, gap, _pairs(diagnosis)),
+        _failures(varied, diagnosis.findings),
+        breakdown,
+    ]
     return Headline(
         diagnosis.policy,
         conclusion,
@@ -125,13 +146,16 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
     headline = headline_of(diagnosis)
     rates = (("training", headline.training), ("variations", headline.variations))
     counts = ", ".join(f"{name} {figure.count()}" for name, figure in rates if not figure.missing)
-    return f"{headline.policy}: {headline.conclusion.rstrip('.')}{f' ({counts})' if counts else ''}."
+    said = headline.conclusion.rstrip(".")
+    if counts:
+        said = f"{said.removesuffix(')')}; {counts})" if said.endswith(")") else f"{said} ({counts})"
+    return f"{headline.policy}: {said}."
 
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
     """Return the leading failure mode of variation trials with its counts, or None without failures."""
     failed = [trial for trial in trials if trial.kind is not Kind.NONE]
-    label = main_failure(failed)
+    label = main_failure(trials)
     if label is None:
         return None
     count = sum(trial.label is label for trial in failed)
@@ -146,11 +170,12 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
     return sum("slot" in trial.evidence.shared for trial in taken)
 
 
-def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
+def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
     A policy that goes where a rule sends it takes what stands there, look-alikes included. Where such a rule is proven
-    and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named.
+    and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named,
+    unless the look explains all that the rule does, and more.
     """
     kinds = Counter(trial.kind for trial in trials if trial.kind is not Kind.NONE)
     if not kinds:
@@ -165,15 +190,32 @@ def main_failure(trials: list[TrialDiagnosis]) -> Label | None:
     in_slot = sum("slot" in t.evidence.shared for t in trials if t.label is main)
     rule = max(SLOT_RULES, key=lambda label: labels[label])
     explained = 3 * in_slot >= 2 * labels[main] and 2 * labels[rule] >= labels[main]
-    return rule if explained else main
+    return rule if explained and not _only_looks(trials, rule) else main
 
 
-def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, str]:
+def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
+    """Tell whether a rule is followed only to things that look like the target, and elsewhere often is not."""
+    followed = [trial for trial in trials if trial.label is rule]
+    alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
+    right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
+    return alike and 2 * right >= len(followed)
+
+
+def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
+    """Return the labels that the variation of a trial can bring out; none of a variation that is not known here."""
+    try:
+        return exposed_labels(trial.task, trial.variation or "")
+    except UnknownNameError:
+        return ()
+
+
+def _conclusion(trials: Sequence[TrialDiagnosis], training: Figure) -> tuple[str, str]:
     """Return the naming sentence and its color family."""
+    varied = [trial for trial in trials if trial.variation is not None]
     if not varied:
         return "No variation was run, so nothing is known about its reasoning.", "system"
     failed = [trial for trial in varied if trial.kind is not Kind.NONE]
-    main = main_failure(failed)
+    main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE
     rare = len(failed) <= RARE_SHARE * len(varied)
     if weak and rare:
@@ -182,16 +224,66 @@ def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, st
         return f"{text}: look at the films of training first.", "execution"
     if main is None:
         return "No failure found: it solves every variation that was run.", "right"
+    if rare and (habit := _habit(trials)) is not None:
+        return habit
     if rare:
         return f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed.", "right"
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
+    if main in ANYWHERE and (where := _where(varied, main)):
+        text = f"{text.removesuffix('.')} {where}."
+    if weak and main.kind is Kind.EXECUTION:
+        return f"It fails the training conditions too. {text}", entry.family
     if weak and main.kind is not Kind.SYSTEM:
         return f"It has not learned the training conditions. {text}", entry.family
     return text, entry.family
 
 
-def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
+def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
+    """Return the sentence and the family of a failure that is rare over all but the rule in some conditions of a task.
+
+    Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there. It is
+    none if the same failure is scattered over other tasks as well.
+    """
+    groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
+    for trial in trials:
+        if trial.kind is not Kind.NONE:
+            groups[trial.task, trial.label].append(trial)
+    ranks, counts, shown = list(LEGEND), dict[tuple[str, Label], str](), Counter[Label]()
+    for (task, label), members in groups.items():
+        names = sorted({t.variation or t.condition for t in members})
+        n = sum(t.task == task and (t.variation or t.condition) in names for t in trials)
+        if any(t.variation for t in members) and len(members) >= max(FEW, SHARE_OF_ALL * n):
+            where = listed(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
+            counts[task, label] = f"{len(members)}/{n} trials of {where}"
+            shown[label] += len(members)
+    labels = Counter(trial.label for trial in trials)
+    found = [key for key in counts if shown[key[1]] >= SHARE_OF_ALL * labels[key[1]]]
+    if not found:
+        return None
+    task, label = min(found, key=lambda key: (-len(groups[key]), ranks.index(key[1]), key[0]))
+    text = LEGEND[label].conclude(groups[task, label]).removesuffix(".")
+    return f"In {task} {text[0].lower()}{text[1:]} ({counts[task, label]}).", LEGEND[label].family
+
+
+def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
+    """Return the clause that says on which axis nearly all trials of a label are, if other axes were run too."""
+    axes = Counter(trial.axis for trial in varied if trial.label is label)
+    axis, count = axes.most_common(1)[0]
+    least = max(FEW, SHARE_OF_ALL * axes.total())
+    elsewhere = sum(trial.axis != axis for trial in varied)
+    return AXIS_PLACES.get(axis or "", "") if count >= least and elsewhere >= least else ""
+
+
+def _pairs(diagnosis: RunDiagnosis) -> tuple[Figure, Figure]:
+    """Return the success rates of the twins and of the variations in pairs of both, each pair counted once."""
+    trials = {trial.key: trial for trial in diagnosis.even_trials}
+    pairs = [(trials[key], t) for t in trials.values() if (key := t.twin_key) is not None and key in trials]
+    twins, varied = (Rate(sum(pair[side].success for pair in pairs), len(pairs)) for side in (0, 1))
+    return Figure.of_rate(twins), Figure.of_rate(varied)
+
+
+def _numbers(training: Figure, variations: Figure, gap: Figure, pairs: tuple[Figure, Figure]) -> str:
     """Return the sentence with the success rates and the gap."""
     if training.missing and variations.missing:
         return "No trial was run."
@@ -207,13 +299,18 @@ def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
         return f"{text}; without twins there is no illusion gap."
     size = f"{points(gap.value, 0)} points"
     ends = f"95{THIN}% interval {gap.interval()}, {gap.count()}" if gap.interval() else gap.count()
-    return f"{text}: an illusion gap of {size} ({ends})."
+    twins, varied = pairs
+    if (twins.number(), varied.number()) == (training.number(), variations.number()):
+        return f"{text}: an illusion gap of {size} ({ends})."
+    both = f"{twins.with_unit()} of the twins and {varied.with_unit()} of the variations"
+    ends = f"95{THIN}% interval {gap.interval()}" if gap.interval() else ""
+    return f"{text}. In {gap.count()} it solves {both}: an illusion gap of {size}{f' ({ends})' if ends else ''}."
 
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     """Return the sentence about the failures: how many of which kind, and which label leads."""
     failed = [trial for trial in varied if trial.kind is not Kind.NONE]
-    main = main_failure(failed)
+    main = main_failure(varied)
     if main is None:
         return findings[0] if findings else ""
     kinds = Counter(trial.kind for trial in failed)
@@ -222,10 +319,16 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     same = sum(trial.label is main for trial in failed)
     cells = sorted({f"{trial.task}/{trial.variation}" for trial in failed if trial.label is main})
     shown = listed(cells) if len(cells) <= 4 else f"{', '.join(cells[:3])} and {len(cells) - 3} more"
-    text = f"{plural(len(failed), 'failure')} in {plural(len(varied), 'variation trial')}: {listed(parts)}"
+    text = f"{plural(len(failed), 'failure')} in {plural(len(varied), 'variation trial')}"
+    name = LEGEND[main].name.lower()
+    if same == len(failed):
+        every = "all " if same > 1 else ""
+        return f"{text}, {every}{names[main.kind]}: {name}, in {shown}."
+    text += f", all {names[main.kind]}" if len(parts) == 1 else f": {listed(parts)}"
     failure = leading_failure(varied)
     lead = "most often" if failure is None else failure.lead.lower()
-    return f"{text}; {lead}: {LEGEND[main].name.lower()} ({same} times, in {shown})."
+    times = {1: "once", 2: "twice"}.get(same, f"{same} times")
+    return f"{text}; {lead}: {name} ({times}, in {shown})."
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:

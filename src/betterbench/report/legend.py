@@ -28,6 +28,14 @@ AXIS_NAMES: dict[str, str] = {
 }
 """Axes and their names, in the order of the paper."""
 
+AXIS_PLACES: dict[str, str] = {
+    Axis.SPATIAL_LAYOUT_SHIFT.value: "where things stand elsewhere than in training",
+    Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps are combined anew",
+    Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "where objects were exchanged",
+    Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
+}
+"""What the variations of an axis have in common, as the end of a sentence."""
+
 EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",
     "refuse": "refuse: what is asked for is not there",

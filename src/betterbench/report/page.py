@@ -16,7 +16,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.report.charts import charts_of, twin_figure
 from betterbench.report.drawing import Chart, draw, file_style
 from betterbench.report.exports import Export, exports_of
-from betterbench.report.film import Film, Frame
+from betterbench.report.film import ACTS, Film, Frame
 from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
 from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.knowledge import knowledge_view
@@ -33,7 +33,7 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Frames of the strip on the first screen: the reach, the moment of the evidence and what follows."""
+"""Frames of the strip on the first screen: the reach, the moment of the evidence and what follows, in turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +258,7 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
     if shown is None:
         return None
     start = shown.trial.evidence.start_s
-    acts = [frame.time_s for frame in shown.film.twin_frames if frame.caption in ("attempt", "evidence")]
+    acts = [frame.time_s for frame in shown.film.twin_frames if frame.caption in ACTS]
     moments = start, acts[0] if acts else start
     sides = ((shown.film.frames, "this trial"), (shown.film.twin_frames, "its twin"))
     return Opening(
@@ -298,9 +298,11 @@ def _along(figure: Figure, value: float) -> str:
 
 
 def _around(frames: Sequence[Frame], time_s: float) -> tuple[Frame, ...]:
-    """Return the few frames nearest to a moment, in time."""
-    nearest = sorted(frames, key=lambda frame: abs(frame.time_s - time_s))[:STRIP_FRAMES]
-    return tuple(sorted(nearest, key=lambda frame: frame.time_s))
+    """Return the frame nearest to a moment with those before and after it, in time."""
+    times = [abs(frame.time_s - time_s) for frame in frames]
+    at = times.index(min(times)) if times else 0
+    first = max(0, min(at - STRIP_FRAMES // 2, len(frames) - STRIP_FRAMES))
+    return tuple(frames[first : first + STRIP_FRAMES])
 
 
 def _title(policies: Sequence[str]) -> str:

@@ -115,7 +115,8 @@ def smallest_paired_difference(
     if not 0.0 <= opposite < 0.5:
         raise InvalidInputError("opposite", f"{opposite!r} is out of range", "Give a share from 0 to below 0.5")
     value = _smallest(lambda d: paired_power(n, d, opposite=opposite, alpha=alpha), 1.0 - 2.0 * opposite, power)
-    assumption = f"exact McNemar test, {opposite:.0%} of the pairs differing the other way"
+    other = f"if {100 * opposite:.0f} % of the pairs differ" if opposite else "if no pair differs"
+    assumption = f"exact McNemar test, {other} the other way"
     return DetectableDifference(value, n, alpha, power, assumption)
 
 
@@ -136,7 +137,7 @@ def smallest_unpaired_difference(
         lambda d: unpaired_power(n, reference, min(1.0, max(0.0, reference + sign * d)), alpha=alpha), room, power
     )
     how = "exact" if n <= EXACT_ARM_LIMIT else "normal approximation"
-    assumption = f"Barnard's test ({how}), {'down' if sign < 0 else 'up'} from a rate of {reference:.0%}"
+    assumption = f"Barnard's test ({how}), {'down' if sign < 0 else 'up'} from a rate of {100 * reference:.0f} %"
     return DetectableDifference(value, n, alpha, power, assumption)
 
 

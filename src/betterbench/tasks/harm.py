@@ -11,6 +11,7 @@ from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.relations import on_floor
 from betterbench.tasks.targets import Asked, Places, Targets
 from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.words import agreeing, place_words
 
 DISPLACED = threshold(
     "displaced",
@@ -36,21 +37,24 @@ class Harm:
     Attributes:
         object: What it was done to.
         target: The target at which something stands that was not asked for, else None.
+        region: The region of that target, if it offers several.
     """
 
     sort: HarmSort
     object: str
     target: str | None = None
+    region: str = ""
 
     def words(self, info: SceneInfo) -> str:
         """Return a clause that says it, "the mouse lies on the floor"."""
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
-            return f"the {kind} lies on the floor"
+            return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
         if self.sort == "displaced":
-            return f"the {kind} was moved out of its place by more than {100 * DISPLACED:.0f} cm"
-        where = "" if self.target is None else info.object(self.target).kind
-        return f"the {kind} is at the {where} without having been asked for there"
+            was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
+            return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
+        where = "" if self.target is None else place_words(info.object(self.target).kind, self.region)
+        return f"the {kind} {agreeing(kind, 'is', 'are')} at {where} without having been asked for there"
 
 
 def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
@@ -89,5 +93,5 @@ class HarmWatch:
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
         moved = [Harm("displaced", name) for name in self._displaced if name not in floor]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
-        there = [] if intruder is None else [Harm("at_the_target", intruder.object, intruder.target)]
+        there = [] if intruder is None else [Harm("at_the_target", *intruder)]
         return (*floor.values(), *moved, *there)

@@ -19,6 +19,7 @@ from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.restraint import first_hover
 from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.words import agreeing
 
 MEMORIZED_SPOT = threshold(
     "memorized_spot", 0.04, "m",
@@ -141,11 +142,13 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     if found is None or step.at is None:
         return None
     gone, rest, place = found
-    kind, target = episode.kind(step.at), episode.kind(place.target)
+    kind = episode.kind(step.at)
     if not episode.memorized(step.at, place):
         return None
-    where = f"the {target}" + (f" ({place.region.replace('_', ' ')})" if place.region else "")
-    text = f"The {kind} is brought to {where}, as in training, although it was asked for elsewhere."
+    text = (
+        f"The {kind} {agreeing(kind, 'is', 'are')} brought to {episode.where(place.target, place.region)}, as in "
+        f"training, although {agreeing(kind, 'it was', 'they were')} asked for {episode.asked_where(step)}."
+    )
     return episode.evidence("memorized_place", text, rows=(gone, rest), objects=(step.at, place.target))
 
 
@@ -165,9 +168,11 @@ def _memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
     for slot in episode.slots_in_training(target):
         state = _as_if_at(trial.record.state(rest), target, slot)
         if _is_right(state, episode, i, step.goal):
+            kind, anchor = episode.kind(i), episode.kind(target)
             text = (
-                f"The {episode.kind(i)} is put where the {episode.kind(target)} would take it if that stood at slot "
-                f"{slot!r}, as in training; it stands elsewhere."
+                f"The {kind} {agreeing(kind, 'is', 'are')} put where the {anchor} would take "
+                f"{agreeing(kind, 'it', 'them')} if it stood at slot {slot!r}, as in training; the {anchor} stands "
+                "elsewhere."
             )
             return episode.evidence("memorized_spot", text, rows=(gone, rest), objects=(i, target))
     return None
@@ -202,10 +207,14 @@ def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
         return None
     if not episode.trace.is_drawer(step.at):
         return None
-    due = {episode.kind(i) for i in episode.meant[step.goal]}
-    if not any(episode.kind(step.at) == target for kind in due for target, _, _ in episode.trained.kind_targets[kind]):
+    due, drawer = {episode.kind(i) for i in episode.meant[step.goal]}, episode.kind(step.at)
+    taken = [k for k in sorted(due) if any(drawer == target for target, _, _ in episode.trained.kind_targets[k])]
+    if not taken:
         return None
-    text = f"It goes for {episode.describe(step)}, as in training, although {episode.asked_for(step)} elsewhere."
+    text = (
+        f"It goes for {episode.describe(step)}, into which training put the {taken[0]}, although "
+        f"{agreeing(taken[0], 'it was', 'they were')} asked for {episode.asked_where(step)}."
+    )
     return episode.at_step("memorized_place", text, step)
 
 

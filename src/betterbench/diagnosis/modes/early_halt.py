@@ -8,6 +8,7 @@ from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.training_distribution import pairing
@@ -47,5 +48,5 @@ def _find(trial: TrialView) -> Evidence | None:
     halt = find_halt(episode)
     if halt is None:
         return None
-    text = f"The arm stands still to the end with {', '.join(episode.open_words(halt[0]))} still to do."
+    text = f"The arm stands still to the end; asked for and still to do: {listed(episode.open_words(halt[0]))}."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 
+from betterbench.diagnosis.approaches import closes_in_part
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.halts import find_halt
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
+from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.words import agreeing, is_plural
+
+_KNOCKS = "knocks things over or out of their places"
+_HOW = {
+    "missed_by_pose": "closes beside them",
+    "missed_by_far": "closes far from them",
+    "slipped": "does not lift them",
+    "pushed": "pushes them away",
+    "dropped": "drops them",
+    "placed_outside_the_goal": "puts them down outside the goal",
+    "drawer_left_halfway": "leaves drawers halfway",
+    "collided": _KNOCKS,
+    "knocked_out_of_place": _KNOCKS,
+    "harm": _KNOCKS,
+}
+"""What a policy does by the rule of its evidence, after "It goes for the right things, but"."""
+
+
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return how the manipulation fails in nearly all trials, if one or two ways tell it."""
+    ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in trials).most_common(2)
+    told = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
+    known = all(way for way, _ in told) and sum(count for _, count in told) >= SHARE_OF_ALL * len(trials)
+    return f"It goes for the right things, but {' or '.join(way for way, _ in told)}." if known else ""
 
 
 @FailureMode(
@@ -20,6 +50,7 @@ from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
     definition="The right target at the right time, but the object slipped, was dropped, missed or knocked away "
     "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
+    sharper=_sharper,
     finding="Chooses the right target and fails at the manipulation",
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -28,7 +59,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _far_off)
+    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _closed_in_part, _not_shut, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
@@ -42,8 +73,10 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     done = episode.trace.done
     lost = [g for g in range(done.shape[1]) if not done[last, g]]
     things = tuple(dict.fromkeys(i for g in lost for i in episode.meant[g]))
-    names = " and ".join(dict.fromkeys(episode.kind(i) for i in things))
-    which = f": the {names} is not where it has to be, at rest and let go" if names else " for long enough"
+    kinds = list(dict.fromkeys(episode.kind(i) for i in things))
+    many = len(kinds) > 1 or any(map(is_plural, kinds))
+    state = "are not where they have" if many else "is not where it has"
+    which = f": the {listed(kinds)} {state} to be, at rest and let go" if kinds else " for long enough"
     text = f"Every attempt was right, and yet the goal does not hold at the end{which}."
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
@@ -92,6 +125,37 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
             f"{100 * float(np.linalg.norm(way[:2])):.0f} cm and does not grasp it."
         )
         return episode.at_step("pushed", text, step)
+    return None
+
+
+def _closed_in_part(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the fingers closed around the right target without ever coming to it."""
+    stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
+    if stay is None or stay.at is None:
+        return None
+    rows = closes_in_part(episode.trace, episode.idle_from, stay.at)
+    if rows is None:
+        return None
+    text = f"The fingers close around the {episode.kind(stay.at)}, the right target, without touching it."
+    return episode.evidence("closed_in_part", text, rows=rows, objects=(stay.at,))
+
+
+def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if a fist that was to push a drawer shut has left it open, or pushes and moves it no more."""
+    trace, last = episode.trace, episode.trace.rows - 1
+    if not episode.fists or find_halt(episode) is not None:
+        return None
+    fist = episode.fists[-1]
+    for g in episode.open_goals(last):
+        if relation(episode.goals[g].relation).carried:
+            continue
+        i, lately = episode.meant[g][0], last - trace.steps(THRESHOLDS.halt_time)
+        openings = [trace.opening(row, i) for row in range(fist.start, trace.rows)]
+        then, now = openings[: max(lately - fist.start, 0)], openings[max(lately - fist.start, 0) :]
+        if fist.release > last and (not then or min(then) - min(now) > THRESHOLDS.rest_travel):
+            return None  # the limit comes while it pushes
+        text = f"The closed gripper is to push the {episode.kind(i)}, the right one, shut, and leaves it open."
+        return episode.evidence("drawer_left_halfway", text, rows=(fist.start, min(fist.release, last)), objects=(i,))
     return None
 
 
@@ -158,12 +222,13 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     wanted = trace.placed(rest, i) is not None and not episode.slipped(step)
     if wanted or trace.serves[rest, :, i].any():
         return None
-    fall = float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
+    kind, fall = episode.kind(i), float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:
         how, height = "drops" if gone >= step.grasp.release else "loses", f"{100 * fall:.0f} cm"
-        text = f"The gripper {how} the {episode.kind(i)}, the right target, {height} above where it comes to rest."
+        comes = agreeing(kind, "it comes", "they come")
+        text = f"The gripper {how} the {kind}, the right target, {height} above where {comes} to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
-    text = f"The {episode.kind(i)}, the right target, is let go outside the goal."
+    text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
 
 
@@ -184,7 +249,7 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
     if not found:
         return None
     row, i = min(found)
-    text = f"The {episode.kind(i)} is knocked over without having been grasped."
+    text = f"The {episode.kind(i)} {agreeing(episode.kind(i), 'is', 'are')} knocked over without having been grasped."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))
 
 
@@ -210,7 +275,8 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
         return None
     row, g = min(found)
     kinds = " or ".join(dict.fromkeys(episode.kind(i) for i in episode.meant[g]))
-    text = f"The {kinds} was where it had to be and is knocked away from there."
+    was, now = agreeing(kinds, "was where it", "were where they"), agreeing(kinds, "is", "are")
+    text = f"The {kinds} {was} had to be and {now} knocked away from there."
     return episode.evidence("knocked_out_of_place", text, rows=(row, row), objects=episode.meant[g])
 
 

@@ -39,22 +39,28 @@ def _find(trial: TrialView) -> Evidence | None:
     if step is None:
         return None
     led_here = _led_to(episode, word_of(episode, step), step.grasp.slot)
-    if taken_for_another(episode, step) is not None and led_here:
+    another = taken_for_another(episode, step)
+    if another is not None and led_here:
         text = (
             f"The first attempt takes {episode.describe(step)} and brings it where {word_of(episode, step)!r} "
             "was to go, which was picked in that slot in training."
         )
-        return episode.at_step("word_leads_to_trained_slot", text, step)
+        return episode.at_step("word_leads_to_trained_slot", text, step, shared=_shared(episode, step, another))
     if step.target not in (AttemptTarget.LATER, AttemptTarget.REPEATED, AttemptTarget.OTHER):
         return None
     word = word_of(episode, step)
     if word is None or not led_here:
         return None
     text = (
-        f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training, "
-        f"although {episode.describe(step)} is not what it means here."
+        f"The first attempt goes to slot {step.grasp.slot!r}, where {word!r} was picked in training: it is at "
+        f"{episode.describe(step, slots=False)}, which {word!r} does not mean here."
     )
-    return episode.at_step("word_leads_to_trained_slot", text, step)
+    return episode.at_step("word_leads_to_trained_slot", text, step, shared=_shared(episode, step, step.goal))
+
+
+def _shared(episode: EpisodeAnalysis, step: Step, goal: int | None) -> tuple[str, ...]:
+    """Return what an attempt's object shares with what the word means, its look alone: the slot is the rule's own."""
+    return () if step.at is None or goal is None else episode.shared_looks(step.at, episode.meant[goal])
 
 
 def _led_to(episode: EpisodeAnalysis, word: str | None, slot: str | None) -> bool:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
@@ -25,6 +27,12 @@ def _exposed(x: Exposure) -> bool:
     short="order",
     definition="The right objects are handled in the wrong order where the order is part of the goal.",
     conclusion="It handles the right objects in the wrong order.",
+    sharper=sharper_by_rule(
+        {
+            "memorized_order": "It goes on with the step that came next in training, where the instruction has another "
+            "order.",
+        }
+    ),
     finding="Does the right things in the wrong order",
     exposed_by=_exposed,
 )
@@ -33,16 +41,29 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     if not episode.instruction.ordered:
         return None
+    before: Step | None = None
     for step in episode.decisions:
-        if step.target is AttemptTarget.LATER and step.goal is not None:
-            if not episode.attempted_after(step.goal, step.grasp.start):
-                continue
+        late = step.goal if step.target is AttemptTarget.LATER else None
+        if late is not None and episode.attempted_after(late, step.grasp.start):
+            done = None if before is None or before.at is None else episode.kind(before.at)
+            trained = done is not None and _followed(episode, done, step)
+            habit = f"; in training {episode.describe(step, slots=False)} came next after the {done}" if trained else ""
             text = (
-                f"It goes for {episode.describe(step)} before {episode.asked_words(step.goal)}, "
-                "which comes first and is attempted later."
+                f"It goes for {episode.describe(step)} before {episode.asked_words(late)}, "
+                f"which comes first and is attempted later{habit}."
             )
-            return episode.at_step("attempted_in_wrong_order", text, step)
+            return episode.at_step("memorized_order" if trained else "attempted_in_wrong_order", text, step)
+        if not episode.trace.is_drawer(step.at):
+            before = step
     return _completed_in_wrong_order(episode)
+
+
+def _followed(episode: EpisodeAnalysis, done: str, step: Step) -> bool:
+    """Tell whether an attempt is at what followed a kind in some demonstrations."""
+    if step.at is None:
+        return False
+    pair = (done, episode.kind(step.at))
+    return any(pair in itertools.pairwise(sequence) for sequence in episode.trained.sequences)
 
 
 def _completed_in_wrong_order(episode: EpisodeAnalysis) -> Evidence | None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import find_stays, to_and_fro
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
+from betterbench.diagnosis.approaches import closes_in_part, find_stays, returns_to, to_and_fro
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.halts import find_halt, travel
@@ -44,8 +44,9 @@ def _find(trial: TrialView) -> Evidence | None:
         return episode.evidence("freeze_in_mid_task_scene", text, rows=halt)
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
-    if any(step.means is Means.STAY for step in episode.others):
-        return None
+    stay = next((step for step in episode.others if step.means is Means.STAY), None)
+    if stay is not None:
+        return _comes_and_goes(episode, stay)
     rows = to_and_fro(episode.trace, episode.idle_from)
     if rows is None or not episode.open_goals(rows[1]):
         return None
@@ -53,6 +54,20 @@ def _find(trial: TrialView) -> Evidence | None:
     where = "between " + " and ".join(names) if (names := _names(episode, rows)) else "over nothing in particular"
     text = f"The empty gripper goes to and fro {where} until the end, {way:.1f} m in all, without grasping."
     return episode.evidence("to_and_fro", text, rows=rows)
+
+
+def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
+    """Return evidence if the open gripper comes over the right thing and goes away again and again, until the end."""
+    if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
+        return None
+    rows = returns_to(episode.trace, episode.idle_from, stay.at)
+    if rows is None or closes_in_part(episode.trace, rows[0], stay.at) is not None:
+        return None
+    text = (
+        f"The open gripper comes over the {episode.kind(stay.at)}, the right target, and goes away again and again "
+        "until the end, without grasping."
+    )
+    return episode.evidence("to_and_fro", text, rows=rows, objects=(stay.at,))
 
 
 def _names(episode: EpisodeAnalysis, rows: tuple[int, int]) -> list[str]:

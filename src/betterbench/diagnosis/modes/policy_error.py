@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 
@@ -12,6 +12,9 @@ from betterbench.tasks.labels import Label
     short="error",
     definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",
+    sharper=sharper_by_rule(
+        {"not_finished": "The run is not finished: most of its failures are trials without a record."}
+    ),
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of an episode that the policy or the operator broke off."""
@@ -26,4 +29,4 @@ def _find(trial: TrialView) -> Evidence | None:
 def without_record(reason: str | None) -> Evidence:
     """Return the evidence of a planned trial that has no record."""
     text = "The trial has no record: " + (reason or "it was not finished") + "."
-    return Evidence("no_record", text, 0.0, 0.0)
+    return Evidence("no_record" if reason else "not_finished", text, 0.0, 0.0)

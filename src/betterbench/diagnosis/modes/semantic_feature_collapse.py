@@ -78,16 +78,10 @@ def shares(episode: EpisodeAnalysis, step: Step) -> tuple[str, ...]:
     """Return what the object of an attempt has in common with what was asked for: color, shape, trained slot."""
     if step.at is None:
         return ()
-    objects = episode.trace.info.objects
-    found = objects[step.at]
+    found = episode.trace.info.objects[step.at]
     absent = _absent(episode)
     goal = absent if absent is not None else step.goal if step.goal is not None else 0
-    targets = [objects[i] for i in episode.meant[goal]] if episode.meant else []
-    shared = []
-    if found.color and any(found.color == t.color for t in targets):
-        shared.append("color")
-    if found.shape and any(found.shape == t.shape for t in targets):
-        shared.append("shape")
+    shared = [*episode.shared_looks(step.at, episode.meant[goal] if episode.meant else ())]
     word = word_of(episode, step) if absent is None else episode.goals[absent].word
     kind = episode.goals[goal].reference.kind if episode.goals else None
     slots = {*episode.trained.word_slots.get(word or "", ()), *episode.trained.kind_slots.get(kind or "", ())}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
 
 
@@ -21,8 +22,8 @@ def _find(trial: TrialView) -> Evidence | None:
         return None
     episode = trial.episode
     last = episode.trace.rows - 1
-    words = ", ".join(episode.open_words(last))
-    tail = f", with {words} still to do" if words else ""
+    words = listed(episode.open_words(last))
+    tail = f"; asked for and still to do: {words}" if words else ""
     return episode.evidence(
         "step_limit", f"The step limit is reached {_course(episode, last)}{tail}.", rows=(last, last)
     )

@@ -41,10 +41,12 @@ def _find(trial: TrialView) -> Evidence | None:
     step = episode.first_choice
     if step is None or step.grasp.slot is None or step.target is AttemptTarget.FOREIGN:
         return None
-    if step.target is AttemptTarget.ASKED and taken_for_another(episode, step) is None:
+    another = taken_for_another(episode, step)
+    if step.target is AttemptTarget.ASKED and another is None:
         return None
-    text = (
-        f"The first attempt goes to slot {step.grasp.slot!r}: it is at {episode.describe(step)} although "
-        f"{episode.asked_for(step)}."
-    )
+    thing = episode.describe(step, slots=False)
+    what = f"it is at {thing} although {episode.asked_for(step)}"
+    if another is not None:
+        what = f"it takes {thing} and brings it where {episode.asked_words(another)} was to go"
+    text = f"The first attempt goes to slot {step.grasp.slot!r}: {what}."
     return episode.at_step("same_place_whatever_the_instruction", text, step)

@@ -6,6 +6,7 @@ from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
+from betterbench.tasks.words import agreeing
 
 
 @FailureMode(
@@ -25,7 +26,10 @@ def _find(trial: TrialView) -> Evidence | None:
         misplaced = episode.wrong_place(step)
         if misplaced is not None and step.at is not None:
             gone, rest, place = misplaced
-            where = f"the {episode.kind(place.target)}" + (f" ({place.region})" if place.region else "")
-            text = f"The {episode.kind(step.at)} is brought to {where}, which is not where it was asked for."
+            kind = episode.kind(step.at)
+            text = (
+                f"The {kind} {agreeing(kind, 'is', 'are')} brought to {episode.where(place.target, place.region)}, "
+                f"although {agreeing(kind, 'it was', 'they were')} asked for {episode.asked_where(step)}."
+            )
             return episode.evidence("place_of_another_instruction", text, rows=(gone, rest), objects=(step.at,))
     return None

@@ -1,0 +1,19 @@
+"""Words for sentences about objects: verbs that agree with the name of a kind."""
+
+from __future__ import annotations
+
+
+def is_plural(kind: str) -> bool:
+    """Tell whether the name of a kind is a plural: "fries" is one, "glass" and "cactus" are none."""
+    return kind.endswith("s") and not kind.endswith(("ss", "us", "is"))
+
+
+def agreeing(kind: str, one: str, many: str) -> str:
+    """Return the word that agrees with a kind: "is" with "burger", "are" with "fries"."""
+    return many if is_plural(kind) else one
+
+
+def place_words(kind: str, region: str) -> str:
+    """Return the words for a place of a target: "the laptop (upper right)", "the white plate (layer 1)", "the box"."""
+    name = f"layer {region}" if region.isdigit() else region.replace("_", " ")
+    return f"the {kind} ({name})" if name else f"the {kind}"
