@@ -117,12 +117,10 @@ def stands_where_it_is_put(asset):
     assert -1e-3 < pose.position[2] < 1e-3
 
 
-def looks_differ_and_colors_do_not_change_the_shape(category):
+def looks_differ_and_colors_do_not_change_the_shape(category, chosen):
     assert len(looks(category)) >= 4
-    assert len({build(category, look=look).content_hash() for look in looks(category)}) == len(looks(category))
-    unseen = {build(category, look=look).content_hash() for look in unseen_looks(category)}
-    assert len(unseen) == len(unseen_looks(category)) >= 4
-    assert unseen.isdisjoint(build(category, look=look).content_hash() for look in looks(category))
+    assert len(unseen_looks(category)) >= 4
+    assert len({build(category, look=look).content_hash() for look in chosen}) == len(chosen)
     shapes = {build(category, color=color).size_m for color in colors(category)}
     assert len(shapes) == 1
     assert build(category) is build(category, look=0, color=colors(category)[0])
@@ -137,18 +135,25 @@ CONTRACTS = (
 )
 
 
-def check_category(category):
-    """Check all looks of a category; a failure names the asset (category, color and look) and the contract."""
-    for look in (*looks(category), *unseen_looks(category)):
+def check_category(category, *, every=1):
+    """Check the looks of a category; a failure names the asset (category, color and look) and the contract."""
+    chosen = (*looks(category)[::every], *unseen_looks(category)[::every])
+    for look in chosen:
         asset = build(category, look=look)
         for contract in CONTRACTS:
             try:
                 contract(asset)
             except AssertionError as error:
                 raise AssertionError(f"{asset.identity}: {contract.__name__}: {error}") from error
-    looks_differ_and_colors_do_not_change_the_shape(category)
+    looks_differ_and_colors_do_not_change_the_shape(category, chosen)
 
 
+@pytest.mark.parametrize("category", categories())
+def test_every_third_look_keeps_the_contracts(category):
+    check_category(category, every=3)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("category", categories())
 def test_every_look_keeps_the_contracts(category):
     check_category(category)

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 from betterbench.calibration import CalibrationPolicy, calibrate, true_label
+from betterbench.calibration.run import assess, run_plans
 from betterbench.diagnosis import Calibration, Label, RunDiagnosis, diagnose_run
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.experts import Address
@@ -17,6 +18,12 @@ def calibrated(tmp_path, policy: str, tasks: tuple[str, ...], *, trials: int = 1
     return calibrate([CalibrationPolicy(Address(policy, strength), trials, 40)], tmp_path, tasks=tasks)
 
 
+def calibrated_quickly(tmp_path, policy: str, task: str, variations: tuple[str, ...]) -> Calibration:
+    """On some variations of one task and the training conditions that they are compared with."""
+    plan = make_plan(policy, tasks=(task,), variations=variations, trials=1, seed=40, observation="state_only")
+    return assess(run_plans({policy.replace(":", "-"): plan}, tmp_path))
+
+
 def diagnosed(tmp_path_factory, policy: str, **options) -> RunDiagnosis:
     folder = tmp_path_factory.mktemp("zoo") / policy.replace(":", "-")
     return diagnose_run(evaluate(make_plan(policy, **options), folder, workers=1))
@@ -24,7 +31,7 @@ def diagnosed(tmp_path_factory, policy: str, **options) -> RunDiagnosis:
 
 @pytest.fixture(scope="module")
 def lexical(tmp_path_factory):
-    return diagnosed(tmp_path_factory, "zoo:lexical", tasks=("morning_coffee",), trials=2, seed=40)
+    return diagnosed(tmp_path_factory, "zoo:lexical", tasks=("morning_coffee",), trials=1, seed=40)
 
 
 def test_lexical_fails_the_counterfactual_words_only(lexical):
@@ -37,22 +44,23 @@ def test_lexical_fails_the_counterfactual_words_only(lexical):
 
 
 @pytest.mark.parametrize(
-    ("policy", "task", "found"),
+    ("policy", "task", "variations", "found"),
     [
-        ("zoo:clumsy", "morning_coffee", Label.EXECUTION_FAILURE),
-        pytest.param("zoo:habit-place", "desk_meeting", Label.BEHAVIORAL_INERTIA, marks=pytest.mark.slow),
+        ("zoo:clumsy", "morning_coffee", ("L1", "O1"), Label.EXECUTION_FAILURE),
+        pytest.param("zoo:clumsy", "morning_coffee", (), Label.EXECUTION_FAILURE, marks=pytest.mark.slow),
+        pytest.param("zoo:habit-place", "desk_meeting", (), Label.BEHAVIORAL_INERTIA, marks=pytest.mark.slow),
     ],
 )
-def test_a_policy_is_found_out_and_nothing_else_is_said(tmp_path, policy, task, found):
-    calibration = calibrated(tmp_path, policy, (task,))
+def test_a_policy_is_found_out_and_nothing_else_is_said(tmp_path, policy, task, variations, found):
+    calibration = calibrated_quickly(tmp_path, policy, task, variations)
     assert calibration.wrong == ()
     assert calibration.counts[found, found] > 0
 
 
 def test_the_diagnosis_never_reads_the_truth(tmp_path):
     """The ground_truth of the journal are taken away, and every label stays what it was."""
-    calibrated(tmp_path, "zoo:color", ("morning_coffee",))
-    run = RunFolder.open(tmp_path / "zoo-color-100")
+    calibrated_quickly(tmp_path, "zoo:color", "morning_coffee", ("O1",))
+    run = RunFolder.open(tmp_path / "zoo-color")
     before = [(t.key, t.label, t.evidence) for t in diagnose_run(run).trials]
     text = run.journal_path.read_text()
     assert "semantic_feature_collapse" in text
@@ -71,10 +79,11 @@ def test_the_diagnosis_never_reads_the_truth(tmp_path):
 
 def test_progress_cue_skips_the_burger_when_only_one_is_there(tmp_path_factory):
     diagnosis = diagnosed(
-        tmp_path_factory, "zoo:progress-cue", tasks=("fast_food",), variations=("T1",), trials=2, seed=40
+        tmp_path_factory, "zoo:progress-cue", tasks=("fast_food",), variations=("T1",), trials=1, seed=40
     )
     changed = [t for t in diagnosis.trials if t.variation == "T1"]
-    # Two trials of one variation cannot tell a skipped step from a favorite place; a whole run can.
+    assert changed
+    # A trial of one variation cannot tell a skipped step from a favorite place; a whole run can.
     for t in changed:
         assert t.label.value == "wrong_object"
         assert t.evidence.rule == "required_step_skipped"

@@ -16,18 +16,59 @@ PAGE = Path(__file__).parents[2] / "docs" / "own-tasks.md"
 """The file that the documentation shows."""
 
 
-def better(*arguments, cwd=None, **environment):
+SERVER = """
+import json, os, sys
+
+import betterbench.cli.certify, betterbench.cli.compare, betterbench.cli.diagnose, betterbench.cli.evaluate
+import betterbench.cli.listing, betterbench.cli.output.page, betterbench.cli.replay, betterbench.cli.report
+import betterbench.cli.output.diagnosis, betterbench.cli.output.standing, betterbench.evaluation.running.runner
+from betterbench.cli.main import main
+
+for line in sys.stdin:
+    arguments, environment, out, err = json.loads(line)
+    child = os.fork()
+    if not child:
+        for file, number in ((out, 1), (err, 2)):
+            os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT), number)
+        os.environ.update(environment)
+        status = 1
+        try:
+            status = main(arguments)
+        except SystemExit as stop:
+            status = stop.code or 0
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+"""A process that has imported the command, and runs each of its lines in a copy of itself."""
+
+
+@pytest.fixture(scope="module")
+def better(tmp_path_factory):
     """Run the command in a process of its own: what a file registers stays there."""
     inherited = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
-    done = subprocess.run(
-        [sys.executable, "-m", "betterbench.cli", *map(str, arguments)],
-        capture_output=True,
+    folder = tmp_path_factory.mktemp("printed")
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
-        cwd=cwd,
-        env={**inherited, "COLUMNS": "1000", **environment},
-        check=False,
+        env={**inherited, "COLUMNS": "1000", "OPENBLAS_NUM_THREADS": "1"},
     )
-    return done.returncode, done.stdout, " ".join(done.stderr.split())
+
+    def run(*arguments, **environment):
+        number = len(list(folder.iterdir()))
+        out, err = folder / f"{number}.out", folder / f"{number}.err"
+        server.stdin.write(json.dumps([[*map(str, arguments)], environment, str(out), str(err)]) + "\n")
+        server.stdin.flush()
+        status = int(server.stdout.readline())
+        return status, out.read_text(), " ".join(err.read_text().split())
+
+    with server:
+        yield run
+        server.stdin.close()
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +82,7 @@ EVAL = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "
 
 
 @pytest.fixture(scope="module")
-def run(mine):
+def run(better, mine):
     out = mine.parent / "run"
     status, printed, err = better(*EVAL, "--task-file", mine, "--workers", "2", "--out", out)
     assert status == 0, err
@@ -49,7 +90,7 @@ def run(mine):
     return out
 
 
-def test_lists_show_the_users_names(mine):
+def test_lists_show_the_users_names(better, mine):
     for what, name in (("tasks", "my_coffee"), ("variations", "my_coffee/L1"), ("assets", "enamel_mug")):
         key = what.removesuffix("s")
         for arguments, environment in ((("--task-file", mine), {}), ((), {"BETTERBENCH_TASK_FILES": str(mine)})):
@@ -65,7 +106,7 @@ def test_the_run_knows_its_file_and_keeps_a_copy(run, mine):
     assert [copy.read_text() for copy in (run / "task_files").iterdir()] == [MINE]
 
 
-def test_every_trial_was_solved_and_the_run_is_resumed(run, mine):
+def test_every_trial_was_solved_and_the_run_is_resumed(better, run, mine):
     done = [json.loads(line) for line in (run / "journal.jsonl").read_text().splitlines()]
     trials = [line for line in done if "task" in line]
     assert {(t["task"], t["status"]) for t in trials} == {("my_coffee", "done")}
@@ -84,7 +125,7 @@ def test_every_trial_was_solved_and_the_run_is_resumed(run, mine):
     assert record.read_bytes() == before
 
 
-def test_diagnosis_and_report_want_the_file(run, mine, tmp_path):
+def test_diagnosis_and_report_want_the_file(better, run, mine, tmp_path):
     for arguments in (("diagnose", run), ("report", run, "--films", "0"), ("compare", run, tmp_path)):
         status, _, err = better(*arguments)
         assert status == 2
@@ -101,7 +142,7 @@ def test_diagnosis_and_report_want_the_file(run, mine, tmp_path):
     assert "My Coffee" in (tmp_path / "index.html").read_text()
 
 
-def test_another_text_is_another_file(run, tmp_path):
+def test_another_text_is_another_file(better, run, tmp_path):
     changed = tmp_path / "my_tasks.py"
     changed.write_text(MINE + "\n# changed\n", encoding="utf-8")
     status, _, err = better("diagnose", run, "--task-file", changed)
@@ -111,14 +152,14 @@ def test_another_text_is_another_file(run, tmp_path):
     assert status == 2
 
 
-def test_a_replay_is_the_same_bit_for_bit(run, mine):
+def test_a_replay_is_the_same_bit_for_bit(better, run, mine):
     record = next((run / "records").rglob("*.parquet"))
     status, out, err = better("replay", record, "--check", "--json", "--task-file", mine)
     assert status == 0, err
     assert json.loads(out)["identical"] is True
 
 
-def test_without_a_certificate_the_error_names_both_cures(mine, tmp_path):
+def test_without_a_certificate_the_error_names_both_cures(better, mine, tmp_path):
     arguments = ("eval", "--policy", "expert", "--tasks", "my_coffee", "--trials", "1", "--out", tmp_path / "run")
     status, _, err = better(*arguments, "--task-file", mine)
     assert status == 2
@@ -126,7 +167,7 @@ def test_without_a_certificate_the_error_names_both_cures(mine, tmp_path):
     assert "--uncertified" in err
 
 
-def test_a_certificate_wants_measured_demonstrations(mine, tmp_path):
+def test_a_certificate_wants_measured_demonstrations(better, mine, tmp_path):
     chosen = ("--task-file", mine, "--tasks", "my_coffee")
     status, _, err = better("certify", *chosen, "--trials", "1", "--workers", "1", "--out", tmp_path / "certificate")
     assert status == 2
@@ -135,7 +176,7 @@ def test_a_certificate_wants_measured_demonstrations(mine, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_cure_works(tmp_path):
+def test_the_cure_works(better, tmp_path):
     mine = tmp_path / "my_tasks.py"
     mine.write_text(MINE.replace("base.variations[:1]", "(base.variations[0], base.variations[-1])"), encoding="utf-8")
     chosen = ("--task-file", mine, "--tasks", "my_coffee", "--trials", "1")
@@ -193,7 +234,7 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_an_error_in_the_file_is_one_line_with_its_place(name, tmp_path):
+def test_an_error_in_the_file_is_one_line_with_its_place(better, name, tmp_path):
     source, text = ERRORS[name]
     file = tmp_path / "wrong.py"
     file.write_text(source, encoding="utf-8")
@@ -205,7 +246,7 @@ def test_an_error_in_the_file_is_one_line_with_its_place(name, tmp_path):
     assert text in err
 
 
-def test_a_name_in_two_files_names_both(mine, tmp_path):
+def test_a_name_in_two_files_names_both(better, mine, tmp_path):
     other = tmp_path / "other.py"
     other.write_text(MINE + "\n# other\n", encoding="utf-8")
     status, _, err = better("list", "tasks", "--task-file", mine, "--task-file", other)
@@ -216,13 +257,13 @@ def test_a_name_in_two_files_names_both(mine, tmp_path):
     assert status == 0
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_a_missing_file_is_named(better, tmp_path):
     status, _, err = better("list", "tasks", "--task-file", tmp_path / "nowhere.py")
     assert status == 2
     assert "nowhere.py" in err
 
 
-def test_an_installed_package_adds_its_tasks(tmp_path):
+def test_an_installed_package_adds_its_tasks(better, tmp_path):
     (tmp_path / "enamel.py").write_text(MINE, encoding="utf-8")
     info = tmp_path / "enamel-1.2.dist-info"
     info.mkdir()
@@ -230,8 +271,9 @@ def test_an_installed_package_adds_its_tasks(tmp_path):
     (info / "entry_points.txt").write_text("[betterbench.plugins]\nmugs = enamel\n")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     out = tmp_path / "run"
-    status, _, err = better(*EVAL, "--workers", "1", "--out", out, PYTHONPATH=path)
-    assert status == 0, err
+    command = [sys.executable, "-m", "betterbench.cli", *EVAL, "--workers", "1", "--out", str(out)]
+    environment = {key: value for key, value in os.environ.items() if key != "BETTERBENCH_TASK_FILES"}
+    subprocess.run(command, capture_output=True, env={**environment, "PYTHONPATH": path}, check=True)
     assert json.loads((out / "run.json").read_text())["plan"]["plugins"] == [{"name": "enamel", "version": "1.2"}]
     status, _, err = better("diagnose", out)
     assert status == 2

@@ -46,7 +46,7 @@ def test_importing_the_package_is_all_it_takes():
     assert done.stdout.strip() == "betterbench.episodes.gymnasium_env:TaskEnv"
 
 
-@pytest.mark.parametrize("task_id", TASKS)
+@pytest.mark.parametrize("task_id", [TASKS[0], *(pytest.param(t, marks=pytest.mark.slow) for t in TASKS[1:])])
 def test_every_task_passes_gymnasium_s_checker(make, task_id):
     check_env(make(task_id).unwrapped, skip_render_check=True)
 

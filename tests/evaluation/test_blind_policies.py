@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from betterbench.evaluation import evaluate, make_plan, open_server
+from betterbench.evaluation.planning.plan import Trial
 from betterbench.interface import episode_number
 from betterbench.tasks import get_task
 
@@ -78,9 +79,17 @@ def plan_of(policy, condition):
     return dataclasses.replace(plan, trials=kept)
 
 
+def shortened(trial, ordinary=Trial.resolve):
+    """Resolves a trial to a task with a short step limit: what a policy is given is noted at its first question."""
+    found = ordinary(trial)
+    template = dataclasses.replace(found.task.template, base_steps=20, steps_per_subgoal=0, still_steps=20)
+    return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
+
+
 @pytest.mark.parametrize("served", [False, True])
-def test_two_conditions_differ_in_instruction_and_images_only(curious, served):
+def test_two_conditions_differ_in_instruction_and_images_only(monkeypatch, curious, served):
     """Directly and through our own server, which is told no more than the policy."""
+    monkeypatch.setattr(Trial, "resolve", shortened)
     address = f"python:{curious / 'curious.py'}:Curious"
     task = get_task("fast_food")
     base = task.variation("L1").base

@@ -18,7 +18,7 @@ from betterbench.experts.planner import Planner
 from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.scenes import engine_version
-from betterbench.tasks import Expected, GoalTracker, Support, all_tasks, get_task
+from betterbench.tasks import Axis, Expected, GoalTracker, Support, all_tasks, get_task
 from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.relations import relation
 
@@ -26,6 +26,17 @@ pytestmark = pytest.mark.physics
 
 CONDITIONS = [(t.id, c.name) for t in all_tasks() for c in (*t.training, *t.variations)]
 IDS = [f"{t}/{n}" for t, n in CONDITIONS]
+SAMPLE = {
+    (t.id, name)
+    for i, t in enumerate(all_tasks())
+    for name in (
+        t.training[i % len(t.training)].name,
+        *(of[i % len(of)].name for of in ([v for v in t.variations if v.axis is axis] for axis in Axis) if of),
+    )
+}
+"""One training condition and one variation of each axis of every task, another number in each task."""
+QUICKLY = [pytest.param(t, n, id=f"{t}/{n}", marks=() if (t, n) in SAMPLE else pytest.mark.slow) for t, n in CONDITIONS]
+"""All conditions, of which the default tests take the sample."""
 SETTLING_M = 0.002
 """By how much a thing may stand beside its slot's jitter box because its asset settles [m]."""
 SETTLING_RAD = 0.02
@@ -53,7 +64,7 @@ def check_solved(record):
         assert record.outcome.termination == "success"
 
 
-@pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=IDS)
+@pytest.mark.parametrize(("task_id", "name"), QUICKLY)
 def test_expert_solves_every_condition(episode, task_id, name):
     record = episode("expert", task_id, name)
     check_solved(record)
@@ -77,7 +88,7 @@ def primitives(record, task, condition):
     return handling.finish()
 
 
-@pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=IDS)
+@pytest.mark.parametrize(("task_id", "name"), QUICKLY)
 def test_every_pick_and_place_lies_inside_the_support(episode, task_id, name):
     check_support(episode("expert", task_id, name), get_task(task_id), name)
 
@@ -106,7 +117,7 @@ def test_support_on_more_seeds(episode, task_id, name):
         check_support(episode("expert", task_id, name, seed), get_task(task_id), name)
 
 
-@pytest.mark.parametrize(("task_id", "name"), CONDITIONS, ids=IDS)
+@pytest.mark.parametrize(("task_id", "name"), QUICKLY)
 def test_expert_disturbs_nothing_it_was_not_asked_to_move(episode, task_id, name):
     record = episode("expert", task_id, name)
     first, last = record.state(0), record.state(-1)
@@ -116,15 +127,14 @@ def test_expert_disturbs_nothing_it_was_not_asked_to_move(episode, task_id, name
             assert distance(first.pose(o.name).position, last.pose(o.name).position) < 0.01, o.name
 
 
-def test_expert_takes_half_of_the_steps_it_may_use(episode):
+@pytest.mark.parametrize(("task_id", "name"), QUICKLY)
+def test_expert_takes_half_of_the_steps_it_may_use(episode, task_id, name):
     """A limit that the expert only just keeps would measure speed."""
-    for task_id, name in CONDITIONS:
-        record = episode("expert", task_id, name)
-        task = get_task(task_id)
-        condition = task.train(name) if name.startswith("train") else task.train(task.variation(name).base)
-        if record.metadata.expected == Expected.SUCCEED:
-            limit = task.template.base_steps + task.template.steps_per_subgoal * len(record.metadata.subgoal_names)
-            assert record.n_steps < 0.85 * limit, condition.id
+    record = episode("expert", task_id, name)
+    template = get_task(task_id).template
+    if record.metadata.expected == Expected.SUCCEED:
+        limit = template.base_steps + template.steps_per_subgoal * len(record.metadata.subgoal_names)
+        assert record.n_steps < 0.85 * limit
 
 
 # --------------------------------------------------------------------------------------------------------- disturbances

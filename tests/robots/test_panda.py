@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import KDTree
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.robots import PANDA, build_robot_spec, robot, robot_names
@@ -176,14 +177,13 @@ def test_decimation_tears_nothing_and_turns_nothing_over(link: str) -> None:
     pieces = [welded(part.vertices, part.faces, 1e-4) for part in parts]
     borders = sum(_border_length(*piece) for piece in pieces)
     assert 0.9 * _border_length(*original) - 0.01 < borders < 1.35 * _border_length(*original) + 0.01
-    centers, normals = np.asarray(source.triangles_center), np.asarray(source.face_normals)
+    surface, normals = KDTree(np.asarray(source.triangles_center)), np.asarray(source.face_normals)
     turned = total = 0.0
     for vertices, faces in pieces:
         a, b, c = vertices[faces].swapaxes(0, 1)
         double = np.cross(b - a, c - a)
         areas = np.linalg.norm(double, axis=1)
-        away = np.linalg.norm((a + b + c)[:, None] / 3.0 - centers[None], axis=2)
-        near = np.argpartition(away, 12, axis=1)[:, :12]
+        _, near = surface.query((a + b + c) / 3.0, k=12)
         cosines = np.einsum("ij,ikj->ik", double / areas[:, None], normals[near]).max(axis=1)
         turned, total = turned + float(areas[cosines < 0.3].sum()), total + float(areas.sum())
     assert turned < 0.015 * total

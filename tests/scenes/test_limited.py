@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -71,3 +73,10 @@ def test_a_process_that_crashes_or_hangs_is_one_clear_line(scene, monkeypatch):
             view.open(scene.files())  # more than a pipe holds
         assert time.monotonic() - began < 5.0
         assert view._process.returncode is not None
+
+
+def test_the_process_that_draws_loads_nothing_that_only_builds_scenes():
+    """It is started for every film of a report; assets and kinematics would double what its start costs."""
+    code = "import sys, betterbench.scenes.limited; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not set(done.stdout.split()) & {"mink", "scipy", "betterbench.assets", "betterbench.scenes.builder"}

@@ -44,11 +44,18 @@ def scene(task_id: str, name: str, seed: int = 0) -> Scene:
     return build_scene(condition_of(task_id, name), seed)
 
 
-@pytest.fixture(scope="module", params=TASKS)
+@pytest.fixture(
+    scope="module",
+    params=[*((t, False) for t in TASKS), *(pytest.param((t, True), marks=pytest.mark.slow) for t in TASKS)],
+    ids=lambda p: f"all of {p[0]}" if p[1] else p[0],
+)
 def scenes(request: pytest.FixtureRequest) -> list[Scene]:
-    """All conditions of one task. Tests that ask for them run task by task, so that each scene is built once."""
-    task = get_task(request.param)
-    return [build_scene(condition_of(task.id, c.name)) for c in (*task.training, *task.variations)]
+    """Conditions of one task: the first of training and of each axis, or all. Each scene is built once."""
+    task_id, whole = request.param
+    task = get_task(task_id)
+    of_each_axis = list({v.axis: v for v in reversed(task.variations)}.values())
+    chosen = (*task.training, *task.variations) if whole else (task.training[0], *of_each_axis)
+    return [build_scene(condition_of(task.id, c.name)) for c in chosen]
 
 
 def world(state: WorldState) -> dict[str, tuple[object, ...]]:

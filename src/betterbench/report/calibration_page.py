@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from betterbench.diagnosis import Calibration, Kind, Label
 from betterbench.diagnosis.confusion import Family
@@ -16,6 +14,9 @@ from betterbench.report.html import data_uri, environment, write
 from betterbench.report.power_page import blind_sentences, blind_table
 from betterbench.statistics import Rate, percent
 from betterbench.statistics.wording import plural
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
 
@@ -72,6 +73,9 @@ def write_calibration_page(
 
 def confusion_figure(calibration: Calibration) -> Figure:
     """Return the confusion matrix: a row per true label, shares of the row as shade, counts as numbers."""
+    import matplotlib as mpl  # noqa: PLC0415 - takes 0.4 s, which a diagnosis in the terminal does not need
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
     labels = calibration.labels
     n = len(labels)
     totals = {t: sum(c for (truth, _), c in calibration.counts.items() if truth is t) for t in labels}
@@ -172,6 +176,8 @@ def label_name(label: Label) -> str:
 
 
 def _drawn(figure: Figure, kind: str) -> bytes:
+    import matplotlib as mpl  # noqa: PLC0415 - see confusion_figure
+
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "betterbench"}):
         figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else {"Software": None})

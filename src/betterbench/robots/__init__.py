@@ -1,9 +1,17 @@
-"""Robots: their description, their inverse kinematics and the controller that turns actions into motion."""
+"""Robots: their description, their inverse kinematics and the controller that turns actions into motion.
 
-from betterbench.robots.control import ArmController, ControllerState
-from betterbench.robots.ik import ArmIK, IKResult
+The controller and the inverse kinematics are imported when they are first used: who only draws needs neither.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
 from betterbench.robots.panda import PANDA
 from betterbench.robots.spec import Progress, RobotSpec, build_robot_spec, robot, robot_names
+
+if TYPE_CHECKING:
+    from betterbench.robots.control import ArmController, ControllerState
+    from betterbench.robots.ik import ArmIK, IKResult
 
 __all__ = [
     "PANDA",
@@ -17,3 +25,12 @@ __all__ = [
     "robot",
     "robot_names",
 ]
+
+_HOMES = {"ArmController": "control", "ControllerState": "control", "ArmIK": "ik", "IKResult": "ik"}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

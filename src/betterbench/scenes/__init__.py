@@ -1,11 +1,18 @@
-"""Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked."""
+"""Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked.
 
-from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
-from betterbench.scenes.clearance import Clearance
-from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
-from betterbench.scenes.rendering import Images, Renderer
-from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
-from betterbench.scenes.stored import StoredView, load_model
+Each public name is imported from its module when it is first used: a process that only draws builds no scene.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
+    from betterbench.scenes.clearance import Clearance
+    from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
+    from betterbench.scenes.rendering import Images, Renderer
+    from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
+    from betterbench.scenes.stored import StoredView, load_model
 
 __all__ = [
     "CONTROL_RATE_HZ",
@@ -23,3 +30,20 @@ __all__ = [
     "place_objects",
     "renderer_fingerprint",
 ]
+
+_MODULES = {
+    "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
+    "clearance": ("Clearance",),
+    "gl_context": ("gl_backend", "renderer_fingerprint"),
+    "rendering": ("Images", "Renderer"),
+    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene"),
+    "stored": ("StoredView", "load_model"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from betterbench.statistics.interval import check_fraction
 from betterbench.statistics.rate import Rate
+from betterbench.statistics.unpaired import binomial_probabilities
+
+_TIE = 1e-7
+"""Relative difference below which two outcomes are equally likely."""
 
 
 def chance_p(rate: Rate, *, chance: float) -> float:
@@ -18,7 +22,6 @@ def chance_p(rate: Rate, *, chance: float) -> float:
     Returns:
         The p-value, 1.0 without trials.
     """
-    from scipy import stats  # noqa: PLC0415 - takes 0.5 s, which the workers of a run do not need
-
     check_fraction("chance", chance)
-    return float(stats.binomtest(rate.k, rate.n, chance).pvalue) if rate.n else 1.0
+    likely = binomial_probabilities(rate.n, chance)
+    return min(1.0, float(likely[likely <= likely[rate.k] * (1.0 + _TIE)].sum()))

@@ -111,37 +111,47 @@ def _welded(mesh: Mesh) -> Mesh:
 def creased(mesh: Mesh, degrees: float = 40.0) -> Mesh:
     """Weld a mesh and split it again along its sharp edges, where faces meet at a larger angle than ``degrees``."""
     mesh = _welded(mesh)
+    # Corner c is vertex c % 3 of face c // 3; corners at one vertex become one vertex again if smooth edges join them.
+    corners = mesh.faces.reshape(-1)
+    last, group = np.unique(_last_joined(mesh, math.cos(math.radians(degrees))), return_inverse=True)
+    order = np.lexsort((last, corners[last]))
+    number = np.empty(len(last), dtype=np.int32)
+    number[order] = np.arange(len(last), dtype=np.int32)
+    source = corners[last[order]]
+    return Mesh(mesh.vertices[source], number[group].reshape(-1, 3), mesh.uv[source])
+
+
+def _last_joined(mesh: Mesh, limit: float) -> np.ndarray:
+    """Return (3 m,) for each corner the last corner at the same vertex to which smooth edges lead.
+
+    An edge is smooth if the cosine between its faces is above ``limit``.
+    """
     normals = face_normals(mesh.vertices, mesh.faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    limit = math.cos(math.radians(degrees))
-    fans: dict[int, list[tuple[int, int]]] = {}
-    for face, triangle in enumerate(mesh.faces.tolist()):
-        for corner, vertex in enumerate(triangle):
-            fans.setdefault(vertex, []).append((face, corner))
-    faces = mesh.faces.copy()
-    source: list[int] = []
-    for vertex in range(len(mesh.vertices)):
-        groups: list[list[tuple[int, int]]] = []
-        for face, corner in fans[vertex]:
-            joined = [(face, corner)]
-            apart = []
-            for group in groups:
-                if any(_smooth_edge(mesh.faces, normals, face, other, limit) for other, _ in group):
-                    joined += group
-                else:
-                    apart.append(group)
-            groups = [*apart, joined]
-        for group in sorted(groups):
-            for face, corner in group:
-                faces[face, corner] = len(source)
-            source.append(vertex)
-    return Mesh(mesh.vertices[source], faces, mesh.uv[source])
-
-
-def _smooth_edge(faces: np.ndarray, normals: np.ndarray, a: int, b: int, limit: float) -> bool:
-    """Tell whether two faces of one vertex share an edge that is not sharp."""
-    shared = len(set(faces[a].tolist()) & set(faces[b].tolist()))
-    return shared >= 2 and float(normals[a] @ normals[b]) > limit
+    # Each side of a face is a pair of its corners, the one of the smaller vertex first; equal sides become neighbors.
+    ends = np.arange(mesh.faces.size).reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    vertices = mesh.faces.reshape(-1)[ends]
+    ends = np.take_along_axis(ends, np.argsort(vertices, axis=1), axis=1)
+    vertices.sort(axis=1)
+    order = np.lexsort((vertices[:, 1], vertices[:, 0]))
+    ends, vertices = ends[order], vertices[order]
+    joined = [np.empty((0, 2), dtype=int)]
+    for away in range(1, len(ends)):
+        one = np.flatnonzero((vertices[:-away] == vertices[away:]).all(axis=1))
+        if not one.size:
+            break
+        a, b = ends[one], ends[one + away]
+        smooth = np.sum(normals[a[:, 0] // 3] * normals[b[:, 0] // 3], axis=1) > limit
+        joined.append(np.stack([a[smooth], b[smooth]], axis=2).reshape(-1, 2))
+    pairs = np.concatenate(joined)
+    last = np.arange(mesh.faces.size)
+    while True:
+        reached = last[pairs]
+        if (reached[:, 0] == reached[:, 1]).all():
+            return last
+        np.maximum.at(last, reached.min(axis=1), reached.max(axis=1))
+        while (last != last[last]).any():
+            last = last[last]
 
 
 def loft(

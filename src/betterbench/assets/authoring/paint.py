@@ -46,11 +46,18 @@ class Canvas:
 
     def paint(self, mask: np.ndarray, color: Rgb, *, strength: float = 1.0) -> None:
         """Blend a color in where ``mask`` (boolean, or a weight in [0, 1]) is set."""
+        window = (_run(mask.max(axis=1)), _run(mask.max(axis=0)))
+        image, inside = self._image[window], mask[window]
         if mask.dtype == np.bool_:
-            self._image[mask] = self._image[mask] * (1.0 - strength) + np.asarray(color) * strength
+            image[inside] = image[inside] * (1.0 - strength) + np.asarray(color) * strength
             return
-        weight = (mask * strength)[..., None]
-        self._image = self._image * (1.0 - weight) + np.asarray(color) * weight
+        weight = (inside * strength)[..., None]
+        image[:] = image * (1.0 - weight) + np.asarray(color) * weight
+
+    def _window(self, center: tuple[float, float], reach_x: float, reach_y: float) -> tuple[slice, slice]:
+        """Return the rows and columns of the samples within reach: pictures with hundreds of pores stay cheap."""
+        rows = np.abs(self.y[:, 0] - center[1]) <= reach_y
+        return _run(rows), _run(np.abs(self.x[0] - center[0]) <= reach_x)
 
     def shade(self, factor: np.ndarray) -> None:
         """Multiply all channels by ``factor``, an array of the shape of ``x``."""
@@ -71,13 +78,7 @@ class Canvas:
 
     def ellipse(self, center: tuple[float, float], radii: tuple[float, float], color: Rgb, turn: float = 0) -> None:
         """Paint a filled ellipse, turned by ``turn`` [rad]."""
-        # Only the samples within the larger radius are looked at: pictures with hundreds of pores stay cheap.
-        reach = max(radii)
-        columns = np.flatnonzero(np.abs(self.x[0] - center[0]) <= reach)
-        rows = np.flatnonzero(np.abs(self.y[:, 0] - center[1]) <= reach)
-        if not columns.size or not rows.size:
-            return
-        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        window = self._window(center, max(radii), max(radii))
         inside = _in_ellipse(self.x[window], self.y[window], center, radii, turn)
         self._image[window][inside] = color
 
@@ -90,8 +91,11 @@ class Canvas:
         mask = np.zeros_like(self.x, dtype=bool)
         for (ax, ay), (bx, by) in itertools.pairwise(points):
             length = (bx - ax) ** 2 + (by - ay) ** 2
-            t = np.clip(((self.x - ax) * (bx - ax) + (self.y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
-            mask |= np.hypot(self.x - ax - t * (bx - ax), self.y - ay - t * (by - ay)) <= 0.5 * width
+            reach_x, reach_y = 0.5 * abs(bx - ax) + width, 0.5 * abs(by - ay) + width
+            window = self._window((0.5 * (ax + bx), 0.5 * (ay + by)), reach_x, reach_y)
+            x, y = self.x[window], self.y[window]
+            t = np.clip(((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / max(length, 1e-12), 0.0, 1.0)
+            mask[window] |= np.hypot(x - ax - t * (bx - ax), y - ay - t * (by - ay)) <= 0.5 * width
         self.paint(mask, color, strength=strength)
 
     def grain(self, rng: np.random.Generator, *, cells: tuple[int, int], amount: float) -> None:
@@ -127,10 +131,16 @@ class Canvas:
 
     def pixels(self) -> np.ndarray:
         """Return the finished picture, (height, width, 3) uint8; its first row is the top."""
-        rows, columns = self._image.shape[0] // _OVERSAMPLING, self._image.shape[1] // _OVERSAMPLING
-        averaged = self._image.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING, 3).mean(axis=(1, 3))
+        within = itertools.product(range(_OVERSAMPLING), repeat=2)
+        averaged = sum(self._image[i::_OVERSAMPLING, j::_OVERSAMPLING] for i, j in within) / _OVERSAMPLING**2
         pixels: np.ndarray = np.round(255.0 * np.clip(averaged, 0.0, 1.0)).astype(np.uint8)
         return pixels
+
+
+def _run(wanted: np.ndarray) -> slice:
+    """Return the shortest run that holds all the samples that are wanted; it is empty if there are none."""
+    at = np.flatnonzero(wanted)
+    return slice(at[0], at[-1] + 1) if at.size else slice(0, 0)
 
 
 def _in_ellipse(
