@@ -226,6 +226,7 @@ def test_a_damaged_record_is_one_line_and_the_others_are_done(recorded, tmp_path
     with pytest.raises(RecordError, match=r"0\.parquet: is damaged") as problem:
         materialize_run(run, tmp_path / "out", Wanted((VIEWS[1],), ("boxes",)))
     assert "\n" not in str(problem.value)
+    assert "more trials" not in str(problem.value)
     with ModalityFile(place(tmp_path / "out", VIEWS[1], seed=1)) as file:
         assert file.check() == len(recorded.records[1])
         assert "rgb" not in file.read(0)

@@ -81,6 +81,7 @@ class LimitedView:
         """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel]."""
         self._size = size
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
+        self._stopped = False
         self._process = subprocess.Popen(  # noqa: S603 - our own module
             [sys.executable, "-m", __name__, quality, str(size)],
             stdin=subprocess.PIPE,
@@ -207,11 +208,12 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended."""
-        return self._process.poll() is not None
+        """Whether the process has ended, or was told to."""
+        return self._stopped or self._process.poll() is not None
 
     def stop(self) -> None:
         """End the process from another thread: the one that waits for an answer gets a RecordError."""
+        self._stopped = True
         self._process.kill()
 
     def close(self) -> None:
