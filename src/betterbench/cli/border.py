@@ -12,13 +12,17 @@ from betterbench.errors import require_between
 
 LIMITS: Mapping[str, tuple[float, float]] = {
     "alpha": (1e-9, 1.0),
+    "at_once": (1, 256),
     "batch": (1, 1024),
     "chunk": (1, 256),
     "clients": (1, 10_000),
     "demonstrations": (1, 100_000),
     "envs": (1, 256),
     "films": (0, 10_000),
+    "frames": (0, 100_000),
+    "images": (1, 1_000_000),
     "policy_timeout": (0.001, 604_800),
+    "questions": (0, 10_000_000),
     "replica_gpus": (0, 64),
     "replicas": (1, 256),
     "seed": (0, 2**31 - 1),

@@ -25,7 +25,7 @@ from betterbench.state import WorldState
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
-Selection = Literal["random", "nearest_object", "nearest_robot"]
+SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
 """How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
 
 NEAREST = 3
@@ -64,7 +64,7 @@ class AmplifierSettings:
             rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
     """
 
-    select: Selection = "nearest_object"
+    select: SourceChoice = "nearest_object"
     action_noise: float = 0.02
 
 

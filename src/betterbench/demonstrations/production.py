@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.journal import VersionedJournal
 from betterbench.certification.runner import in_workers, versions_in_use
-from betterbench.demonstrations.amplifier import AmplifierSettings, Selection
+from betterbench.demonstrations.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.attempt import (
     AMPLIFIED,
     EXPERT,
@@ -133,7 +133,7 @@ class _MethodForm:
     method_version: int
     first_seed: int
     attempts: int
-    select: Selection = "nearest_object"
+    select: SourceChoice = "nearest_object"
     action_noise: float = 0.0
     sources: str = ""
     regime: Regime = "training"

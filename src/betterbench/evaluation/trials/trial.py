@@ -98,11 +98,13 @@ class TrialRunner:
     """What the trials of one worker share."""
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Open the run, and ask the policy what it needs; BetterError if one of them fails."""
+        """Ask the policy what it needs; raises a BetterError if that fails."""
         self.settings = settings
         load_sources(settings.task_files)
-        self.run = RunFolder.open(Path(settings.run))
-        self.policies = policies or PolicyFactory(settings.asked, apart=True, known=settings.known)
+        self.run = RunFolder(Path(settings.run), {}, {})
+        self.policies = policies or PolicyFactory(
+            settings.asked, apart=True, known=settings.known, timeout_s=settings.policy_timeout_s
+        )
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)

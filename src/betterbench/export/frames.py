@@ -1,0 +1,97 @@
+"""The frames of an episode: what the policy would be shown at each step, and what it would have to answer."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from betterbench.episodes import observation_of
+from betterbench.export.actions import actions_in, commands
+from betterbench.export.layout import DatasetLayout
+from betterbench.interface import Observation
+from betterbench.interface.actions import action_space
+from betterbench.policies.answers import get_entry
+from betterbench.recording import Record
+
+DONE = "done"
+"""What is left to do once every subgoal holds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """Everything of an episode's frames but the images.
+
+    Attributes:
+        vectors: (N, size) by column: states and action.
+        subgoals: (N,) what the demonstrator is about.
+    """
+
+    vectors: Mapping[str, np.ndarray]
+    subgoals: tuple[str, ...]
+
+
+def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
+    """Return the numbers of all frames; the last state, after which nothing was done, is none.
+
+    Raises InvalidInputError if the record's motion cannot be said in the preset's action space.
+    """
+    adapter = layout.adapter
+    actions = actions_in(record, action_space(adapter.answer.space))
+    if adapter.answer.gripper in ("closed_fraction", "open_fraction"):
+        actions = np.concatenate([actions[:, :-1], commands(actions[:, -1])[:, None]], axis=1)
+    rules = {rule.key: rule for rule in adapter.states}
+    rows: dict[str, list[np.ndarray]] = {column.name: [] for column in (*layout.states, layout.action)}
+    for seen, action in zip(_observations(record), actions, strict=True):
+        for column in layout.states:
+            values = [np.atleast_1d(adapter.state(rules[part.key], seen)) for part in column.parts]
+            rows[column.name].append(np.concatenate(values))
+        reply = adapter.reply(action[None], seen)
+        parts = [np.asarray(get_entry(reply, part.key))[0] for part in layout.action.parts]
+        rows[layout.action.name].append(np.concatenate(parts))
+    vectors = {
+        column.name: np.array(rows[column.name], dtype=column.dtype).reshape(-1, column.size)
+        for column in (*layout.states, layout.action)
+    }
+    return Numbers(vectors, active_subgoals(record))
+
+
+def shown_images(
+    record: Record,
+    layout: DatasetLayout,
+    pictures: Iterator[Mapping[str, np.ndarray]],
+    rows: Collection[int] | None = None,
+) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the images of some frames by column, of all if None, from the pictures of the cameras at each of them."""
+    observed = (o for o in _observations(record) if rows is None or o.step in rows)
+    for seen, views in zip(observed, pictures, strict=True):
+        by_key = layout.adapter.images(replace(seen, images=views))
+        images = {column.name: by_key[column.key] for column in layout.images}
+        yield images | {name: images[other] for name, other in layout.copies.items()}
+
+
+def active_subgoals(record: Record) -> tuple[str, ...]:
+    """Return for each frame the subgoal that is reached next for good, as words ("pack burger").
+
+    A subgoal is reached for good at the first row from which it holds to the end. Of several that remain, the one that
+    is reached first is being worked on, so the order is that of the demonstration; after the last one there is
+    :data:`DONE`. A subgoal that does not hold in the end comes after all that do.
+    """
+    names = [name.replace("_", " ") for name in record.metadata.subgoal_names]
+    held = record.subgoals
+    reached = []
+    for column in range(held.shape[1]):
+        broken = np.flatnonzero(~held[:, column])
+        reached.append(int(broken[-1]) + 1 if broken.size else 0)
+    order = sorted(range(len(names)), key=lambda g: (reached[g], g))
+    return tuple(
+        next((names[g] for g in order if reached[g] > row), DONE) if names else DONE for row in range(record.n_steps)
+    )
+
+
+def _observations(record: Record) -> Iterator[Observation]:
+    """Yield what a policy sees before each action, without images."""
+    for state in record.states():
+        if state.step < record.n_steps:
+            yield observation_of(state, record.metadata.instruction, {})
