@@ -77,7 +77,7 @@ def association(
     smaller = min(hx, hy)
     if smaller <= 0.0:
         return Association(0.0, 0.0, 0.0, 1.0, n)
-    found = _permuted_bits(x, y, ny, nx, draw, _grouped(blocks, n), within=within)
+    found = _permuted_bits((x, y), (nx, ny), draw, _grouped(blocks, n), within=within)
     expected = float(found.mean())
     at_least = int((found >= bits - 1e-9).sum())
     room = smaller - expected
@@ -99,10 +99,11 @@ def _grouped(blocks: Sequence[Hashable] | None, n: int) -> Ints:
 
 
 def _permuted_bits(
-    x: Ints, y: Ints, ny: int, nx: int, draw: np.random.Generator, block: Ints, *, within: bool
+    xy: tuple[Ints, Ints], sizes: tuple[int, int], draw: np.random.Generator, block: Ints, *, within: bool
 ) -> Floats:
     """Return the mutual information [bit] of every permutation, shape (PERMUTATIONS,)."""
-    n, found = len(x), []
+    (x, y), (nx, ny), found = xy, sizes, []
+    n = len(x)
     logs = np.zeros(n + 1)
     counts = np.arange(1, n + 1)
     logs[1:] = counts * np.log2(counts)  # c log2 c: entropies of counts follow from sums of these
@@ -127,7 +128,8 @@ def _permuted_bits(
             margin = np.full(rows, margins)
         found.append((logs[joint].sum(axis=(1, 2)) + logs[n] - margin) / n)
         todo -= rows
-    return np.maximum(0.0, np.concatenate(found))
+    bits: Floats = np.maximum(0.0, np.concatenate(found))
+    return bits
 
 
 def strongest_of(
@@ -145,7 +147,7 @@ def strongest_of(
     """
     y, ny = codes_of(outcome)
     n = len(y)
-    has = presence.astype(np.float64)
+    has = presence.astype(np.float32)
     logs = np.zeros(n + 1)
     logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
     totals, with_feature = np.bincount(y, minlength=ny), presence.sum(axis=0)
@@ -155,13 +157,18 @@ def strongest_of(
     hx = math.log2(n) - margin_x / n
 
     def bits_of(labels: Ints) -> Floats:
-        joint = np.rint(has.T @ np.eye(ny)[labels]).astype(np.int64)
-        both = logs[joint].sum(axis=1) + logs[totals[None, :] - joint].sum(axis=1)
+        """Return the mutual information of every feature for each row of labels, shape (rows, features)."""
+        both = np.zeros((labels.shape[0], presence.shape[1]))
+        for label in range(ny):
+            joint = np.rint((labels == label).astype(np.float32) @ has).astype(np.int64)
+            both += logs[joint] + logs[totals[label] - joint]
         found: Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found
 
-    bits = bits_of(y)
-    permuted = np.array([bits_of(draw.permutation(y)) for _ in range(PERMUTATIONS)])
+    bits = bits_of(y[None, :])[0]
+    rows = max(1, _CHUNK // n)
+    chunks = [min(rows, PERMUTATIONS - start) for start in range(0, PERMUTATIONS, rows)]
+    permuted = np.concatenate([bits_of(y[np.argsort(draw.random((c, n)), axis=1)]) for c in chunks])
     expected, most = permuted.mean(axis=0), permuted.max(axis=1)
     found = []
     for i in range(presence.shape[1]):

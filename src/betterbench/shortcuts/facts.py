@@ -169,4 +169,3 @@ def _facts(condition: Condition, name: str, said: str, steps: Iterable[Step], he
 def _place(condition: Condition, target: str, region: str) -> str:
     kind = condition.object(target).kind
     return f"{kind}, {region}" if region else kind
-

@@ -51,11 +51,33 @@ def conditions() -> list[Condition]:
             if {(piece.name, side[piece]) for piece in pair} == {("spoon", "left"), ("cup", "right")}:
                 continue
             for row in range(2):
-                turn = (number + row + shift) % 3
-                layout = {piece: SLOTS[row][(place + turn) % 3] for place, piece in enumerate(PIECES)}
-                layout |= AROUND[(number + 2 * row + shift + 0) % 4]
+                around = dict(AROUND[(number + 2 * row + shift) % 4])
                 if (number + row) % 2:
-                    layout[EGG] = FRONT if row else FRONT_RIGHT
-                layout[PLATE] = (TABLE_RIGHT, TABLE_LEFT)[(number // 2 + row) % 2]
-                found.append(a.condition(layout, a.arranged(PLATE, *((p, side[p]) for p in pair))))
+                    around[EGG] = FRONT if row else FRONT_RIGHT
+                steps = [(piece, side[piece]) for piece in pair]
+                found.append(a.condition({**_layout(number, row, shift, steps), **around}, a.arranged(PLATE, *steps)))
     return found
+
+
+def _layout(number: int, row: int, shift: int, steps: list[tuple[a.ObjectSpec, str]]) -> dict[a.ObjectSpec, a.Slot]:
+    """Return the first turn of the pieces, and position of the plate, at which nothing is in the way."""
+    plates = (TABLE_RIGHT, TABLE_LEFT) if (number // 2 + row) % 2 else (TABLE_LEFT, TABLE_RIGHT)
+    for more in range(3):
+        turn = (number + row + shift + more) % 3
+        pieces = {piece: SLOTS[row][(place + turn) % 3] for place, piece in enumerate(PIECES)}
+        for plate in plates:
+            if _has_room(pieces, plate, steps):
+                return {**pieces, PLATE: plate}
+    raise AssertionError("of three turns one has room")
+
+
+def _has_room(layout: dict[a.ObjectSpec, a.Slot], plate: a.Slot, steps: list[tuple[a.ObjectSpec, str]]) -> bool:
+    """Tell whether nothing stands where a piece is put: the plate reaches to the slots on its own side."""
+    outer, slots = ("right", (RIGHT_EDGE, RIGHT_CORNER)) if plate is TABLE_RIGHT else ("left", (LEFT_EDGE, LEFT_CORNER))
+    there = next(piece for piece in PIECES if layout[piece] in slots)
+    for piece, side in steps:
+        if side == outer and piece is not there:
+            return False
+        if piece is there:
+            return True
+    return True

@@ -1,4 +1,4 @@
-"""Cheeseburger, balanced: every layer in every slot, and each of patty, cheese and lettuce below and above."""
+"""Cheeseburger, balanced: every layer in every slot and at other heights, the top bun on one layer or on two."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -18,7 +18,7 @@ from betterbench.tasks.suite.cheeseburger import (
 
 CROSSED = (
     "each layer lies in each slot equally often",
-    "patty, cheese and lettuce are each the first layer and the second equally often",
+    "patty, cheese and lettuce are each the first layer and the second, and the top bun is the second and the third",
     "all layers on the table at the start, or one that is not asked for left out",
 )
 STACKS = (
@@ -28,12 +28,15 @@ STACKS = (
     (LETTUCE, CHEESE, TOP),
     (CHEESE, PATTY),
     (CHEESE, LETTUCE),
+    (PATTY, TOP),
+    (LETTUCE, TOP),
+    (CHEESE, TOP),
 )
 SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def conditions() -> list[Condition]:
-    """Return four cyclic layouts with six stacks each; what is not asked for is left out of every other one."""
+    """Return four cyclic layouts with nine stacks each; what is not asked for is left out of every other one."""
     found = []
     for turn in range(4):
         for number, asked in enumerate(STACKS):

@@ -23,7 +23,7 @@ from betterbench.tasks.suite.desk_meeting import (
 
 CROSSED = (
     "each object lies in each slot, with the laptop at either position",
-    "the mouse goes to every side, the mug to the left or right, the speaker to the left or behind; each first or second",
+    "the mouse goes to every side, the mug left or right, the speaker left or behind; each first or second",
     "three objects at the start, or the two that are asked for",
 )
 OBJECTS = (MOUSE, MUG, SPEAKER)

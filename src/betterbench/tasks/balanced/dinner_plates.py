@@ -4,6 +4,8 @@ On the right of the white plate's right position nothing else fits, so that posi
 what would be a test scene there is left without the plate that is not asked for.
 """
 
+from dataclasses import replace
+
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.suite.dinner_plates import (
@@ -23,8 +25,10 @@ from betterbench.tasks.suite.dinner_plates import (
 
 CROSSED = (
     "red and blue plates stand in each slot, with the white plate at either position",
+    "the word white goes with the white plate as the target and with the red one",
     "three plates at the start, or the two that are asked for",
 )
+ON_THE_STACK = replace(BLUE_ON_RED, text="Put the blue plate on the red plate that stands on the white plate.")
 MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_FRONT), (RIGHT_FRONT, LEFT_BACK))
 
 
@@ -42,5 +46,6 @@ def conditions() -> list[Condition]:
 
 
 def _stacked(blue: a.Slot, white: a.Slot) -> Condition:
+    asked = ON_THE_STACK if blue in (LEFT_FRONT, RIGHT_BACK) else BLUE_ON_RED
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
-    return a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE})
+    return a.condition(layout, asked, preplaced={RED: WHITE})
