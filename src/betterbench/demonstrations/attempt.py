@@ -23,7 +23,7 @@ from betterbench.json_form import strict_form
 from betterbench.recording import Demonstrator, Record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.state import WorldState
-from betterbench.tasks import GoalTracker, Support, stream
+from betterbench.tasks import Condition, GoalTracker, Support, Task, stream
 from betterbench.tasks.demonstrated import demonstrated
 
 LASTING_STEPS = 4
@@ -168,15 +168,23 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Return what of an episode the certified training regime does not show, or None where that is declared."""
-    variation = resolve_condition(scene.task.id, scene.condition.name).variation
+    """Return what of an episode the certified training regime does not show, or None."""
+    problem = outside_support(record, scene.task, scene.condition)
+    return None if problem is None else ("outside support", problem)
+
+
+def outside_support(record: Record, task: Task, condition: Condition) -> str | None:
+    """Return what of a record the certified training regime of its task does not show, told from its states.
+
+    None where everything is inside, or the variation declares that it is not.
+    """
+    variation = resolve_condition(task.id, condition.name).variation
     if variation is not None and variation.support is Support.NOVEL:
         return None
-    support = TrainedSupport.of(scene.task, demonstrated(scene.task, engine=engine_version()))
-    handling = Handling(scene.task, scene.condition)
+    support = TrainedSupport.of(task, demonstrated(task, engine=engine_version()))
+    handling = Handling(task, condition)
     states: list[WorldState] = list(record.states())
     for state in states:
         handling.update(state)
     problems = (support.judge(primitive).problem for primitive in handling.finish())
-    first = next((p for p in problems if p is not None), None)
-    return None if first is None else ("outside support", first)
+    return next((p for p in problems if p is not None), None)

@@ -284,14 +284,14 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         episodes.append(DatasetEpisode(folder, index["about"], d.digest, asked.get(d.trial, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
-    held_out = _validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
+    held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])
     source = _source(plan, ordered, identity, quality)
     return Dataset(ordered, plan.layout, plan.form, rates.pop(), len(train), plan.language, source)
 
 
-def _validation_seeds(seeds: set[int], share: float) -> set[int]:
+def validation_seeds(seeds: set[int], share: float) -> set[int]:
     """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts."""
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: round(share * len(seeds))])
