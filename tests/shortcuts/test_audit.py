@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +14,7 @@ from betterbench.interventions.regimes import conditions_of
 from betterbench.shortcuts.association import association, strongest_of
 from betterbench.shortcuts.examine import audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts, Step, facts_of_condition
-from betterbench.shortcuts.prediction import predict, read_prediction
+from betterbench.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign
 from betterbench.tasks import get_task, suite_tasks, training_distribution_of
 from betterbench.tasks.balanced import balanced_conditions, crossed
 from betterbench.tasks.training_distribution import pairing
@@ -152,3 +154,35 @@ def test_too_few_demonstrations_are_refused():
     facts = [EpisodeFacts(str(i), "g", "put it", (Step("a", "a", "b", "c"),)) for i in range(7)]
     with pytest.raises(InvalidInputError, match="has 7 demonstrations, and 8 are needed"):
         audit_dataset("few", facts)
+
+
+@pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="OpenSSH is not installed")
+def test_a_signed_prediction_is_verified_by_ssh_keygen(training, tmp_path):
+    path, key = tmp_path / "prediction.json", tmp_path / "key"
+    path.write_bytes(predict(training).file_bytes())
+    program = shutil.which("ssh-keygen")
+    subprocess.run([program, "-q", "-t", "ed25519", "-N", "", "-f", key], check=True)
+    (tmp_path / "allowed").write_text(f"me {key.with_suffix('.pub').read_text()}")
+    signature = sign(path, key)
+
+    def is_valid():
+        command = [
+            "ssh-keygen",
+            "-Y",
+            "verify",
+            "-n",
+            NAMESPACE,
+            "-f",
+            tmp_path / "allowed",
+            "-I",
+            "me",
+            "-s",
+            signature,
+        ]
+        return subprocess.run(command, input=path.read_bytes(), capture_output=True, check=False).returncode == 0
+
+    assert is_valid()
+    path.write_bytes(path.read_bytes().replace(b'"rank": 1,', b'"rank": 2,', 1))
+    assert not is_valid()
+    with pytest.raises(InvalidInputError, match="--sign"):
+        sign(path, tmp_path / "nothing")

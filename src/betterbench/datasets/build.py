@@ -14,7 +14,7 @@ from typing import Any
 
 from betterbench.datasets.card import CardFacts, card
 from betterbench.datasets.numbers import Numbers, counts_form
-from betterbench.datasets.pairs import PAIRS_FILE, TwinPair, pairs_bytes, twin_pairs
+from betterbench.datasets.pairs import twin_pairs
 from betterbench.datasets.proof import Regimen, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe
 from betterbench.datasets.sheet import draw_sheet
@@ -24,6 +24,7 @@ from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation.trials.trial import on_disk
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts
 from betterbench.shortcuts.prediction import Prediction, predict

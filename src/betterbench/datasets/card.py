@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from betterbench.datasets.numbers import ConditionCounts, Numbers
-from betterbench.datasets.pairs import TwinPair, pairs_by_task
+from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import Recipe
+from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
 from betterbench.shortcuts.page import audit_lines, prediction_lines
 from betterbench.shortcuts.prediction import Prediction

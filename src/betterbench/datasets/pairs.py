@@ -1,44 +1,17 @@
-"""Twin demonstrations: two records with the same history, bit for bit, until what differs between them has effect."""
+"""Which demonstrations of a run are twins: found in the records, by comparing their histories bit for bit."""
 
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from betterbench.interventions.regimes import Regime, conditions_of
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.twins import TwinPair
 from betterbench.tasks import TrialId, get_task
 from betterbench.tasks.training_distribution import pairing
-
-PAIRS_FILE = "pairs.jsonl"
-"""File within a run of demonstrations that lists its pairs, one a line."""
-
-
-@dataclass(frozen=True, slots=True)
-class TwinPair:
-    """Two demonstrations from the same start, to which something else was said.
-
-    Attributes:
-        pair: Its id, "TASK/SEED/CONDITION+CONDITION".
-        task: Their task.
-        seed: Their seed.
-        conditions: Their conditions.
-        instructions: What differs: what was said to each.
-        shared_rows: Rows that are the same in both, bit for bit: the state at reset and after each shared action.
-        rows: Rows of each.
-    """
-
-    pair: str
-    task: str
-    seed: int
-    conditions: tuple[str, str]
-    instructions: tuple[str, str]
-    shared_rows: int
-    rows: tuple[int, int]
 
 
 def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
@@ -49,9 +22,8 @@ def twin_pairs(run: RunFolder, regime: Regime) -> Iterator[TwinPair]:
     """
     done = {entry.key for entry in run.entries() if entry.status == "done"}
     for task in sorted({trial.task for trial in done}):
-        conditions = conditions_of(get_task(task), regime)
         scenes: dict[object, list[str]] = {}
-        for condition in conditions:
+        for condition in conditions_of(get_task(task), regime):
             scenes.setdefault(pairing(condition)[1], []).append(condition.name)
         for seed in sorted({trial.seed for trial in done if trial.task == task}):
             for names in scenes.values():
@@ -85,11 +57,6 @@ def shared_rows(first: Record, second: Record) -> int:
         equal = (mine[:rows] == theirs[:rows]) | (np.isnan(mine[:rows]) & np.isnan(theirs[:rows]))
         same &= equal.all(axis=1)
     return rows if same.all() else int(same.argmin())
-
-
-def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
-    """Return the file that lists pairs."""
-    return "".join(json.dumps(asdict(pair), ensure_ascii=False) + "\n" for pair in pairs).encode()
 
 
 def pairs_by_task(pairs: Iterable[TwinPair]) -> Mapping[str, list[TwinPair]]:

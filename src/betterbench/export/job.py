@@ -34,7 +34,9 @@ from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 
@@ -151,9 +153,22 @@ def _identity(plan: ExportPlan, quality: str) -> str:
         "left_out": dict(plan.selection.left_out),
         "validation": plan.validation,
         "language": plan.language,
+        **({"pairs": pairs} if (pairs := {str(t): ids for t, ids in _pairs(plan).items()}) else {}),
         "questions": hashlib.sha256(plan.questions.read_bytes()).hexdigest() if plan.questions else None,
     }
     return hashlib.sha256(dump_json(form)).hexdigest()
+
+
+def _pairs(plan: ExportPlan) -> dict[TrialId, list[str]]:
+    """Return the ids of the pairs of twins that each demonstration belongs to; nothing for runs without twins."""
+    chosen = {d.trial for d in plan.selection.demonstrations}
+    found: dict[TrialId, list[str]] = {}
+    for run in plan.runs:
+        for pair in read_pairs(run):
+            if chosen.issuperset(pair.trials):
+                for trial in pair.trials:
+                    found.setdefault(trial, []).append(pair.pair)
+    return found
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
@@ -274,6 +289,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
     """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
     asked = read_questions(plan.questions, plan.layout) if plan.questions else {}
+    pairs = _pairs(plan)
     episodes, rates = [], set()
     for d in plan.selection.demonstrations:
         folder = _part_folder(staging, plan, quality, d)
@@ -281,7 +297,8 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
         rates.add(round(index["about"]["control_rate_hz"]))
-        episodes.append(DatasetEpisode(folder, index["about"], d.digest, asked.get(d.trial, ())))
+        about = {**index["about"], "pairs": pairs.get(d.trial, [])} if pairs else index["about"]
+        episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.trial, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)

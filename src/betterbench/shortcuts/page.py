@@ -8,10 +8,10 @@ from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, Sh
 from betterbench.shortcuts.prediction import Prediction
 
 ABOUT = (
-    "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is one "
-    "that every variation keeps, such as what a word means. Strength is mutual information above chance, as a share of what "
-    f"one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the same "
-    f"other one, and if the permutation test, corrected for all questions, gives p ≤ {ALPHA:g}."
+    "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
+    "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
+    f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
+    f"same other one, and if the permutation test, corrected for all questions, gives p ≤ {ALPHA:g}."
 )
 
 

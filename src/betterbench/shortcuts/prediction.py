@@ -25,7 +25,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording.metadata import dump_json
 from betterbench.shortcuts.examine import Finding, ShortcutAudit
 from betterbench.shortcuts.questions import COUNT, FIRST_PLACE, HEADING, LANDMARK, LAST_PLACE
-from betterbench.tasks import SUITE_VERSION, Expected, get_task, task_names
+from betterbench.tasks import SUITE_VERSION, get_task, task_names
 from betterbench.tasks.labels import Label
 
 WEIGHTS = {
@@ -187,9 +187,8 @@ def _label(task: str, variation: str, broken: list[Finding]) -> str:
                 votes[label] += round(1000.0 * WEIGHTS[finding.question] * finding.strength / (1 + place))
     if votes:
         return str(max(votes, key=lambda label: (votes[label], str(label))))
-    if next(v for v in get_task(task).variations if v.name == variation).expected is not Expected.SUCCEED:
-        return str(Label.WRONG_OBJECT)
-    return str(_HALT if _HALT in exposed else next(iter(exposed), Label.WRONG_OBJECT))
+    others = [label for label in exposed if label != _HALT]
+    return str(next(iter(others), _HALT if _HALT in exposed else Label.WRONG_OBJECT))
 
 
 def read_prediction(path: Path) -> Prediction:
