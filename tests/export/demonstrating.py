@@ -83,5 +83,8 @@ class PaintedPictures(pictures_module.Pictures):
         shift = int(abs(qpos[:9]).sum() * 40) + 50 * camera
         return np.stack([x // 2 + shift % 90, y // 2 + shift % 70, (x + y) // 4], axis=2).astype(np.uint8)
 
+    def stop(self) -> None:
+        """Nothing is open."""
+
     def close(self) -> None:
         """Nothing is open."""

@@ -16,6 +16,7 @@ from betterbench.export.layout import layout_of
 from betterbench.export.numbers import color_counts, image_stats, sampled_rows, vector_stats
 from betterbench.interface.actions import ACTION_SPACES
 from betterbench.policies.presets import PRESETS
+from betterbench.recording import Demonstrator, SubgoalSegment
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import get_task
@@ -43,6 +44,19 @@ def test_in_the_space_of_the_record_they_are_the_applied_ones(demonstrations):
     np.testing.assert_array_equal(actions_in(record, ACTION_SPACES["ee_delta"]), record.applied[1:])
 
 
+@pytest.mark.parametrize("space", ["ee_delta", "ee_pose", "ee_delta_measured"])
+def test_noise_on_executed_actions_is_not_in_the_labels(space, demonstrations):
+    """A record whose executed actions were disturbed has the labels that lead to where the meant actions would have."""
+    record = next(iter(demonstrations.records.values()))
+    noise = np.zeros_like(record.applied)
+    noise[1:, :6] = np.random.default_rng(0).normal(0.0, 0.02, noise[1:, :6].shape)
+    meant = actions_in(record, ACTION_SPACES[space])
+    noisy = dataclasses.replace(record.metadata, demonstrator=Demonstrator("amplified", "amplify", action_noise=0.02))
+    disturbed = dataclasses.replace(record, metadata=noisy, action=record.applied, applied=record.applied + noise)
+    tolerance = 0.0 if space == "ee_delta" else 1e-9
+    np.testing.assert_allclose(actions_in(disturbed, ACTION_SPACES[space]), meant, rtol=0, atol=tolerance)
+
+
 def test_a_record_without_joint_references_cannot_be_said_in_joints(demonstrations):
     record = next(iter(demonstrations.records.values()))
     record = dataclasses.replace(record, act=record.act[:, :3])
@@ -59,13 +73,14 @@ def test_commands_keep_the_last_one_where_the_gripper_is_kept(gripper):
     np.testing.assert_array_equal(commands(np.array(gripper)), wanted)
 
 
-def test_the_active_subgoal_is_the_one_that_is_reached_next_for_good(demonstrations):
+def test_the_active_subgoal_is_that_of_the_segment(demonstrations):
     record = next(iter(demonstrations.records.values()))
-    meta = dataclasses.replace(record.metadata, subgoal_names=("pack_fries", "pack_drink"))
-    # The drink comes first, and is dropped once; the fries later; then nothing is left to do.
-    held = np.array([[0, 0], [0, 1], [0, 0], [0, 1], [0, 1], *[[1, 1]] * 5], bool)
-    record = dataclasses.replace(record, metadata=meta, subgoals=held)
-    assert active_subgoals(record) == (*["pack drink"] * 3, *["pack fries"] * 2, *[DONE] * 4)
+    kept = [("pack_drink", 0, 3), ("pack_fries", 3, 5), ("", 5, len(record))]
+    segments = tuple(SubgoalSegment(name, "", "", "", "", start, stop) for name, start, stop in kept)
+    shown = dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, segments=segments))
+    done = [DONE] * (record.n_steps - 5)
+    assert active_subgoals(shown) == (*["pack drink"] * 3, *["pack fries"] * 2, *done)
+    assert active_subgoals(record) == (DONE,) * record.n_steps  # the gripper never closes
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))

@@ -15,6 +15,8 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export import ExportPlan, check_export, export_dataset, job, layout_of, part, select_demonstrations
 from betterbench.recording import RunFolder
+from betterbench.vqa.dataset import write_set
+from betterbench.vqa.question import Difficulty, Form, FrameSource, Question, QuestionType
 
 sys.path.insert(0, str(Path(__file__).parent))
 from demonstrating import TRIALS, PaintedPictures, add_record, start_run
@@ -90,7 +92,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing_at_the_place(demonstrations,
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     monkeypatch.setattr(part, "write_durably", full)
-    with pytest.raises(StorageError, match=r"No space left on device\. Finished episodes are kept"):
+    with pytest.raises(StorageError, match=r"No space left on device\. Nothing finished is lost"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
     assert not (tmp_path / "set").exists()
 
@@ -150,17 +152,23 @@ def test_seeds_are_held_out_whole_and_come_last(demonstrations, tmp_path):
 
 
 def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tmp_path):
-    asked = {"source": {"task": TRIALS[0].task, "condition": TRIALS[0].condition, "seed": TRIALS[0].seed, "row": 3,
-                        "time_s": 0.15, "camera": "wrist"}}  # fmt: skip
-    lines = [
-        asked | {"text": "Is the mug held?", "answer": "No", "form": "yes_no"},
-        asked | {"text": "Which is red?", "answer": "the mug", "options": ["the box", "the mug"], "form": "choice"},
-        asked | {"text": "Where is it?", "answer": "[1, 2, 3, 4]", "form": "box", "width": 128, "height": 128},
-        asked | {"text": "And here?", "answer": "No", "source": asked["source"] | {"camera": "left_shoulder"}},
+    def question(text, answer, *, options=(), camera="wrist", size=256) -> Question:
+        trial = TRIALS[0]
+        source = FrameSource(trial.task, trial.condition, trial.seed, 3, 0.15, camera)
+        form = Form.CHOICE if options else Form.YES_NO
+        kind, hard = QuestionType.STATE, Difficulty.EASY
+        return Question(
+            text, kind, form, "f", text, options, answer, "i.jpg", size, size, hard, (), (), (), {}, 0.5, source
+        )  # fmt: skip
+
+    questions = [
+        question("Is the mug held?", "No"),
+        question("Which is red?", "the mug", options=("the box", "the mug")),
+        question("What is in the box [1, 2, 3, 4]?", "the mug", size=128),
+        question("And here?", "No", camera="left_shoulder"),
     ]
-    file = tmp_path / "questions.jsonl"
-    file.write_text("\n".join(map(json.dumps, lines)))
-    plan = plan_of(demonstrations.run, tmp_path / "set", questions=file)
+    asked = write_set(tmp_path / "asked", questions, (), "training")
+    plan = plan_of(demonstrations.run, tmp_path / "set", questions=asked.path / "questions.jsonl")
     export_dataset(plan)
     first, second = read_v30(plan.out)
     events = first["language_events"]
@@ -180,9 +188,11 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
     assert [(e["style"], e["content"], e["camera"]) for e in persistent[0]] == [
         ("subtask", first["subgoal"][row], None) for row in changes
     ]
-    file.write_text(file.read_text().replace('"the box"', '"the jar"').replace('"the mug"]', '"the pan"]'))
-    with pytest.raises(InvalidInputError, match="line 2: answer: 'the mug' is none of the options"):
-        export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=file))
+    write_set(tmp_path / "others", questions[3:], (), "training")
+    with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+        export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path / "others"))
+    with pytest.raises(RecordError, match="holds no complete set of questions"):
+        export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -208,6 +218,14 @@ def test_the_command_line_names_what_is_missing(demonstrations, tmp_path, capsys
     assert "Unknown preset" in told(run, "--to", "lerobot", "--preset", "openpi", "--out", str(tmp_path / "x"))
     assert "Unknown task of the run" in told(run, "--to", "lerobot", "--tasks", "coffee", "--out", str(tmp_path / "x"))
     assert "runs: 2 are named" in told(run, run)
+
+
+def test_an_option_of_data_sets_without_one_is_refused(demonstrations, tmp_path, capsys):
+    words = ["export", str(demonstrations.run.path), "--preset", "openpi_libero", "--out", str(tmp_path / "set")]
+    assert main(words) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--preset: belongs to data sets, and submission is none. Add --to lerobot" in said
+    assert not (tmp_path / "set").exists()
 
 
 def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_path, capsys):

@@ -106,10 +106,10 @@ class _Kept(LimitedView):
 def one_process(monkeypatch, processes):
     """Lets commands of several tests draw in one process."""
 
-    def kept(*, quality: str, size: int) -> _Kept:
+    def kept(*, quality: str) -> _Kept:
         alive = [process for process in processes if not process.is_closed]
         if not alive:
-            processes.append(_Kept(quality=quality, size=size))
+            processes.append(_Kept(quality=quality))
         return processes[-1] if not alive else alive[0]
 
     for module in (materialization_run, viewing):

@@ -17,11 +17,10 @@ from tests.materialization.conftest import VIEWS
 from betterbench.assets import categories
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError, UnknownNameError
 from betterbench.geometry import Pose
-from betterbench.materialization.folder import Wanted
+from betterbench.materialization.folder import ModalityFolder, Wanted
 from betterbench.materialization.poses import matrices
 from betterbench.materialization.run import default_views, materialize_run
-from betterbench.recording import RunFolder
-from betterbench.recording.modalities import file as files
+from betterbench.recording import RunFolder, durable
 from betterbench.recording.modalities.file import ModalityFile
 from betterbench.recording.modalities.labels import SEMANTIC_IDS, STAGE, semantic_id, semantic_ids
 from betterbench.recording.modalities.spec import PlacedCamera, ViewSpec
@@ -243,9 +242,9 @@ class _Full(io.FileIO):
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing_behind(recorded, tmp_path, monkeypatch, one_process):
-    monkeypatch.setattr(files.os, "fdopen", _Full)
-    (tmp_path / "out").mkdir()
     wanted = Wanted((VIEWS[1],), ("rgb",))
+    ModalityFolder(tmp_path / "out", wanted)
+    monkeypatch.setattr(durable.os, "fdopen", _Full)
     with pytest.raises(StorageError, match="No space left on device") as problem:
         materialize_run(recorded.run, tmp_path / "out", wanted)
     assert "\n" not in str(problem.value)

@@ -72,7 +72,8 @@ def test_coordinates_are_read_in_the_unit_that_was_declared():
     assert is_right(BOX, parse_answer(BOX, "[100, 200, 300, 600]", coordinates="thousandths").answer)
     assert is_right(BOX, parse_answer(BOX, "[0.1, 0.2, 0.3, 0.6]", coordinates="fractions").answer)
     assert not is_right(BOX, parse_answer(BOX, "[0.1, 0.2, 0.3, 0.6]").answer)
-    assert "thousandths" in prompt_for(BOX, "thousandths")
+    lines = prompt_for(BOX, "thousandths").splitlines()
+    assert lines[-1].startswith("Answer with [left, top, right, bottom] only, in thousandths of the width")
     assert overlap((0, 0, 2, 2), (1, 0, 3, 2)) == pytest.approx(1 / 3)
 
 

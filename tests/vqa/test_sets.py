@@ -37,6 +37,9 @@ class Failing:
         self.left -= 1
         return self.source.photo(*what)
 
+    def stop(self):
+        """The source is used by other tests too."""
+
 
 def failing(photos, after):
     @contextmanager
@@ -157,6 +160,22 @@ def test_the_verb_prints_the_baselines(made, capsys):
     assert "blind" in capsys.readouterr().out
     assert main(["vqa"]) == 2
     assert "Give a run or a set" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--cameras", "frnt"], "Unknown camera 'frnt'. Did you mean 'front'"),
+        (["--size", "0"], "--size: 0 is out of range"),
+        (["--frames", "-1"], "--frames: -1 is out of range"),
+        (["--questions", "-1"], "--questions: -1 is out of range"),
+        (["--tasks", "cofee"], "no finished trial of cofee"),
+    ],
+)
+def test_bad_options_leave_no_folder_behind(run, tmp_path, capsys, words, said):
+    assert main(["vqa", str(run.path), "--out", str(tmp_path / "set"), *words]) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "set").exists()
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ def export_command(
         quality: Render preset of the images; that of the run if not given.
         validation: Share of the seeds whose episodes are for validation; they come last.
         language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
-        vqa: Questions of better vqa (JSON lines) for these columns.
+        vqa: Set of better vqa about the same run, whose questions stand in these columns.
         workers: Episodes that are drawn at once; one per processor if not given.
         json: Print one JSON document about what was written or checked.
     """
@@ -82,6 +82,15 @@ def export_command(
         }
         _export_dataset(runs, to, out, options, written, as_json=json)
         return
+    given = {
+        "--preset": preset, "--tasks": tasks, "--variations": variations, "--images": images != "video",
+        "--observation": observation, "--quality": quality, "--validation": validation, "--language": language,
+        "--vqa": vqa,
+    }  # fmt: skip
+    for option, value in given.items():
+        if value:
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
     _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
 
 

@@ -75,9 +75,10 @@ def _write_page(
 ) -> None:
     import numpy as np
 
-    from betterbench.materialization.pictures import LEAST_SEEN, jpeg, mask_png, object_colors
+    from betterbench.materialization.pictures import LEAST_SEEN, mask_png, object_colors
     from betterbench.materialization.viewing import lanes_of, shown_rows
     from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, write_player
+    from betterbench.scenes.image_files import jpeg_bytes
 
     meta, outcome = record.metadata, record.outcome
     names = [o.name for o in meta.scene.objects]
@@ -88,7 +89,7 @@ def _write_page(
     for shown in shown_rows(run, record, views, quality=quality):
         for number, values in enumerate(shown.views):
             fractions = np.nan_to_num(values["visible_fraction"])
-            pictures[number].append(jpeg(values["rgb"]))
+            pictures[number].append(jpeg_bytes(values["rgb"], quality=88))
             masks[number].append(mask_png(values["instances"], colors))
             seen = np.flatnonzero(fractions >= LEAST_SEEN).tolist()
             boxes[number].append([(i, *values["visible_box"][i].tolist(), float(fractions[i])) for i in seen])

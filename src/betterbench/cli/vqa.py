@@ -140,6 +140,7 @@ def _made(
     source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
 ) -> tuple[QuestionSet, Path | None]:
     """Return the set that is meant, made if it has to be, and the folder of its run if that is known."""
+    from betterbench.scenes.stage import require_cameras
     from betterbench.vqa.dataset import read_set
 
     if source is not None and run is not None:
@@ -151,6 +152,7 @@ def _made(
         return read_set(folder), None
     if out is None:
         raise InvalidInputError("--out", "is missing", "Name the folder of the set")
+    require_cameras(asked.cameras)
     return (_balanced(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
 

@@ -21,9 +21,9 @@ from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import SetProgress, amplify, collect, set_hash
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.evaluation.trials.trial import on_disk
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.durable import on_disk
 from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw
 
 from betterbench.recording import RunFolder, write_durably
+from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 from betterbench.tasks import TrialId
 
@@ -44,6 +44,4 @@ def draw_sheet(run: RunFolder, trials: Sequence[TrialId], path: Path) -> None:
             said = textwrap.wrap(f"{trial.condition}: {record.metadata.instruction}", _LINE)[:3]
             for number, line in enumerate(said):
                 draw.text((x + 4, y + SIZE + 2 + 13 * number), line, fill="black")
-    buffer = io.BytesIO()
-    sheet.save(buffer, "JPEG", quality=88)
-    write_durably(path, buffer.getvalue())
+    write_durably(path, jpeg_bytes(sheet, quality=88))

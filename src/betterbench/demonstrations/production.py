@@ -45,12 +45,12 @@ from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.running.lost import reopen_lost
-from betterbench.evaluation.trials.trial import on_disk
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.interventions.regimes import Regime, in_regime
 from betterbench.json_form import open_form, read_form, strict_form
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.durable import on_disk
 from betterbench.recording.line_journal import complete_lines
 from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene, engine_version

@@ -156,7 +156,7 @@ def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: Dat
         return _parquet(path / name, needed)
     name = f"data/chunk-{place['data/chunk_index']:03d}/file-{place['data/file_index']:03d}.parquet"
     table = _parquet(path / name, needed)
-    return table.filter(pa.compute.equal(table.column("episode_index"), number))
+    return table.filter(pa.array(table.column("episode_index").to_numpy() == number))
 
 
 def _pictures_of(

@@ -12,11 +12,12 @@ from betterbench.export.actions import actions_in, commands
 from betterbench.export.layout import DatasetLayout
 from betterbench.interface import Observation
 from betterbench.interface.actions import action_space
+from betterbench.interventions import resolve_condition
 from betterbench.policies.answers import get_entry
-from betterbench.recording import Record
+from betterbench.recording import Record, subgoal_segments
 
 DONE = "done"
-"""What is left to do once every subgoal holds."""
+"""What is left to do after the last subgoal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,22 +73,19 @@ def shown_images(
 
 
 def active_subgoals(record: Record) -> tuple[str, ...]:
-    """Return for each frame the subgoal that is reached next for good, as words ("pack burger").
+    """Return for each frame the subgoal that its segment serves, as words ("pack burger"); at last :data:`DONE`.
 
-    A subgoal is reached for good at the first row from which it holds to the end. Of several that remain, the one that
-    is reached first is being worked on, so the order is that of the demonstration; after the last one there is
-    :data:`DONE`. A subgoal that does not hold in the end comes after all that do.
+    The segments are those of the record, or derived from it as those of demonstrations are.
+
+    Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
     """
-    names = [name.replace("_", " ") for name in record.metadata.subgoal_names]
-    held = record.subgoals
-    reached = []
-    for column in range(held.shape[1]):
-        broken = np.flatnonzero(~held[:, column])
-        reached.append(int(broken[-1]) + 1 if broken.size else 0)
-    order = sorted(range(len(names)), key=lambda g: (reached[g], g))
-    return tuple(
-        next((names[g] for g in order if reached[g] > row), DONE) if names else DONE for row in range(record.n_steps)
-    )
+    meta = record.metadata
+    segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
+    shown = [DONE] * record.n_steps
+    for segment in segments:
+        for row in range(segment.start, min(segment.stop, record.n_steps)):
+            shown[row] = segment.subgoal.replace("_", " ") or DONE
+    return tuple(shown)
 
 
 def _observations(record: Record) -> Iterator[Observation]:

@@ -7,20 +7,16 @@ follow from the records and the options alone.
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import hashlib
 import json
 import shutil
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import betterbench
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.export.card import card
 from betterbench.export.episodes import Dataset, DatasetEpisode
 from betterbench.export.layout import DatasetLayout
@@ -28,11 +24,13 @@ from betterbench.export.lerobot import json_bytes, write_v30
 from betterbench.export.lerobot_v21 import write_v21
 from betterbench.export.part import ImageForm, read_index, write_part
 from betterbench.export.pictures import Pictures
-from betterbench.export.questions import read_questions
+from betterbench.export.questions import question_set, questions_of
 from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.durable import on_disk
+from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
@@ -59,7 +57,7 @@ class ExportPlan:
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
-        questions: File of questions for them, or None.
+        questions: Folder of a set of questions for them, or None.
     """
 
     runs: Sequence[RunFolder]
@@ -103,13 +101,13 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     out, quality = plan.out.absolute(), _quality(plan)
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
-    with _on_disk(out):
+    with on_disk(out):
         if out.exists():
             return _finished(plan, out, identity, staging, quality)
         with RunLock(staging / ".lock"):
             if out.exists():
                 return _finished(plan, out, identity, staging, quality)
-            made = _make_parts(plan, staging, quality, max(1, workers), on_progress)
+            made = _make_parts(plan, staging, quality, workers, on_progress)
             _assemble(plan, staging, out, identity, quality)
             shutil.rmtree(staging, ignore_errors=True)
     return _told(plan, out, made, quality)
@@ -154,7 +152,7 @@ def _identity(plan: ExportPlan, quality: str) -> str:
         "validation": plan.validation,
         "language": plan.language,
         **({"pairs": pairs} if (pairs := {str(t): ids for t, ids in _pairs(plan).items()}) else {}),
-        "questions": hashlib.sha256(plan.questions.read_bytes()).hexdigest() if plan.questions else None,
+        "questions": question_set(plan.questions).sha256 if plan.questions else None,
     }
     return hashlib.sha256(dump_json(form)).hexdigest()
 
@@ -209,51 +207,33 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
     """Make the parts that are missing, and return how many those were."""
     wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
     missing = {folder: d for folder, d in wanted.items() if read_index(folder) is None}
-    done, lock, stop = len(wanted) - len(missing), threading.Lock(), threading.Event()
+    done = len(wanted) - len(missing)
     # Neighbors share a scene, which takes longer to open than a picture to draw.
-    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run), reverse=True)
+    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run))
     if on_progress is not None:
         on_progress(done, len(wanted))
 
-    def work() -> None:
+    def work(pictures: Pictures, item: tuple[Path, ChosenTrial]) -> None:
+        folder, demonstration = item
+        run = plan.runs[demonstration.run]
+        record = _record(run, demonstration)
+        _check_rate(record)
+        write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
+
+    def told(_: tuple[Path, ChosenTrial]) -> None:
         nonlocal done
-        with Pictures(plan.layout.cameras, quality) as pictures:
-            while not stop.is_set():
-                with lock:
-                    if not waiting:
-                        return
-                    folder, demonstration = waiting.pop()
-                run = plan.runs[demonstration.run]
-                record = _record(run, demonstration)
-                _check_rate(record)
-                write_part(folder, record, plan.layout, _until(stop, pictures.of(run, record)), plan.form)
-                with lock:
-                    done += 1
-                    if on_progress is not None:
-                        on_progress(done, len(wanted))
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(wanted))
 
-    with ThreadPoolExecutor(min(workers, max(1, len(missing)))) as pool:
-        futures = [pool.submit(work) for _ in range(min(workers, len(missing)))]
-        try:
-            wait(futures, return_when="FIRST_EXCEPTION")
-        finally:
-            stop.set()
-    problems = [problem for future in futures if (problem := future.exception()) is not None]
-    for problem in sorted(problems, key=lambda p: isinstance(p, _StoppedError)):
-        raise problem
+    in_threads(
+        waiting,
+        work,
+        workers=workers,
+        open_resource=lambda: Pictures(plan.layout.cameras, quality),
+        on_done=told,
+    )
     return len(missing)
-
-
-class _StoppedError(Exception):
-    """Another worker has failed, or the user has interrupted."""
-
-
-def _until(stop: threading.Event, pictures: Iterator[Any]) -> Iterator[Any]:
-    """Yield pictures until the export is stopped."""
-    for views in pictures:
-        if stop.is_set():
-            raise _StoppedError
-        yield views
 
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
@@ -288,7 +268,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
     """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
-    asked = read_questions(plan.questions, plan.layout) if plan.questions else {}
+    trials = {d.trial for d in plan.selection.demonstrations}
+    asked = questions_of(question_set(plan.questions), plan.layout, trials) if plan.questions else {}
     pairs = _pairs(plan)
     episodes, rates = [], set()
     for d in plan.selection.demonstrations:
@@ -358,16 +339,3 @@ def _told(plan: ExportPlan, out: Path, made: int, quality: str) -> Exported:
         plan.selection.left_out,
         evaluation_command(plan.layout, quality),
     )
-
-
-@contextlib.contextmanager
-def _on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError."""
-    try:
-        yield
-    except OSError as problem:
-        if problem.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG):
-            raise
-        raise StorageError(
-            f"{path}: {problem.strerror}. Finished episodes are kept: make room, then run the same command again."
-        ) from problem

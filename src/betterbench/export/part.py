@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
 
-from betterbench.export.frames import active_subgoals, frame_numbers, shown_images
+from betterbench.export.frames import frame_numbers, shown_images
 from betterbench.export.layout import DatasetLayout
 from betterbench.export.numbers import color_counts, sampled_rows
 from betterbench.export.video import VideoWriter
@@ -91,7 +91,7 @@ def write_part(
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "images": {name: {"levels": levels[name].tolist()} for name in names},
         "sampled": len(sampled),
-        "about": about(record),
+        "about": about(record, numbers.subgoals),
     }
     write_durably(folder / _INDEX, dump_json(index))
 
@@ -133,7 +133,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
     )
 
 
-def about(record: Record) -> dict[str, Any]:
+def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
     """Return what a data set says about an episode beside its frames."""
     m = record.metadata
     return {
@@ -151,7 +151,7 @@ def about(record: Record) -> dict[str, Any]:
         "room": m.room,
         "scene": m.scene_hash,
         "rows": record.n_steps,
-        "subgoals": list(dict.fromkeys(active_subgoals(record))),
+        "subgoals": list(dict.fromkeys(subgoals)),
     }
 
 

@@ -45,6 +45,10 @@ class Pictures:
         for sights in self._view.sights(record.qpos[shown], jitter=record.metadata.view_jitter):
             yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
 
+    def stop(self) -> None:
+        """End the process from another thread: the one that draws gets a RecordError."""
+        self._view.stop()
+
     def close(self) -> None:
         """End the process."""
         self._view.close()

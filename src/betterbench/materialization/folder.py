@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from betterbench.assets import categories
-from betterbench.errors import RecordError, RunConflictError, UnknownNameError
+from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording import RunFolder, first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX
@@ -19,7 +19,7 @@ from betterbench.recording.metadata import dump_json
 from betterbench.recording.modalities.header import FORMAT_VERSION
 from betterbench.recording.modalities.labels import semantic_ids
 from betterbench.recording.modalities.spec import MODALITIES, Modality, ViewSpec, require_views
-from betterbench.scenes.stage import CAMERAS, WRIST_CAMERA, quality_preset
+from betterbench.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
@@ -45,10 +45,7 @@ class Wanted:
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
         require_views(self.views)
-        known = (*CAMERAS, WRIST_CAMERA)
-        unknown = next((v.camera for v in self.views if v.placed is None and v.camera not in known), None)
-        if unknown is not None:
-            raise UnknownNameError("camera", unknown, known)
+        require_cameras(v.camera for v in self.views if v.placed is None)
         if self.quality is not None:
             quality_preset(self.quality)
 

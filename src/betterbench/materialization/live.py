@@ -23,7 +23,7 @@ class LiveMaterializer:
 
     Raises:
         RunConflictError: If the folder holds something else, or was drawn by another OpenGL.
-        StorageError: If nothing can be written.
+        StorageError: If the disk is full.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
 

@@ -1,4 +1,4 @@
-"""Pictures of what is drawn: colors as JPEG, masks and depth in colors, and boxes."""
+"""Pictures of what is drawn: masks and depth in colors, and boxes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,6 @@ def object_colors(count: int) -> list[tuple[int, int, int]]:
     """Return well separated colors (red, green, blue) for the objects of a scene."""
     hues = [colorsys.hsv_to_rgb((i * _GOLDEN) % 1.0, 0.75, 1.0 if i % 2 else 0.82) for i in range(count)]
     return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b in hues]
-
-
-def jpeg(rgb: np.ndarray, *, quality: int = 88) -> bytes:
-    """Return an image (height, width, 3) uint8 as JPEG."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(rgb)).save(buffer, "JPEG", quality=quality)
-    return buffer.getvalue()
 
 
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import MissingDependencyError
+from betterbench.materialization.pictures import LEAST_SEEN
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.header import instance_of_object, stage_ids
@@ -18,8 +19,6 @@ from betterbench.recording.modalities.spec import ViewSpec
 
 _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
-_LEAST_SEEN = 0.02
-"""Least visible fraction with which the box of an object is drawn."""
 
 
 def write_rerun(
@@ -128,7 +127,7 @@ def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...
         depth = np.where(np.isfinite(values["depth"]), values["depth"], np.float32(0.0))
         stream.log(f"{place}/depth", rerun.DepthImage(depth, meter=1.0, draw_order=-20.0))
         stream.log(f"{place}/masks", rerun.SegmentationImage(values["instances"], opacity=0.35))
-        seen = np.flatnonzero(np.nan_to_num(values["visible_fraction"]) >= _LEAST_SEEN)
+        seen = np.flatnonzero(np.nan_to_num(values["visible_fraction"]) >= LEAST_SEEN)
         labels = [f"{objects[i].name} {100 * values['visible_fraction'][i]:.0f} %" for i in seen]
         boxes = rerun.Boxes2D(
             array=values["visible_box"][seen].astype(np.float32),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from betterbench.errors import RecordError
 from betterbench.interface import observation_spec
@@ -16,6 +16,7 @@ from betterbench.materialization.ahead import ahead
 from betterbench.materialization.folder import ModalityFolder, Wanted
 from betterbench.materialization.trial_files import TrialFiles, TrialOrigin
 from betterbench.recording import Record, RunFolder, RunLock
+from betterbench.recording.item_threads import in_threads
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.modalities.file import read_header
 from betterbench.recording.modalities.header import ViewHeader
@@ -86,27 +87,28 @@ def materialize_run(
     Raises:
         RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
         RecordError: If records or scenes are missing or damaged; the other trials are done before.
-        StorageError: If nothing can be written.
+        StorageError: If the disk is full.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     began, tally = time.monotonic(), _Tally()
     known: set[TrialId] = set()
     done = 0
-    with RunLock(out.absolute() / LOCK_NAME), ExitStack() as stack:
+    with RunLock(out.absolute() / LOCK_NAME):
         folder = ModalityFolder(out, wanted)
         folder.remove_parts()
-        pool = _Pool(run, folder, tally, stack)
-        threads = stack.enter_context(ThreadPoolExecutor(workers))
-        stack.callback(pool.stop)
+        writer = _Writer(run, folder, tally)
+
+        def told(_: TrialId) -> None:
+            nonlocal done
+            done += 1
+            if on_progress is not None:
+                on_progress(done, len(known))
+
         while True:
             running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
             fresh = [trial for trial in _recorded(run, trials) if trial not in known]
             known.update(fresh)
-            for future in as_completed([threads.submit(pool.do, trial) for trial in fresh]):
-                future.result()
-                done += 1
-                if on_progress is not None:
-                    on_progress(done, len(known))
+            in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run), on_done=told)
             if not running:
                 break
             if not fresh:
@@ -130,34 +132,51 @@ def _recorded(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
     yield from (trial for trial in done if not trials or trial in trials)
 
 
-class _Pool:
-    """Threads that each draw in a limited process of their own, one trial at a time."""
+class _Views:
+    """The limited processes of one thread, one for each render preset. A context manager, which ends them."""
 
-    def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally, stack: ExitStack) -> None:
-        self._run, self._folder, self._tally, self._stack = run, folder, tally, stack
-        self._lock, self._stopped = threading.Lock(), False
-        self._views: dict[tuple[int, str], LimitedView] = {}
+    def __init__(self, run: RunFolder) -> None:
+        self._run = run
+        self._views: dict[str, LimitedView] = {}
 
-    def stop(self) -> None:
-        """End the processes: threads that wait for one of them come to an end."""
-        self._stopped = True
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         for view in self._views.values():
             view.close()
 
-    def do(self, trial: TrialId) -> None:
+    def stop(self) -> None:
+        """End the processes from another thread: the one that draws gets a RecordError."""
+        for view in list(self._views.values()):
+            view.stop()
+
+    def opened(self, record: Record, quality: str) -> LimitedView:
+        """Return a process with the scene of a record open."""
+        view = self._views.get(quality)
+        if view is None or view.is_closed:
+            view = self._views[quality] = LimitedView(quality=quality)
+        view.open_of(self._run, record)
+        return view
+
+
+class _Writer:
+    """Writes the files of trials."""
+
+    def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
+        self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
+
+    def write(self, views: _Views, trial: TrialId) -> None:
         """Write the missing files of a trial; a record that cannot be read is noted."""
-        if self._stopped:
-            return
         try:
-            self._do(trial)
+            self._write(views, trial)
         except RecordError as problem:
             with self._lock:
                 self._tally.problems.append(str(problem))
-        except BaseException:
-            self._stopped = True
-            raise
 
-    def _do(self, trial: TrialId) -> None:
+    def _write(self, views: _Views, trial: TrialId) -> None:
         record = self._run.read_record(trial.task, trial.condition, trial.seed)
         digest = file_digest(self._run.record_path(trial.task, trial.condition, trial.seed))
         quality = self._folder.wanted.quality or seen_quality(self._run, record)
@@ -165,7 +184,7 @@ class _Pool:
         missing = [v for v in self._folder.wanted.views if not self._is_there(place, v, digest, quality)]
         with self._lock:
             self._tally.kept += len(self._folder.wanted.views) - len(missing)
-        paths = self._draw(record, digest, quality, place, missing) if missing else []
+        paths = self._draw(views.opened(record, quality), record, (digest, quality), place, missing) if missing else []
         with self._lock:
             self._tally.trials += 1
             self._tally.files += len(paths)
@@ -179,13 +198,15 @@ class _Pool:
         wanted = tuple(name for name in MODALITIES if name in self._folder.wanted.modalities)
         return header is not None and _same(header, view, wanted, digest, quality)
 
-    def _draw(self, record: Record, digest: str, quality: str, place: Path, views: Sequence[ViewSpec]) -> list[Path]:
+    def _draw(
+        self, limited: LimitedView, record: Record, told: tuple[str, str], place: Path, views: Sequence[ViewSpec]
+    ) -> list[Path]:
+        """Draw views of a record with a digest, by a render preset, and return the files."""
         meta, modalities = record.metadata, self._folder.wanted.modalities
-        limited = self._opened(record, quality)
         facts, renderer = limited.prepare(views, modalities)
         with self._lock:
             self._folder.claim(renderer)
-        origin = TrialOrigin(meta, digest, quality, renderer)
+        origin = TrialOrigin(meta, *told, renderer)
         with TrialFiles(place, views, modalities, facts=facts, objects=meta.scene.objects) as files:
             times = record.time.tolist()
             rows = limited.sights(record.qpos, jitter=meta.view_jitter)
@@ -197,17 +218,6 @@ class _Pool:
                 limited.close()  # it is in the middle of an answer
                 raise
             return files.finish(origin)
-
-    def _opened(self, record: Record, quality: str) -> LimitedView:
-        """Return the process of this thread, with the scene of a record open."""
-        key = threading.get_ident(), quality
-        view = self._views.get(key)
-        if view is None or view.is_closed:
-            with self._lock:
-                view = self._stack.enter_context(LimitedView(quality=quality))
-            self._views[key] = view
-        view.open_of(self._run, record)
-        return view
 
 
 def seen_quality(run: RunFolder, record: Record) -> str:

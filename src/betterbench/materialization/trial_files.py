@@ -11,10 +11,11 @@ from typing import Self
 
 import numpy as np
 
-from betterbench.errors import RecordError, StorageError
+from betterbench.errors import RecordError
 from betterbench.geometry import Vector
 from betterbench.materialization.values import ViewValues
 from betterbench.recording import RecordMetadata
+from betterbench.recording.durable import on_disk
 from betterbench.recording.modalities.columns import view_columns
 from betterbench.recording.modalities.file import ModalityWriter
 from betterbench.recording.modalities.header import BoxedObject, ViewHeader, instance_of_object, stage_ids
@@ -37,7 +38,7 @@ class TrialOrigin:
 class TrialFiles:
     """The files of some views of one trial; a context manager, which removes what is not finished.
 
-    Raises StorageError if nothing can be written, RecordError if the scene has other objects than the record.
+    Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
     """
 
     def __init__(
@@ -56,16 +57,14 @@ class TrialFiles:
         semantic_ids(self._categories)
         self._values = [ViewValues(facts, modalities, self._categories, focal_px) for focal_px in facts.focal_px]
         self._last: tuple[Sequence[np.ndarray], float] | None = None
-        self._folder, self._stack = folder, ExitStack()
+        self._folder = folder
         self._writers: list[ModalityWriter] = []
-        try:
+        with ExitStack() as begun, on_disk(folder):
             for view in views:
                 columns = view_columns(view, modalities, len(objects))
                 writer = ModalityWriter(folder / f"{view.name}.parquet", columns)
-                self._writers.append(self._stack.enter_context(writer))
-        except OSError as error:
-            self._stack.close()
-            raise _storage_error(folder, error) from error
+                self._writers.append(begun.enter_context(writer))
+            self._stack = begun.pop_all()
 
     def __enter__(self) -> Self:
         return self
@@ -86,21 +85,17 @@ class TrialFiles:
         last, self._last = self._last, None
         if last is not None:
             self._append(last, None)
-        try:
+        with on_disk(self._folder):
             return [
                 writer.finish(self._header(origin, number, view))
                 for number, (writer, view) in enumerate(zip(self._writers, self._views, strict=True))
             ]
-        except OSError as error:
-            raise _storage_error(self._folder, error) from error
 
     def _append(self, row: tuple[Sequence[np.ndarray], float], following: Sequence[np.ndarray] | None) -> None:
         sights, time_s = row
-        try:
+        with on_disk(self._folder):
             for number, (writer, values) in enumerate(zip(self._writers, self._values, strict=True)):
                 writer.append(values.of(sights[number], time_s, None if following is None else following[number]))
-        except OSError as error:
-            raise _storage_error(self._folder, error) from error
 
     def _header(self, origin: TrialOrigin, number: int, view: ViewSpec) -> ViewHeader:
         meta = origin.metadata
@@ -125,10 +120,3 @@ class TrialFiles:
             renderer=origin.renderer,
             stage=stage_ids(),
         )
-
-
-def _storage_error(folder: Path, error: OSError) -> StorageError:
-    return StorageError(
-        f"{folder}: cannot be written ({error.strerror or error}). Make room there, or choose another --out; the same "
-        "command keeps what is done."
-    )

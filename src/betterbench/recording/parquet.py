@@ -44,7 +44,7 @@ MAX_UNPACKED_BYTES = 2 << 30
 
 _CURE = "Record the trial again"
 
-AGAIN = "The same better eval command records the trial again"
+AGAIN = "The command that made the run records the trial again"
 """What to do about a record of a run that cannot be read."""
 
 

@@ -20,7 +20,7 @@ MAX_SCENE_FILES = 10_000
 
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
 _READ_BLOCK = 1 << 20
-_AGAIN = "The same better eval command stores it again"
+_AGAIN = "The command that made the run stores it again"
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:

@@ -210,9 +210,13 @@ class LimitedView:
         """Whether the process has ended."""
         return self._process.poll() is not None
 
+    def stop(self) -> None:
+        """End the process from another thread: the one that waits for an answer gets a RecordError."""
+        self._process.kill()
+
     def close(self) -> None:
         """End the process."""
-        self._process.kill()
+        self.stop()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:

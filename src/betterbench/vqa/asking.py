@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording.line_journal import MAX_BYTES, LineJournal
@@ -20,17 +20,20 @@ from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
 
+MOST_AT_ONCE = 256
+"""Most requests at the same time."""
+
 _UNITS: dict[Coordinates, str] = {
     "pixels": "pixels of the image, which is {width} pixels wide and {height} high",
     "thousandths": "thousandths of the width and the height of the image, from 0 to 1000",
     "fractions": "fractions of the width and the height of the image, from 0 to 1",
 }
 _LINES = {
-    Form.YES_NO: "ModelAnswer with Yes or No only.",
-    Form.CHOICE: "ModelAnswer with the letter of the right option only.",
-    Form.NUMBER: "ModelAnswer with a number only.",
-    Form.BOX: "ModelAnswer with [left, top, right, bottom] only, in {unit}.",
-    Form.POINT: "ModelAnswer with [x, y] only, in {unit}.",
+    Form.YES_NO: "Answer with Yes or No only.",
+    Form.CHOICE: "Answer with the letter of the right option only.",
+    Form.NUMBER: "Answer with a number only.",
+    Form.BOX: "Answer with [left, top, right, bottom] only, in {unit}.",
+    Form.POINT: "Answer with [x, y] only, in {unit}.",
 }
 
 
@@ -146,7 +149,9 @@ def ask_set(
     Raises:
         ModelError: If the model cannot be reached; what was answered is kept.
         RunConflictError: If the file holds answers of another model or set.
+        InvalidInputError: If the number of requests is out of range.
     """
+    require_between("--at-once", at_once, 1, MOST_AT_ONCE)
     head = AnswersHead(chat.name, asked.sha256, coordinates)
     with _AnswerFile(file, head) as kept:
         todo = [q for q in asked.questions if q.id not in kept.known]

@@ -10,10 +10,8 @@ import gzip
 import hashlib
 import io
 import json
-import queue
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,9 +19,11 @@ from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.durable import on_disk
+from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.run import first_difference
 from betterbench.recording.tables import table_bytes
@@ -54,6 +54,11 @@ SET_SCHEMA_VERSION = 1
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
 
+MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
+"""Most questions of a set, and most frames of a trial that are asked about."""
+SIZES_PX = 32, 4096
+"""Least and largest side of the images [pixel]."""
+
 _MAX_BYTES = 1 << 30
 _CURE = "Make the set again in a new folder"
 
@@ -76,9 +81,17 @@ class PhotoSource(Protocol):
     def photo(self, record: Record, row: int, camera: str) -> Photo:
         """Return the image of a camera at a row of a record, and what it shows."""
 
+    def stop(self) -> None:
+        """Let whatever draws in any thread end soon with an error."""
+
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
 OnProgress = Callable[[int, int], None]
+
+
+def require_size(size: int) -> None:
+    """Raise InvalidInputError if images cannot have sides of so many pixels."""
+    require_between("--size", size, *SIZES_PX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +114,12 @@ class SetOptions:
     seed: int = 0
     types: tuple[QuestionType, ...] = tuple(QuestionType)
     tasks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse numbers of which no set can be made."""
+        require_between("--questions", self.questions, 0, MOST_QUESTIONS)
+        require_between("--frames", self.frames, 0, MOST_FRAMES)
+        require_size(self.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,13 +178,13 @@ def make_set(
         RunConflictError: If the folder holds another set or other files, or is being written to.
         InvalidInputError: If the run has no record, or its seeds are of demonstrations and of trials.
         RecordError: If a record or a scene cannot be read.
-        OSError: If nothing more can be written.
+        StorageError: If the disk is full.
     """
     trials = trials_of(run, options.tasks)
     purpose = purpose_of(trials)
     plan = {"kind": "balanced", "run": run_digest(run), "options": asdict(options), "purpose": purpose}
     out = out.absolute()
-    with begun_set(out, plan) as done:
+    with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
@@ -184,15 +203,11 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
     Raises:
         InvalidInputError: If there is none.
     """
-    found = sorted(
-        (e.task, e.variation or e.condition, e.seed)
-        for e in run.entries()
-        if e.status == "done" and (not tasks or e.task in tasks)
-    )
+    found = sorted(e.key for e in run.entries() if e.status == "done" and (not tasks or e.task in tasks))
     if not found:
         of = f" of {', '.join(tasks)}" if tasks else ""
         raise InvalidInputError(str(run.path), f"it has no finished trial{of}", "Name a run with finished trials")
-    return [TrialId(*trial) for trial in found]
+    return found
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
@@ -280,30 +295,20 @@ def _survey(
     done = len(trials) - len(waiting)
     if on_progress is not None:
         on_progress(done, len(trials))
-    if not waiting:
-        return
-    sources: queue.Queue[PhotoSource] = queue.Queue()
-    with ExitStack() as stack:
-        for _ in range(min(workers, len(waiting))):
-            sources.put(stack.enter_context(open_photos()))
 
-        def look(trial: TrialId) -> None:
-            source = sources.get()
-            try:
-                _look_at(run, out, trial, options, source)
-            finally:
-                sources.put(source)
+    def told(_: TrialId) -> None:
+        nonlocal done
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(trials))
 
-        pool = stack.enter_context(ThreadPoolExecutor(max_workers=sources.qsize()))
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        futures = {pool.submit(look, trial) for trial in waiting}
-        while futures:
-            ready, futures = wait(futures, timeout=0.5, return_when=FIRST_EXCEPTION)
-            for future in ready:
-                future.result()
-                done += 1
-            if on_progress is not None:
-                on_progress(done, len(trials))
+    in_threads(
+        waiting,
+        lambda source, trial: _look_at(run, out, trial, options, source),
+        workers=workers,
+        open_resource=open_photos,
+        on_done=told,
+    )
 
 
 def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
@@ -433,14 +438,6 @@ COLUMNS = {
 def _row(question: Question) -> dict[str, Any]:
     form = question.to_json()
     return {**form, **form["source"], "question": question.text, "type": question.type.value}
-
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """One turn of a conversation."""
-
-    value: str
 
 
 @dataclass(frozen=True, slots=True)

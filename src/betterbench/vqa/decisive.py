@@ -17,6 +17,7 @@ from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_epis
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.durable import on_disk
 from betterbench.recording.metadata import dump_json
 from betterbench.state import ObjectInfo
 from betterbench.tasks import Expected, Kind, Label, training_distribution_of
@@ -31,6 +32,7 @@ from betterbench.vqa.dataset import (
     image_path,
     purpose_of,
     read_set,
+    require_size,
     run_digest,
     trials_of,
     write_set,
@@ -88,6 +90,10 @@ class DecisiveOptions:
     tasks: tuple[str, ...] = ()
     failures_only: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that no image can have."""
+        require_size(self.size)
+
 
 def make_decisive_set(
     run: RunFolder,
@@ -112,7 +118,7 @@ def make_decisive_set(
     if not chosen:
         raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
     questions: list[Question] = []
-    with begun_set(out, plan) as done:
+    with on_disk(out), begun_set(out, plan) as done:
         if done:
             return read_set(out)
         with open_photos() as source:

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import BetterError, RecordError
+from betterbench.errors import BetterError, RecordError, require_between
 from betterbench.json_form import open_form, read_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording import RunFolder, write_durably
@@ -97,6 +97,7 @@ _UNCHECKED = frozenset(
 )
 """Words that say what no claim can say; a text with one of them is dropped, unless it is part of a name."""
 
+MOST_IMAGES = 1_000_000
 MOST_TEXTS = 8
 LONGEST_TEXT = 600
 
@@ -172,7 +173,9 @@ def describe_images(
     Raises:
         ModelError: If the model cannot be reached.
         RecordError: If a record or scene cannot be read.
+        InvalidInputError: If the number of images is out of range.
     """
+    require_between("--images", count, 1, MOST_IMAGES)
     sources = {q.image: q.source for q in described.questions}
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
     kept: list[dict[str, Any]] = []

@@ -95,7 +95,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
     ),
     "is it in": (
         "Is {a} {where}?",
-        "Does {a} lie or stand {where}?",
+        "At this moment, is {a} {where}?",
         "Has {a} been placed {where}?",
         "Can {a} be found {where}?",
         "Look at {a}: is it {where}?",
@@ -167,7 +167,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Is the gripper holding {a}?",
         "Is {a} in the gripper?",
         "Does the robot carry {a} at this moment?",
-        "Has the robot {a} between its fingers, lifted?",
+        "Has the robot lifted {a} with its fingers?",
         "Is {a} what the robot holds now?",
     ),
     "fallen over": (
@@ -217,7 +217,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Does the box {box} enclose {thing}?",
         "Look at {box}: is that {thing}?",
         "Would you call what is in {box} {thing}?",
-        "Is it {thing} that stands at {box}?",
+        "Is it {thing} that the box {box} is drawn around?",
     ),
     "can it be done": (
         'The robot is told: "{instruction}" Is everything there that this asks for?',

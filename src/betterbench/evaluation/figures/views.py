@@ -5,19 +5,18 @@ This is one source of :class:`~betterbench.state.FrameView`; materialized masks 
 
 from __future__ import annotations
 
-import io
 import itertools
 from types import TracebackType
 from typing import NamedTuple, Self
 
 import numpy as np
-from PIL import Image
 
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.spec import ViewSpec
 from betterbench.scenes.cameras import CameraMatrices
+from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 from betterbench.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 from betterbench.state import GRIPPER, FrameView, ObjectInfo, SeenObject
@@ -55,6 +54,10 @@ class ViewRenderer:
     ) -> None:
         self._limited.close()
 
+    def stop(self) -> None:
+        """End the process from another thread: the one that draws gets a RecordError."""
+        self._limited.stop()
+
     def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
         """Return the image of a camera at a row of a record of the run, and what it shows.
 
@@ -81,7 +84,7 @@ class ViewRenderer:
             matrices = _matrices(sight["camera"], focal_px, self._size)
             seen = _seen_objects(record, row, facts, sight, matrices)
             view = FrameView(name, self._size, self._size, matrices.T_world_camera, focal_px, seen)
-            photos[name] = CameraPhoto(_jpeg(sight["rgb"]), view)
+            photos[name] = CameraPhoto(jpeg_bytes(sight["rgb"], quality=JPEG_QUALITY, whole_colors=True), view)
         self._row, self._photos = (record, row), photos
 
 
@@ -135,9 +138,3 @@ def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatr
     inside = (depth > 0.0) & (pixels[:, 0] >= -0.5) & (pixels[:, 0] <= camera.width - 0.5)
     inside &= (pixels[:, 1] >= -0.5) & (pixels[:, 1] <= camera.height - 0.5)
     return float(inside.mean())
-
-
-def _jpeg(rgb: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(rgb).save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0)
-    return buffer.getvalue()

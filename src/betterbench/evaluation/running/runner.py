@@ -22,11 +22,12 @@ from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
-from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, on_disk
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import Journal, JournalEntry, RunFolder
+from betterbench.recording.durable import on_disk
 from betterbench.statistics import Decisions
 
 if TYPE_CHECKING:

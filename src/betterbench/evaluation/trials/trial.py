@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import time
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,6 +25,7 @@ from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_po
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.durable import on_disk
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
@@ -220,19 +219,3 @@ class TrialRunner:
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
     """Return the journal entry of a trial that broke down with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})
-
-
-@contextmanager
-def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError; further trials would fail alike."""
-    try:
-        yield
-    except OSError as problem:
-        if problem.errno not in _LASTING:
-            raise
-        raise StorageError(
-            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
-        ) from problem
-
-
-_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})

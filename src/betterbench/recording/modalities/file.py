@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
+import contextlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +15,7 @@ import pyarrow.parquet as pq
 
 from betterbench.errors import BetterError, RecordError
 from betterbench.json_form import read_form
-from betterbench.recording.durable import PART_SUFFIX, sync_folder
+from betterbench.recording.durable import DurableFile
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.modalities.columns import (
     ViewColumn,
@@ -53,11 +52,9 @@ class ModalityWriter:
         self._path, self._rows = path, 0
         self._chunk = chunk_rows(self.columns)
         self._kept: list[dict[str, np.ndarray]] = []
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
-        self._part, self._file = Path(name), os.fdopen(handle, "wb")
+        self._file = DurableFile(path)
         self._writer = pq.ParquetWriter(
-            self._file,
+            self._file.file,
             view_schema(self.columns),
             compression="zstd",
             compression_level=COMPRESSION_LEVEL,
@@ -79,19 +76,16 @@ class ModalityWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._abandon()
+        with contextlib.suppress(OSError, pa.ArrowException, ValueError):  # of a full disk, told before
+            self._writer.close()
+        self._file.__exit__(kind, error, trace)
 
     def finish(self, header: ViewHeader) -> Path:
         """Write what the file says about itself, force it to disk and put it at its place, which is returned."""
         self._flush()
         self._writer.add_key_value_metadata({HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json"))})
         self._writer.close()
-        self._file.flush()
-        os.fchmod(self._file.fileno(), 0o644)
-        os.fsync(self._file.fileno())
-        self._file.close()
-        self._part.replace(self._path)
-        sync_folder(self._path.parent)
+        self._file.finish()
         return self._path
 
     def _flush(self) -> None:
@@ -100,15 +94,6 @@ class ModalityWriter:
             self._kept.clear()
             table = to_batch(self.columns, stacked)
             self._writer.write_table(table, row_group_size=table.num_rows)
-
-    def _abandon(self) -> None:
-        """Close and remove what is left of an unfinished file."""
-        for close in (self._writer.close, self._file.close):
-            try:
-                close()
-            except (OSError, pa.ArrowException, ValueError):  # of a full disk, told before
-                continue
-        self._part.unlink(missing_ok=True)
 
 
 class ModalityFile:
