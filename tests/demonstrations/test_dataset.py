@@ -17,7 +17,7 @@ import pytest
 from betterbench.cli import dataset as verb
 from betterbench.cli.main import main
 from betterbench.datasets.build import make_dataset
-from betterbench.datasets.numbers import STATE, Numbers
+from betterbench.datasets.numbers import STATE, SetNumbers
 from betterbench.datasets.pairs import shared_rows
 from betterbench.datasets.proof import Regimen, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe, read_recipe
@@ -71,7 +71,7 @@ def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
 def test_statistics_are_those_of_the_training_frames(sources):
     records = {record.metadata.seed: record for record in sources.records()}
     held_out = next(iter(records))
-    numbers = Numbers(frozenset({held_out}))
+    numbers = SetNumbers(frozenset({held_out}))
     for entry in sources.entries():
         numbers.add(entry.key, records[entry.seed])
     found = numbers.statistics()

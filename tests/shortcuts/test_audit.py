@@ -13,7 +13,7 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interventions.regimes import conditions_of
 from betterbench.shortcuts.association import association, strongest_of
 from betterbench.shortcuts.examine import audit_dataset
-from betterbench.shortcuts.facts import EpisodeFacts, Step, facts_of_condition
+from betterbench.shortcuts.facts import EpisodeFacts, ShownStep, facts_of_condition
 from betterbench.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign
 from betterbench.tasks import get_task, suite_tasks, training_distribution_of
 from betterbench.tasks.balanced import balanced_conditions, crossed
@@ -151,7 +151,7 @@ def test_the_order_of_the_demonstrations_does_not_matter():
 
 
 def test_too_few_demonstrations_are_refused():
-    facts = [EpisodeFacts(str(i), "g", "put it", (Step("a", "a", "b", "c"),)) for i in range(7)]
+    facts = [EpisodeFacts(str(i), "g", "put it", (ShownStep("a", "a", "b", "c"),)) for i in range(7)]
     with pytest.raises(InvalidInputError, match="has 7 demonstrations, and 8 are needed"):
         audit_dataset("few", facts)
 

@@ -11,6 +11,7 @@ from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.datasets.build import MadeDataset
+    from betterbench.datasets.recipe import Recipe
 
 
 def dataset_command(
@@ -21,7 +22,7 @@ def dataset_command(
     regime: Literal["training", "balanced", "covered"] = "training",
     demos: int = 50,
     sources: int = 10,
-    seed: int | None = None,
+    seed: int = 1_000_000,
     noise: float = 0.02,
     validation: float = 0.1,
     pairs: bool = False,
@@ -48,7 +49,7 @@ def dataset_command(
         regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         sources: How many of them, likewise, the expert gives for the others to be carried over from; 0 if all.
-        seed: First seed, 1000000 or above; 1000000 if not given.
+        seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; the label has none.
         validation: Share of the seeds whose demonstrations are for validation.
         pairs: Twins: the expert begins alike in all conditions with the same scene, until what was said differs.
@@ -58,15 +59,32 @@ def dataset_command(
         pictures: Draw the starts of each task.
         json: Print what was made as one JSON document.
     """
-    from betterbench.cli.evaluate import prepare_robot
-    from betterbench.datasets.build import make_dataset
     from betterbench.datasets.recipe import Recipe
     from betterbench.tasks import suite_tasks
-    from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
-    first = FIRST_DEMONSTRATION_SEED if seed is None else seed
     chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
-    recipe = Recipe(chosen, regime, demos, sources, first, noise, validation, pairs)
+    recipe = Recipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
+    made = _make(recipe, out, workers, pictures=pictures)
+    if sign is not None:
+        _sign(made, sign)
+    _tell(made, as_json=json)
+    if expect is not None and made.sha256 != expect:
+        cure = "Give the same version, machine and arguments to make the same set"
+        raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
+
+
+def _sign(made: MadeDataset, key: Path) -> None:
+    from betterbench.shortcuts.prediction import sign
+
+    if made.prediction is None:
+        raise InvalidInputError("--sign", "there are too few demonstrations for a prediction", "Give more --demos")
+    sign(made.path / "prediction.json", key)
+
+
+def _make(recipe: Recipe, out: Path, workers: int | None, *, pictures: bool) -> MadeDataset:
+    from betterbench.cli.evaluate import prepare_robot
+    from betterbench.datasets.build import make_dataset
+
     recipe.check()
     prepare_robot("panda")
     with progress_bar("dataset", 1) as (bar, shown):
@@ -74,16 +92,7 @@ def dataset_command(
         def told(stage: str, done: int, planned: int, note: str) -> None:
             bar.update(shown, description=stage, total=planned, completed=done, note=note)
 
-        made = make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)
-    if sign is not None and made.prediction is not None:
-        from betterbench.shortcuts.prediction import sign as sign_file
-
-        sign_file(out / "prediction.json", sign)
-    _tell(made, as_json=json)
-    if expect is not None and made.sha256 != expect:
-        problem = f"the hash of the set is {made.sha256}"
-        cure = "Give the same version, machine and arguments to make the same set"
-        raise InvalidInputError("--expect", problem, cure)
+        return make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)
 
 
 def _tell(made: MadeDataset, *, as_json: bool) -> None:

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from betterbench.datasets.card import CardFacts, card
-from betterbench.datasets.numbers import Numbers, counts_form
+from betterbench.datasets.card import CardFacts, dataset_card
+from betterbench.datasets.numbers import SetNumbers, counts_form
 from betterbench.datasets.pairs import twin_pairs
 from betterbench.datasets.proof import Regimen, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe
@@ -33,7 +33,7 @@ from betterbench.tasks import TrialId, get_task
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
 """Folders within a dataset: of what the expert gave where the rest is carried over, and of the set itself."""
 
-OnProgress = Callable[[str, int, int, str], None]
+OnStage = Callable[[str, int, int, str], None]
 """Called with the name of a stage, how much of it is done, of how much, and a note."""
 
 
@@ -70,7 +70,7 @@ def make_dataset(
     *,
     workers: int = 1,
     pictures: bool = True,
-    on_progress: OnProgress | None = None,
+    on_progress: OnStage | None = None,
 ) -> MadeDataset:
     """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
 
@@ -118,7 +118,7 @@ def make_dataset(
     return made
 
 
-def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnProgress) -> RunFolder:
+def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
     """Return the run with the demonstrations, made or resumed."""
 
     def told(stage: str) -> Callable[[SetProgress], None]:
@@ -153,10 +153,10 @@ def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnProgress) -
 
 
 def _proven(
-    run: RunFolder, recipe: Recipe, trials: list[TrialId], held_out: frozenset[int], tell: OnProgress
-) -> tuple[Numbers, tuple[EpisodeFacts, ...]]:
+    run: RunFolder, recipe: Recipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
+) -> tuple[SetNumbers, tuple[EpisodeFacts, ...]]:
     """Return numbers and facts of all records, each proven to show the regime and nothing outside it."""
-    numbers, facts = Numbers(held_out), []
+    numbers, facts = SetNumbers(held_out), []
     regimens = {name: Regimen.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
         record = run.read_record(trial.task, trial.condition, trial.seed)
@@ -180,7 +180,7 @@ def _missing(recipe: Recipe, there: int) -> int:
     return max(0, planned - there)
 
 
-def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnProgress) -> Mapping[str, str]:
+def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
     """Draw a sheet of starts per task, and return its file, or why there is none."""
     found: dict[str, str] = {}
     tasks = list(dict.fromkeys(trial.task for trial in trials))
@@ -201,7 +201,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnProgress) 
 
 
 def _write(
-    made: MadeDataset, recipe: Recipe, numbers: Numbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
+    made: MadeDataset, recipe: Recipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
 ) -> None:
     """Write everything that is derived, dataset.json last."""
     out, counts = made.path, numbers.counts()
@@ -213,7 +213,7 @@ def _write(
         write_durably(out / "shortcuts.json", _json(made.audit.to_json()))
         write_durably(out / "prediction.json", made.prediction.file_bytes())
     facts = CardFacts(made.sha256, made.command, counts, numbers, made.audit, made.prediction, made.pairs, sheets)
-    write_durably(out / "README.md", card(recipe, facts).encode())
+    write_durably(out / "README.md", dataset_card(recipe, facts).encode())
     document = {
         "sha256": made.sha256,
         "recipe": asdict(recipe),

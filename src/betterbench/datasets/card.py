@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.datasets.numbers import ConditionCounts, Numbers
+from betterbench.datasets.numbers import ConditionCounts, SetNumbers
 from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import Recipe
 from betterbench.recording.twins import TwinPair
@@ -44,14 +44,14 @@ class CardFacts:
     sha256: str
     command: str
     counts: Sequence[ConditionCounts]
-    numbers: Numbers
+    numbers: SetNumbers
     audit: ShortcutAudit | None
     prediction: Prediction | None
     pairs: Sequence[TwinPair]
     sheets: Mapping[str, str]
 
 
-def card(recipe: Recipe, facts: CardFacts) -> str:
+def dataset_card(recipe: Recipe, facts: CardFacts) -> str:
     """Return the card, as Markdown."""
     total = sum(c.demonstrations for c in facts.counts)
     held_out = sum(c.validation for c in facts.counts)
@@ -96,7 +96,7 @@ def _rows(counts: Iterable[ConditionCounts]) -> Iterator[tuple[str, ...]]:
         yield c.task, c.condition, str(c.demonstrations), str(c.validation), steps, c.instruction
 
 
-def _ranges(numbers: Numbers) -> Iterator[tuple[str, ...]]:
+def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
     stats = numbers.statistics()["action"]
     for i, name in enumerate(numbers.components):
         yield name, *(f"{stats[key][i]:.3f}" for key in ("min", "q01", "q99", "max"))

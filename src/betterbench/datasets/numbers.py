@@ -14,7 +14,7 @@ from betterbench.export.numbers import Stats, vector_stats
 from betterbench.recording import Record
 from betterbench.tasks import TrialId
 
-Floats = npt.NDArray[np.float64]
+_Floats = npt.NDArray[np.float64]
 
 STATE = (
     *(f"ee_position_{axis}_m" for axis in "xyz"),
@@ -39,14 +39,14 @@ class ConditionCounts:
     steps_max: int
 
 
-class Numbers:
+class SetNumbers:
     """Collects the numbers of the records of a set, one record after the other."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out
         self._components: tuple[str, ...] = ()
-        self._actions: list[Floats] = []
-        self._states: list[Floats] = []
+        self._actions: list[_Floats] = []
+        self._states: list[_Floats] = []
         self._of_tasks: dict[str, list[int]] = {}
         self._lengths: dict[tuple[str, str, str], list[tuple[int, bool]]] = {}
         self._demonstrators: Counter[str] = Counter()

@@ -14,8 +14,8 @@ PERMUTATIONS = 9999
 _CHUNK = 2_000_000
 """Numbers that are permuted at once."""
 
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +38,13 @@ class Association:
     n: int
 
 
-def codes_of(values: Sequence[Hashable]) -> tuple[Ints, int]:
+def codes_of(values: Sequence[Hashable]) -> tuple[_Ints, int]:
     """Return a number for each value, in order of their texts, and how many there are."""
     order = {value: i for i, value in enumerate(sorted(set(values), key=str))}
     return np.array([order[value] for value in values], dtype=np.int64), len(order)
 
 
-def entropy_bits(counts: Floats) -> float:
+def entropy_bits(counts: _Floats) -> float:
     """Return the entropy of counts [bit]."""
     shares = counts[counts > 0] / counts.sum()
     return max(0.0, float(-(shares * np.log2(shares)).sum()))
@@ -91,7 +91,7 @@ def association(
     )
 
 
-def _grouped(blocks: Sequence[Hashable] | None, n: int) -> Ints:
+def _grouped(blocks: Sequence[Hashable] | None, n: int) -> _Ints:
     if blocks is None:
         return np.arange(n)
     order = {block: i for i, block in enumerate(dict.fromkeys(blocks))}
@@ -99,8 +99,8 @@ def _grouped(blocks: Sequence[Hashable] | None, n: int) -> Ints:
 
 
 def _permuted_bits(
-    xy: tuple[Ints, Ints], sizes: tuple[int, int], draw: np.random.Generator, block: Ints, *, within: bool
-) -> Floats:
+    xy: tuple[_Ints, _Ints], sizes: tuple[int, int], draw: np.random.Generator, block: _Ints, *, within: bool
+) -> _Floats:
     """Return the mutual information [bit] of every permutation, shape (PERMUTATIONS,)."""
     (x, y), (nx, ny), found = xy, sizes, []
     n = len(x)
@@ -128,7 +128,7 @@ def _permuted_bits(
             margin = np.full(rows, margins)
         found.append((logs[joint].sum(axis=(1, 2)) + logs[n] - margin) / n)
         todo -= rows
-    bits: Floats = np.maximum(0.0, np.concatenate(found))
+    bits: _Floats = np.maximum(0.0, np.concatenate(found))
     return bits
 
 
@@ -156,13 +156,13 @@ def strongest_of(
     hy = math.log2(n) - margin_y / n
     hx = math.log2(n) - margin_x / n
 
-    def bits_of(labels: Ints) -> Floats:
+    def bits_of(labels: _Ints) -> _Floats:
         """Return the mutual information of every feature for each row of labels, shape (rows, features)."""
         both = np.zeros((labels.shape[0], presence.shape[1]))
         for label in range(ny):
             joint = np.rint((labels == label).astype(np.float32) @ has).astype(np.int64)
             both += logs[joint] + logs[totals[label] - joint]
-        found: Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
+        found: _Floats = np.maximum(0.0, (both + logs[n] - margin_x - margin_y) / n)
         return found
 
     bits = bits_of(y[None, :])[0]

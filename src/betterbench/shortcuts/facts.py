@@ -35,7 +35,7 @@ _WORD = re.compile(r"[^\W_]+", re.UNICODE)
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Step:
+class ShownStep:
     """One thing that was taken, and where it was put; a drawer that was moved has no origin.
 
     Attributes:
@@ -69,7 +69,7 @@ class EpisodeFacts:
     episode: str
     group: str
     instruction: str
-    steps: tuple[Step, ...]
+    steps: tuple[ShownStep, ...]
     standing: tuple[tuple[str, str], ...] = ()
     landmarks: tuple[tuple[str, str], ...] = ()
     heading: str = ""
@@ -145,11 +145,13 @@ def heading_of(positions: npt.NDArray[np.float64]) -> str:
     return HEADINGS[round(math.atan2(y, x) / (math.tau / len(HEADINGS))) % len(HEADINGS)]
 
 
-def _step(condition: Condition, name: str, target: str, region: str, word: str) -> Step:
-    return Step(condition.object(name).kind, word, condition.layout.get(name, ""), _place(condition, target, region))
+def _step(condition: Condition, name: str, target: str, region: str, word: str) -> ShownStep:
+    return ShownStep(
+        condition.object(name).kind, word, condition.layout.get(name, ""), _place(condition, target, region)
+    )
 
 
-def _facts(condition: Condition, name: str, said: str, steps: Iterable[Step], heading: str) -> EpisodeFacts:
+def _facts(condition: Condition, name: str, said: str, steps: Iterable[ShownStep], heading: str) -> EpisodeFacts:
     loose = {o.name for o in condition.objects if o.role in HANDLED_ROLES}
     # A plate on which plates are put is picked nowhere: it is a landmark like a rack.
     goals = condition.instruction.subgoals

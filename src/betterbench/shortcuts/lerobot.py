@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import read_bounded
-from betterbench.shortcuts.facts import EpisodeFacts, Step
+from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
 
 GAP_SHARE = 0.08
 """Gap between neighboring values, as a share of the range of the longer axis, at which an axis is cut into cells."""
@@ -40,8 +40,8 @@ MOST_EPISODES = 5000
 _MAX_JSON_BYTES = 256 * 1024 * 1024
 _CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
 
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +65,8 @@ class _Columns:
 class _Episode:
     index: int
     task: int
-    state: Floats
-    grip: Floats
+    state: _Floats
+    grip: _Floats
 
 
 def is_lerobot_dataset(path: Path) -> bool:
@@ -97,7 +97,7 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
     targets = _places([w[stop] for w, found in zip(where, closed, strict=True) for _, stop in found])
     group, facts, k = f"LeRobot dataset {path.absolute().name}", [], 0
     for e, points, found in zip(episodes, where, closed, strict=True):
-        steps = tuple(Step("", "", origins[k + i], targets[k + i]) for i in range(len(found)))
+        steps = tuple(ShownStep("", "", origins[k + i], targets[k + i]) for i in range(len(found)))
         k += len(found)
         heading = _direction(points, plane.span)
         facts.append(EpisodeFacts(f"episode {e.index}", group, tasks[e.task], steps, heading=heading))
@@ -196,7 +196,7 @@ def _episodes(path: Path, info: Mapping[str, Any], columns: _Columns) -> Iterato
                 yield _Episode(number, int(rows["task_index"][start]), rows[columns.state][start:stop], grip)
 
 
-def _numbers(column: pa.ChunkedArray) -> Floats:
+def _numbers(column: pa.ChunkedArray) -> _Floats:
     """Return a column as numbers, one row per frame."""
     flat = column.combine_chunks()
     if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type):
@@ -205,7 +205,7 @@ def _numbers(column: pa.ChunkedArray) -> Floats:
     return np.asarray(flat.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _runs(index: Ints) -> Iterator[tuple[int, int]]:
+def _runs(index: _Ints) -> Iterator[tuple[int, int]]:
     """Yield the rows [start, stop) of each episode."""
     edges = [0, *(np.flatnonzero(np.diff(index)) + 1).tolist(), len(index)]
     yield from ((a, b) for a, b in itertools.pairwise(edges) if b > a)
@@ -214,7 +214,7 @@ def _runs(index: Ints) -> Iterator[tuple[int, int]]:
 class _Plane:
     """The plane in which places are told apart: x and y of the tool, or the two ways in which states differ most."""
 
-    def __init__(self, states: Sequence[Floats], columns: _Columns) -> None:
+    def __init__(self, states: Sequence[_Floats], columns: _Columns) -> None:
         self._position = columns.position
         self._columns = list(columns.gripless)
         every = np.concatenate([state[:: max(1, len(state) // 50)] for state in states])
@@ -226,7 +226,7 @@ class _Plane:
         points = self.of(every)
         self.span = float(max(np.ptp(points, axis=0).max(), 1e-9))
 
-    def of(self, states: Floats) -> Floats:
+    def of(self, states: _Floats) -> _Floats:
         """Return the points of some states, (T, 2)."""
         if self._position is not None:
             return states[:, list(self._position)]
@@ -243,7 +243,7 @@ def _rest(episodes: Sequence[_Episode]) -> tuple[float, bool]:
     return between, begins_above > 0.5
 
 
-def _closings(grip: Floats, rest: tuple[float, bool]) -> list[tuple[int, int]]:
+def _closings(grip: _Floats, rest: tuple[float, bool]) -> list[tuple[int, int]]:
     """Return the rows in which the gripper closes and opens again; the last row where it stays closed."""
     between, open_above = rest
     closed = (grip < between) if open_above else (grip > between)
@@ -252,7 +252,7 @@ def _closings(grip: Floats, rest: tuple[float, bool]) -> list[tuple[int, int]]:
     return [(start, next((int(e) for e in edges if e > start), len(grip) - 1)) for start in starts]
 
 
-def _places(points: Sequence[Floats]) -> list[str]:
+def _places(points: Sequence[_Floats]) -> list[str]:
     """Return the name of the place of each point: the middle of the points of its cell."""
     if not points:
         return []
@@ -267,7 +267,7 @@ def _places(points: Sequence[Floats]) -> list[str]:
     return [names[int(a), int(b)] for a, b in cells]
 
 
-def _cells(values: Floats, span: float) -> Ints:
+def _cells(values: _Floats, span: float) -> _Ints:
     """Return the cell of each value: cut at gaps, or where there are none into cells of as many values."""
     ordered = np.sort(values)
     low, high = np.quantile(ordered, [0.01, 0.99])
@@ -285,7 +285,7 @@ def _cells(values: Floats, span: float) -> Ints:
     return np.searchsorted(np.array(cuts), values, side="right").astype(np.int64)
 
 
-def _direction(points: Floats, span: float) -> str:
+def _direction(points: _Floats, span: float) -> str:
     """Return in which of eight directions of the plane an episode sets out, "" if it stays where it begins."""
     away = points - points[0]
     far = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) >= SET_OUT_SHARE * span)

@@ -71,7 +71,7 @@ _MAX_BYTES = 8 * 1024 * 1024
 _CURE = "Give a file that better dataset or better shortcuts wrote"
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 @strict_form
@@ -114,7 +114,7 @@ class Prediction:
     betterbench: str
     suite: str
     source: str
-    facts_sha256: Sha256
+    facts_sha256: _Sha256
     dataset_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
     tasks: tuple[str, ...]
     variations: tuple[Forecast, ...]

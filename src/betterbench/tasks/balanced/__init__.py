@@ -1,7 +1,7 @@
 """The balanced regime: conditions of the same skills in which words, places, orders and objects are crossed.
 
-One file per task lists its conditions by the function ``conditions`` and says in ``CROSSED`` what they cross. None of
-them is a test condition: no scene and no instruction of a variation occurs, unless training has it too.
+One file per task lists its conditions by the function ``balanced_TASK`` and says in ``CROSSED`` what they cross. None
+of them is a test: no start of a variation occurs together with its instruction, unless training has both too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def balanced_conditions(task_id: str) -> tuple[Condition, ...]:
     name = f"{__name__}.{task_id}"
     if not task_id.isidentifier() or importlib.util.find_spec(name) is None:
         return ()
-    made = importlib.import_module(name).conditions()
+    made = getattr(importlib.import_module(name), f"balanced_{task_id}")()
     return tuple(c.with_(task=task_id, name=f"balanced{i}") for i, c in enumerate(made, start=1))
 
 

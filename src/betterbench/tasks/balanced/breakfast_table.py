@@ -42,7 +42,7 @@ AROUND = (
 """Places of the other tableware; the bowl would be in the way in front of the plate."""
 
 
-def conditions() -> list[Condition]:
+def balanced_breakfast_table() -> list[Condition]:
     """Return every ordered pair of pieces at sides that no test asks for, each in two layouts."""
     found = []
     for shift in range(3):

@@ -35,7 +35,7 @@ STACKS = (
 SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
-def conditions() -> list[Condition]:
+def balanced_cheeseburger() -> list[Condition]:
     """Return four cyclic layouts with nine stacks each; what is not asked for is left out of every other one."""
     found = []
     for turn in range(4):

@@ -41,7 +41,7 @@ STARTS = ((NEAR, DESK_RIGHT, 1), (NEAR, DESK_LEFT, -1), (FAR, DESK_LEFT, 1), (FA
 """Slots, position of the laptop, and the direction in which objects are turned through the slots."""
 
 
-def conditions() -> list[Condition]:
+def balanced_desk_meeting() -> list[Condition]:
     """Return each pair in either order, in two layouts each."""
     found = []
     for number, pair in enumerate(PAIRS):

@@ -32,7 +32,7 @@ ON_THE_STACK = replace(BLUE_ON_RED, text="Put the blue plate on the red plate th
 MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_FRONT), (RIGHT_FRONT, LEFT_BACK))
 
 
-def conditions() -> list[Condition]:
+def balanced_dinner_plates() -> list[Condition]:
     """Return each instruction with each slot of its plate, for either position of the white plate."""
     right = {WHITE: STAND_RIGHT}
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}

@@ -29,7 +29,7 @@ ASKED = ((BURGER_FRIES, DRINK), (BURGER_DRINK, FRIES), (FRIES_BURGER, DRINK), (D
 SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
-def conditions() -> list[Condition]:
+def balanced_fast_food() -> list[Condition]:
     """Return four cyclic layouts with four orders each; an unasked thing or a burger is left out of every other one."""
     found = []
     for turn in range(4):

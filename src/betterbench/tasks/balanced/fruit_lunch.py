@@ -27,7 +27,7 @@ ASKED = ((APPLE_ORANGE, LEMON), (APPLE_LEMON, ORANGE), (ORANGE_APPLE, LEMON), (L
 SLOTS = (FIRST, SECOND, THIRD)
 
 
-def conditions() -> list[Condition]:
+def balanced_fruit_lunch() -> list[Condition]:
     """Return three cyclic layouts with four orders each; the unasked fruit is left out of every other one."""
     found = []
     for turn in range(3):

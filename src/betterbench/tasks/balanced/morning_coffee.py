@@ -29,7 +29,7 @@ WHITE_MUG = a.distractor("white_mug", category="mug", color="white")
 BLUE_CAN = a.distractor("blue_can", category="can", color="blue")
 
 
-def conditions() -> list[Condition]:
+def balanced_morning_coffee() -> list[Condition]:
     """Return either mug in either slot, alone or with another thing, with the color and with the position."""
     found = []
     for mug, color, can in ((RED_MUG, RED, BLUE_CAN), (BLUE_MUG, BLUE, RED_CAN)):

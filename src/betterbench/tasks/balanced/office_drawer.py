@@ -34,7 +34,7 @@ LAYOUTS = (
 )
 
 
-def conditions() -> list[Condition]:
+def balanced_office_drawer() -> list[Condition]:
     """Return four layouts with two things in one drawer each, its drawer shut or open, and both exchanged."""
     found = []
     for layout in LAYOUTS:

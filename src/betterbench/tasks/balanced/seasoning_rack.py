@@ -25,7 +25,7 @@ CROSSED = (
 JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
 
-def conditions() -> list[Condition]:
+def balanced_seasoning_rack() -> list[Condition]:
     """Return each jar alone into each hole, and each ordered pair into two holes, in cyclic layouts."""
     holes = tuple(HOLES)
     found = []

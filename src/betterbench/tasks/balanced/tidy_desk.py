@@ -42,7 +42,7 @@ FREE = (TRASH_4, TRASH_2, TRASH_3, TRASH_1)
 """Per layout of the trash a slot that is free in it."""
 
 
-def conditions() -> list[Condition]:
+def balanced_tidy_desk() -> list[Condition]:
     """Return four layouts of the trash with four instructions each, the valuables in another order in each."""
     found = []
     for turn, (napkin, can) in enumerate(TRASH):
