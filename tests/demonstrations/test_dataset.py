@@ -19,7 +19,7 @@ from betterbench.cli.main import main
 from betterbench.datasets.build import make_dataset
 from betterbench.datasets.numbers import STATE, SetNumbers
 from betterbench.datasets.pairs import shared_rows
-from betterbench.datasets.proof import Regimen, proven_facts
+from betterbench.datasets.proof import RegimeBounds, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe, read_recipe
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.export.job import validation_seeds
@@ -38,9 +38,9 @@ def test_a_record_shows_its_own_condition_and_no_other(sources, amplified):
 
 
 def test_what_a_demonstration_shows_is_told_from_its_states(amplified):
-    regimen = Regimen.of(get_task(TASK), "training")
+    bounds = RegimeBounds.of(get_task(TASK), "training")
     for record in amplified.records():
-        facts = proven_facts(record, regimen, "record")
+        facts = proven_facts(record, bounds, "record")
         condition = get_task(TASK).train(record.metadata.condition)
         goal = condition.instruction.subgoals[0]
         (mug,) = condition.resolve(goal.reference)
@@ -51,9 +51,9 @@ def test_what_a_demonstration_shows_is_told_from_its_states(amplified):
 
 def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
     record = next(sources.records())
-    regimen = Regimen.of(get_task(TASK), "training")
+    bounds = RegimeBounds.of(get_task(TASK), "training")
     meta = record.metadata
-    own = next(c for c in regimen.shown if c.name == meta.condition)
+    own = next(c for c in bounds.shown if c.name == meta.condition)
     for other, problem in (
         (replace(record, metadata=replace(meta, seed=3)), "its seed 3 is one of tests"),
         (replace(record, outcome=replace(record.outcome, success=False)), "it did not succeed"),
@@ -61,10 +61,10 @@ def test_what_is_outside_the_regime_is_refused_in_one_line(sources):
         (replace(record, metadata=replace(meta, condition="train9")), "its first state or its instruction is not"),
     ):
         with pytest.raises(RecordError, match=problem):
-            proven_facts(other, regimen, "record")
+            proven_facts(other, bounds, "record")
     with pytest.raises(RecordError, match=f"it shows the test {own.id}"):
-        proven_facts(record, replace(regimen, forbidden=(own,)), "record")
-    tests = Regimen.of(get_task(TASK), "balanced").forbidden
+        proven_facts(record, replace(bounds, forbidden=(own,)), "record")
+    tests = RegimeBounds.of(get_task(TASK), "balanced").forbidden
     assert {c.name for c in tests} == {v.name for v in get_task(TASK).variations}
 
 
@@ -146,10 +146,10 @@ def files_of(path):
 
 @pytest.mark.slow
 def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
-    undisturbed = make_dataset(Recipe((TASK,), demos=2, sources=1), tmp_path / "a", pictures=False)
+    undisturbed = make_dataset(Recipe((TASK,), demos=1, sources=1), tmp_path / "a", pictures=False)
     words = shlex.split(undisturbed.command.replace("DATASET", str(tmp_path / "b")))
     command = [sys.executable, "-m", "betterbench.cli", *words[1:], "--no-pictures", "--workers", "2"]
-    for delay in (6.0, 9.0, 14.0):
+    for delay in (5.0, 10.0, 20.0):
         process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL)
         time.sleep(delay)
         os.killpg(process.pid, signal.SIGKILL)
@@ -160,7 +160,7 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
     document = json.loads((tmp_path / "a" / "dataset.json").read_text())
     assert document["sha256"] == undisturbed.sha256
     wrong = subprocess.run(
-        [*command[:-6], "--expect", "0" * 64, "--no-pictures"], capture_output=True, text=True, check=False
+        [*command[:-5], "--expect", "0" * 64, "--no-pictures"], capture_output=True, text=True, check=False
     )
     assert wrong.returncode == 2
     assert "the hash of the set is" in wrong.stderr

@@ -68,7 +68,7 @@ def _facts_of(data: Path) -> tuple[tuple[EpisodeFacts, ...], str]:
 
     if is_lerobot_dataset(data):
         return facts_of_lerobot(data), ""
-    folder = data / "demonstrations" if (data / "dataset.json").exists() else data
+    folder = data / "demonstrations" if (data / "recipe.json").exists() else data
     if not (folder / "run.json").exists():
         problem = "it is neither a run nor a LeRobot dataset"
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")

@@ -15,7 +15,7 @@ from typing import Any
 from betterbench.datasets.card import CardFacts, dataset_card
 from betterbench.datasets.numbers import SetNumbers, counts_form
 from betterbench.datasets.pairs import twin_pairs
-from betterbench.datasets.proof import Regimen, proven_facts
+from betterbench.datasets.proof import RegimeBounds, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe
 from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
@@ -138,8 +138,7 @@ def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnStage) -> R
             on_progress=told("collect"),
             **collected,  # type: ignore[arg-type] # the values are as the function has them
         )
-    sources = min(recipe.sources, recipe.demos)
-    collect(recipe.tasks, out / SOURCES, demos=sources, on_progress=told("collect"), **collected)  # type: ignore[arg-type]
+    collect(recipe.tasks, out / SOURCES, demos=recipe.sources, on_progress=told("collect"), **collected)  # type: ignore[arg-type]
     return amplify(
         out / SOURCES,
         out / DEMONSTRATIONS,
@@ -157,11 +156,11 @@ def _proven(
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...]]:
     """Return numbers and facts of all records, each proven to show the regime and nothing outside it."""
     numbers, facts = SetNumbers(held_out), []
-    regimens = {name: Regimen.of(get_task(name), recipe.regime) for name in recipe.tasks}
+    bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
         record = run.read_record(trial.task, trial.condition, trial.seed)
         where = str(run.record_path(trial.task, trial.condition, trial.seed))
-        facts.append(proven_facts(record, regimens[trial.task], where))
+        facts.append(proven_facts(record, bounds[trial.task], where))
         numbers.add(trial, record)
         tell("prove", count, len(trials), str(trial))
     return numbers, tuple(facts)

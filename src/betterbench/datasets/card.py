@@ -61,7 +61,7 @@ def dataset_card(recipe: Recipe, facts: CardFacts) -> str:
         f"{held_out} for validation, by seed (`split.json`)."
     )
     lines = [
-        f"# Demonstrations of {len(recipe.tasks)} BeTTER tasks: {recipe.regime}",
+        f"# Demonstrations of {len(recipe.tasks)} BeTTER task{'s'[: len(recipe.tasks) - 1]}: {recipe.regime}",
         "",
         ABOUT_REGIME[recipe.regime],
         "",

@@ -18,14 +18,14 @@ CURE = "Delete the file and run the command again to give the demonstration anew
 
 
 @dataclass(frozen=True, slots=True)
-class Regimen:
+class RegimeBounds:
     """The conditions that a set may show, and those that it must not show."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
-    def of(cls, task: Task, regime: Regime) -> Regimen:
+    def of(cls, task: Task, regime: Regime) -> RegimeBounds:
         """Return what a set of a regime may show of a task, and which tests it must not."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
@@ -33,7 +33,7 @@ class Regimen:
         return cls(shown, tuple(c for c in tests if pairing(c) not in known))
 
 
-def proven_facts(record: Record, regimen: Regimen, where: str) -> EpisodeFacts:
+def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
     """Return what a record shows, once it is proven that it demonstrates its regime and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are told from the states.
@@ -46,10 +46,10 @@ def proven_facts(record: Record, regimen: Regimen, where: str) -> EpisodeFacts:
         raise _refusal(where, f"its seed {meta.seed} is one of tests")
     if not record.outcome.success:
         raise _refusal(where, "it did not succeed")
-    found = [c for c in conditions_shown(record, regimen.shown) if c.name == meta.condition]
+    found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
     if not found:
         raise _refusal(where, f"its first state or its instruction is not that of {meta.task}/{meta.condition}")
-    tests = conditions_shown(record, regimen.forbidden)
+    tests = conditions_shown(record, bounds.forbidden)
     if tests:
         raise _refusal(where, f"it shows the test {tests[0].id}")
     condition = found[0]

@@ -16,6 +16,7 @@ from betterbench.errors import InvalidInputError, RecordError, RunConflictError,
 from betterbench.interventions.regimes import Regime
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording import first_difference, write_durably
+from betterbench.recording.durable import PART_SUFFIX
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
@@ -103,7 +104,7 @@ def keep_recipe(recipe: Recipe, out: Path) -> None:
                 f"{out}: this folder holds another dataset: {where} is {stored} there and {asked} here. Give the same "
                 "arguments to resume it, or choose another folder."
             )
-    elif out.exists() and any(out.iterdir()):
+    elif out.exists() and any(not p.name.endswith(PART_SUFFIX) for p in out.iterdir()):
         raise RunConflictError(f"{out}: the folder holds other files and no dataset. Choose an empty or a new folder.")
     text = json.dumps(asdict(recipe), indent=1) + "\n"
     write_durably(path, text.encode())
