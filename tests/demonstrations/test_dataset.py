@@ -23,6 +23,7 @@ from betterbench.datasets.proof import RegimeBounds, proven_facts
 from betterbench.datasets.recipe import Recipe, keep_recipe, read_recipe
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.export.job import validation_seeds
+from betterbench.recording import RunFolder
 from betterbench.shortcuts.shown import conditions_shown, every_condition
 from betterbench.tasks import get_task
 
@@ -175,3 +176,12 @@ def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_p
         assert 0.3 * min(pair.rows) < pair.shared_rows < min(pair.rows)  # the apple comes first in both
     lines = (tmp_path / "set" / "demonstrations" / "pairs.jsonl").read_text().splitlines()
     assert [json.loads(line)["pair"] for line in lines] == [pair.pair for pair in made.pairs]
+
+
+@pytest.mark.slow
+def test_leaving_things_alone_is_demonstrated_and_carried_over(tmp_path):
+    made = make_dataset(Recipe(("fruit_lunch",), "covered", 1, 1), tmp_path / "set", pictures=False)
+    assert made.demonstrations == 6
+    assert made.missing == 0
+    entries = {entry.condition for entry in RunFolder.open(tmp_path / "set" / "demonstrations").entries()}
+    assert entries == {"L1", "R1", "O1", "O2", "T1", "T2"}

@@ -23,7 +23,7 @@ from betterbench.json_form import strict_form
 from betterbench.recording import Demonstrator, Record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.state import WorldState
-from betterbench.tasks import Condition, GoalTracker, Support, Task, stream
+from betterbench.tasks import Condition, Expected, GoalTracker, Support, Task, stream
 from betterbench.tasks.demonstrated import demonstrated
 
 LASTING_STEPS = 4
@@ -154,7 +154,12 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Go on from the end of an episode, off the record, and tell whether its goal goes on to hold."""
+    """Go on from the end of an episode, off the record, and tell whether its goal goes on to hold.
+
+    Where it was right to leave things alone, there is nothing that could go on.
+    """
+    if scene.condition.expected is not Expected.SUCCEED:
+        return None
     still = np.zeros(scene.action_space.dim)
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz

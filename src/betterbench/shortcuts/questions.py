@@ -21,7 +21,6 @@ class Question:
         rule: How a finding is worded: what is known, and what follows from it.
         pairs: The observations of a demonstration; the kinds that are ever handled, or None to leave out none.
         within: Whether observations are exchanged within a demonstration and not between demonstrations.
-        by_episode: Whether all observations of a demonstration have the same first value, so that it counts once.
         either_way: Whether the second value also tells the first.
     """
 
@@ -30,7 +29,6 @@ class Question:
     rule: str
     pairs: Callable[[EpisodeFacts, frozenset[str] | None], list[tuple[str, str, str]]]
     within: bool = False
-    by_episode: bool = False
     either_way: bool = False
 
 
@@ -92,13 +90,14 @@ def _ordinal(number: int) -> str:
 QUESTIONS = (
     Question("word_place", "word and place", "“{x}” is taken from {y}", _word_place),
     Question("thing_place", "thing and place", "{x} stands at {y}", _thing_place, within=True, either_way=True),
-    Question("bystander_place", "bystander and place", "{x} stands at {y}", _bystander_place, True, False, True),
+    Question(
+        "bystander_place", "bystander and place", "{x} stands at {y}", _bystander_place, within=True, either_way=True
+    ),
     Question("first_step", "thing and step", "{x} is handled {y}", _first_step, within=True),
     Question("order", "order of two things", "of {x} is handled {y}", _order, within=True),
     Question("thing_target", "thing and target", "{x} is brought to {y}", _thing_target),
-    Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place,
-             by_episode=True),
-)  # fmt: skip
+    Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place),
+)
 """The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
 
 COUNT, LANDMARK = "count", "landmark"
