@@ -165,6 +165,11 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
     )
     assert wrong.returncode == 2
     assert "the hash of the set is" in wrong.stderr
+    smaller = files_of(tmp_path / "a")
+    grown = make_dataset(Recipe((TASK,), demos=2, sources=1), tmp_path / "a", pictures=False)
+    assert grown.demonstrations == 2 * undisturbed.demonstrations
+    larger = files_of(tmp_path / "a")
+    assert all(larger[name] == data for name, data in smaller.items() if name.endswith(".parquet"))
 
 
 @pytest.mark.slow

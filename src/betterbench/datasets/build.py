@@ -191,7 +191,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
         name = f"pictures/{task}.jpg"
         try:
             if not (out / name).exists():
-                draw_sheet(run, tuple(firsts.values()), out / name)
+                draw_sheet(run, sorted(firsts.values(), key=lambda t: (len(t.condition), t.condition)), out / name)
             found[task] = name
         except BetterError as problem:
             found[task] = f"none: {problem}"

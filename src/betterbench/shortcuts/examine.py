@@ -289,7 +289,8 @@ def _breaks(finding: Finding, rules: Rules, test: EpisodeFacts) -> str:
     """Return what of a test does not go by a rule, or "" if all of it does."""
     if finding.question == COUNT:
         there = str(len(test.standing))
-        return "" if there in rules[""] else f"{there} loose things at the start"
+        things = "thing" if there == "1" else "things"
+        return "" if there in rules[""] else f"{there} loose {things} at the start"
     if finding.question == LANDMARK:
         moved = [slot for kind, slot in test.landmarks if kind in rules and slot not in rules[kind]]
         return f"{finding.subject} stands at {moved[0]}" if moved else ""
