@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,6 +16,8 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export import ExportPlan, check_export, export_dataset, job, layout_of, part, select_demonstrations
 from betterbench.recording import RunFolder
+from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes, read_pairs
+from betterbench.shortcuts.lerobot import facts_of_lerobot
 from betterbench.vqa.dataset import write_set
 from betterbench.vqa.question import Difficulty, Form, FrameSource, Question, QuestionType
 
@@ -238,3 +241,29 @@ def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_pa
     assert document["evaluate"] in (out / "README.md").read_text()
     assert main(["export", str(demonstrations.run.path), "--check", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["worst_error"] == 0.0
+
+
+def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstrations, tmp_path):
+    twins = (TRIALS[0], replace(TRIALS[1], seed=TRIALS[0].seed))
+    run = start_run(tmp_path / "run", twins)
+    for trial, record in zip(twins, demonstrations.records.values(), strict=True):
+        add_record(run, replace(record, metadata=replace(record.metadata, seed=trial.seed)))
+        run.store_scene(record.metadata.scene_hash, demonstrations.run.load_scene(record.metadata.scene_hash))
+    pair = TwinPair("it", twins[0].task, twins[0].seed, ("train1", "train2"), ("a", "b"), 3, (10, 10))
+    (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair]))
+    assert read_pairs(run) == (pair,)
+    assert pair.trials == twins
+    export_dataset(plan_of(run, tmp_path / "set"))
+    read_v30(tmp_path / "set")
+    rows = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["better/pairs"] for row in rows] == ["it", "it"]
+    source = json.loads((tmp_path / "set/meta/betterbench.json").read_text())
+    assert [episode["pairs"] for episode in source["episodes"]] == [["it"], ["it"]]
+    export_dataset(plan_of(run, tmp_path / "old", to="lerobot-v2.1", layout=layout_of("gr00t_new_embodiment")))
+    for folder in ("set", "old"):
+        facts = facts_of_lerobot(tmp_path / folder)
+        assert [f.instruction for f in facts] == [r.metadata.instruction for r in demonstrations.records.values()]
+        assert all(f.steps for f in facts)
+    (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
+    with pytest.raises(RecordError, match=r"pairs\.jsonl: line 1.*Make the set again"):
+        read_pairs(run)

@@ -30,6 +30,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "replicas": (1, 256),
     "seed": (0, 2**31 - 1),
     "size": (16, 4096),
+    "sources": (0, 10_000),
     "trials": (1, 10_000),
     "validation": (0.0, 0.99),
     "workers": (1, 256),

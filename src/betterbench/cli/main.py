@@ -79,6 +79,8 @@ VERBS: dict[str, Verb] = {
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
+    "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
+    "shortcuts": Verb("shortcuts:shortcuts_command", "Find what a learner of a dataset could go by."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),

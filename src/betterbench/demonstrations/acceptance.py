@@ -11,10 +11,10 @@ from typing import Any
 
 from betterbench.demonstrations.attempt import AttemptNote
 from betterbench.demonstrations.failure import FAILURES
-from betterbench.demonstrations.production import StartOutcome, attempts_of, set_hash
+from betterbench.demonstrations.production import StartOutcome, attempts_of, method_of, set_hash
 from betterbench.demonstrations.starts import FactorCoverage, coverage_of, levels_of
 from betterbench.recording import RunFolder, write_durably
-from betterbench.tasks import TrialId, get_task
+from betterbench.tasks import Task, TrialId
 
 FOLDER = "acceptance"
 """Folder within a run that holds the report and its films."""
@@ -112,12 +112,14 @@ def acceptance_of(run: RunFolder) -> Acceptance:
     outcomes = attempts_of(run.path)
     done = sum(entry.status == "done" for entry in run.entries())
     names = sorted({trial.task for trial in outcomes})
-    tasks = tuple(_of_task(name, [o for t, o in sorted(outcomes.items()) if t.task == name]) for name in names)
+    method = method_of(run)
+    tasks = tuple(
+        _of_task(method.task(name), [o for t, o in sorted(outcomes.items()) if t.task == name]) for name in names
+    )
     return Acceptance(str(run.plan["policy"]), set_hash(run), done, tasks)
 
 
-def _of_task(name: str, outcomes: Sequence[StartOutcome]) -> TaskAcceptance:
-    task = get_task(name)
+def _of_task(task: Task, outcomes: Sequence[StartOutcome]) -> TaskAcceptance:
     notes = [(outcome, note) for outcome in outcomes for note in outcome.notes]
     failures = Counter(note.failure for _, note in notes if not note.accepted)
     examples: dict[str, tuple[TrialId, int, str]] = {}
@@ -139,7 +141,7 @@ def _of_task(name: str, outcomes: Sequence[StartOutcome]) -> TaskAcceptance:
         seeds = [o.seed for o in outcomes if o.condition == condition.name and o.accepted]
         coverage.append(ConditionCoverage(condition.name, len(seeds), coverage_of(task, condition, seeds)))
     return TaskAcceptance(
-        task=name,
+        task=task.id,
         attempts=_tally(note for _, note in notes),
         starts=Tally(sum(o.accepted for o in outcomes), len(outcomes)),
         steps=sum(note.steps for _, note in notes if note.accepted),

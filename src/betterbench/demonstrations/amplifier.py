@@ -139,7 +139,10 @@ class Amplifier:
         return noisy
 
     def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
-        """Yield the actions of an episode."""
+        """Yield the actions of an episode; where the lead left everything alone, so does this one to its end."""
+        self._quiet = not self._lead.skills
+        while not self._lead.skills:
+            state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
         for segment in self._lead.segments:
             source: str | None = None
             for window in segment.skills:

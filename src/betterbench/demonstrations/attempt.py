@@ -18,11 +18,12 @@ from betterbench.experts.decisions import Situation
 from betterbench.experts.faulty import BrokenRule
 from betterbench.experts.planner import Planner
 from betterbench.experts.privileged import PrivilegedAgent, measured_releases
+from betterbench.interventions import resolve_condition
 from betterbench.json_form import strict_form
 from betterbench.recording import Demonstrator, Record, subgoal_segments
 from betterbench.scenes import Scene, engine_version
 from betterbench.state import WorldState
-from betterbench.tasks import GoalTracker, stream
+from betterbench.tasks import Condition, Expected, GoalTracker, Support, Task, stream
 from betterbench.tasks.demonstrated import demonstrated
 
 LASTING_STEPS = 4
@@ -67,9 +68,12 @@ class DemonstrationAttempt:
     record: Record
 
 
-def collect_attempt(scene: Scene, number: int) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt."""
-    draw = _stream(scene, "collect", number)
+def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
+    """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt.
+
+    Of ``twins``, the condition has no part in what is drawn.
+    """
+    draw = stream(scene.task.id, scene.seed, f"twins:{number}") if twins else _stream(scene, "collect", number)
     manner = draw_manner(draw)
     skills = VariedSkills(
         Planner(scene),
@@ -83,7 +87,7 @@ def collect_attempt(scene: Scene, number: int) -> DemonstrationAttempt:
     agent = PrivilegedAgent(EXPERT, scene, rule, skills=skills)
     try:
         demonstrator = Demonstrator("expert", "expert", manner.to_json())
-        record = run_episode(scene, agent, context=TrialContext(EXPERT, demonstrator=demonstrator)).record
+        record = run_episode(scene, agent, context=_context(scene, EXPERT, demonstrator)).record
     finally:
         agent.close()
     mishap = agent.ground_truth["mishap"]
@@ -101,12 +105,21 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     agent = Amplifier(scene, library, lead, settings, draw)
     demonstrator = Demonstrator("amplified", "amplify", {"speed": lead.speed}, (), settings.action_noise)
     disturb = agent.disturb if settings.action_noise else None
-    context = TrialContext(AMPLIFIED, demonstrator=demonstrator)
+    context = _context(scene, AMPLIFIED, demonstrator)
     record = run_episode(scene, agent, context=context, disturb=disturb).record
     sources = tuple(dict.fromkeys(agent.used))
     record = _said(record, replace(demonstrator, sources=sources))
     found = _judged(scene, record, number, agent.failure)
     return replace(found, note=replace(found.note, sources=tuple(agent.used), lead=lead.name))
+
+
+def _context(scene: Scene, policy: str, demonstrator: Demonstrator) -> TrialContext:
+    found = resolve_condition(scene.task.id, scene.condition.name)
+    if found.variation is None:
+        return TrialContext(policy, demonstrator=demonstrator)
+    operations = tuple(str(i) for i in found.variation.interventions)
+    name, base = found.variation.name, found.base
+    return TrialContext(policy, name, found.axis, base, operations, demonstrator=demonstrator)
 
 
 def _stream(scene: Scene, what: str, number: int) -> np.random.Generator:
@@ -141,7 +154,12 @@ def _why_not(record: Record, failure: tuple[FailureKind, str] | None) -> tuple[F
 
 
 def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
-    """Go on from the end of an episode, off the record, and tell whether its goal goes on to hold."""
+    """Go on from the end of an episode, off the record, and tell whether its goal goes on to hold.
+
+    Where it was right to leave things alone, there is nothing that could go on.
+    """
+    if scene.condition.expected is not Expected.SUCCEED:
+        return None
     still = np.zeros(scene.action_space.dim)
     tracker = GoalTracker(
         scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
@@ -156,11 +174,22 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 def _outside(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
     """Return what of an episode the certified training regime does not show, or None."""
-    support = TrainedSupport.of(scene.task, demonstrated(scene.task, engine=engine_version()))
-    handling = Handling(scene.task, scene.condition)
+    problem = outside_support(record, scene.task, scene.condition)
+    return None if problem is None else ("outside support", problem)
+
+
+def outside_support(record: Record, task: Task, condition: Condition) -> str | None:
+    """Return what of a record the certified training regime of its task does not show, told from its states.
+
+    None where everything is inside, or the variation declares that it is not.
+    """
+    variation = resolve_condition(task.id, condition.name).variation
+    if variation is not None and variation.support is Support.NOVEL:
+        return None
+    support = TrainedSupport.of(task, demonstrated(task, engine=engine_version()))
+    handling = Handling(task, condition)
     states: list[WorldState] = list(record.states())
     for state in states:
         handling.update(state)
     problems = (support.judge(primitive).problem for primitive in handling.finish())
-    first = next((p for p in problems if p is not None), None)
-    return None if first is None else ("outside support", first)
+    return next((p for p in problems if p is not None), None)

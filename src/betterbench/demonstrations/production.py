@@ -32,12 +32,22 @@ from betterbench.demonstrations.attempt import (
     collect_attempt,
 )
 from betterbench.demonstrations.sources import Library, load_library
-from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts, replacement
+from betterbench.demonstrations.starts import (
+    FIRST_AMPLIFIED_SEED,
+    MOST_STARTS,
+    Start,
+    planned_starts,
+    replacement,
+    shared_out,
+    twin_starts,
+)
 from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.interface.actions import EE_DELTA
+from betterbench.interventions import resolve_condition
+from betterbench.interventions.regimes import Regime, in_regime
 from betterbench.json_form import open_form, read_form, strict_form
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.durable import on_disk
@@ -46,7 +56,7 @@ from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.appearance import look_set_of
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import Expected, Task, TrialId, get_task
+from betterbench.tasks import Task, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
@@ -72,6 +82,8 @@ class Method:
         settings: How sources are carried over.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
+        regime: Which conditions are demonstrated.
+        twins: Whether conditions with the same scene share their seeds and the manner of the expert.
     """
 
     policy: str
@@ -82,6 +94,26 @@ class Method:
     settings: AmplifierSettings = field(default_factory=AmplifierSettings)
     quality: str = "standard"
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+    regime: Regime = "training"
+    twins: bool = False
+
+    def task(self, name: str) -> Task:
+        """Return a task with the conditions that are demonstrated as its training conditions."""
+        return in_regime(get_task(name), self.regime)
+
+    def starts(self, name: str, demos: int) -> tuple[Start, ...]:
+        """Return the planned starts of a task: ``demos`` per training condition, shared out over those of the regime.
+
+        Raises InvalidInputError if a number is out of range, or the task has no such regime.
+        """
+        task = self.task(name)
+        require_between("--demos", demos, 1, MOST_STARTS)
+        numbers = shared_out(demos * len(get_task(name).training), len(task.training))
+        return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
+
+    def replacement(self, start: Start, round_: int) -> Start | None:
+        """Return what takes the place of a start that was given up; nothing takes the place of a twin."""
+        return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
         """Return what two runs have to share to be the same one, beside their trials."""
@@ -90,6 +122,8 @@ class Method:
             "first_seed": self.first_seed,
             "attempts": self.attempts,
         }
+        form |= {} if self.regime == "training" else {"regime": self.regime}
+        form |= {"twins": True} if self.twins else {}
         return form if not self.sources_hash else {**form, "sources": self.sources_hash, **asdict(self.settings)}
 
 
@@ -102,6 +136,8 @@ class _MethodForm:
     select: SourceChoice = "nearest_object"
     action_noise: float = 0.0
     sources: str = ""
+    regime: Regime = "training"
+    twins: bool = False
 
 
 _METHOD = TypeAdapter(_MethodForm)
@@ -120,6 +156,8 @@ def method_of(run: RunFolder) -> Method:
         form.sources,
         AmplifierSettings(form.select, form.action_noise),
         str(quality.get("name")) if isinstance(quality, dict) else "standard",
+        regime=form.regime,
+        twins=form.twins,
     )
 
 
@@ -215,6 +253,8 @@ def collect(
     demos: int,
     first_seed: int = FIRST_DEMONSTRATION_SEED,
     attempts: int = 4,
+    regime: Regime = "training",
+    twins: bool = False,
     workers: int = 1,
     on_progress: Callable[[SetProgress], None] | None = None,
 ) -> RunFolder:
@@ -223,20 +263,23 @@ def collect(
     Args:
         tasks: Names of the tasks.
         out: Folder of the run.
-        demos: Demonstrations per training condition.
+        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start, each in another manner.
+        regime: Which conditions are demonstrated.
+        twins: Give conditions with the same scene the same seeds and manners, so that they differ by their cause alone.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
     Raises:
-        InvalidInputError: If a number is out of range, or the support of a task was never measured.
+        InvalidInputError: If a number is out of range, the support of a task was never measured, or a task has no such
+            regime.
         UnknownNameError: If there is no such task.
         RunConflictError: If the folder holds another run, or another process writes to it.
         StorageError: If the disk is full.
         WorkerError: If worker processes keep dying.
     """
-    method = Method(EXPERT, first_seed, attempts)
+    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins)
     return _produce(method, tasks, out, demos=demos, workers=workers, on_progress=on_progress)
 
 
@@ -281,18 +324,19 @@ def amplify(
     named = tuple(dict.fromkeys(tasks or known))
     if not named:
         raise InvalidInputError(str(sources), "it holds no demonstrations", "Collect some with better collect")
+    regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:
-        _check_sources(run, name)
-    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), set_hash(run, named), chosen)
+        _check_sources(run, in_regime(get_task(name), regime))
+    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), set_hash(run, named), chosen, regime=regime)
     return _produce(method, named, out, demos=demos, workers=workers, on_progress=on_progress)
 
 
-def _check_sources(run: RunFolder, name: str) -> None:
-    """Refuse to begin where a training condition of a task is not demonstrated at all."""
-    library, task = load_library(run, name), get_task(name)
+def _check_sources(run: RunFolder, task: Task) -> None:
+    """Refuse to begin where a condition of a task is not demonstrated at all."""
+    library = load_library(run, task.id)
     for condition in task.training:
         if not library.of_condition(condition.name):
-            cure = f"Collect some: better collect --tasks {name} --out RUN"
+            cure = f"Collect some: better collect --tasks {task.id} --out RUN"
             raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
 
 
@@ -317,7 +361,7 @@ def _produce(
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
-    wanted = [s for task in chosen for s in planned_starts(task, demos, first_seed=method.first_seed)]
+    wanted = [s for task in chosen for s in method.starts(task.id, demos)]
     for task in chosen:
         demonstrated(task, engine=engine_version())  # which the support is judged by
     versions = versions_in_use([task.id for task in chosen])
@@ -348,7 +392,7 @@ def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], meth
     for start in wanted:
         chain = [start]
         while (outcome := found.get(chain[-1].trial)) is not None and not outcome.accepted:
-            other = replacement(get_task(start.task), start, len(chain), first_seed=method.first_seed)
+            other = method.replacement(start, len(chain))
             if other is None:
                 break
             chain.append(other)
@@ -363,15 +407,19 @@ def _is_settled(start: Start, found: Mapping[TrialId, StartOutcome], journal: Jo
 
 def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return plan and context of a run, as ``run.json`` holds them."""
-    trials = tuple(
-        Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value)
-        for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round))
-    )
+    trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
     plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality)
     policy = {"address": method.policy, "name": method.policy, "needs_images": False}
     engine = {"name": "local", "workers": workers, "envs": 1}
     context = {**run_context(plan, policy=policy, engine=engine), "sources": method.sources}
     return {**plan.to_json(), "demonstrations": method.to_json()}, context
+
+
+def _trial(start: Start) -> Trial:
+    found = resolve_condition(start.task, start.condition)
+    varied = found.variation is not None
+    name, base = (start.condition, found.base) if varied else (None, None)
+    return Trial(start.task, start.condition, name, found.axis, base, start.seed, found.condition.expected.value)
 
 
 def _teller(
@@ -396,11 +444,14 @@ def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int
 def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> None:
     """Write what became of a start into both journals; killed between the two, the start is tried again."""
     outcome, trial = produced.outcome, produced.outcome.trial
+    varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
     if not journal.is_done(trial):
         status: TrialStatus = "done" if outcome.accepted else "error"
         why = None if outcome.accepted else outcome.why_not
         journal.append(
-            JournalEntry(trial.task, trial.condition, None, trial.seed, status, why, produced.wall, {}, produced.digest)
+            JournalEntry(
+                trial.task, trial.condition, varied, trial.seed, status, why, produced.wall, {}, produced.digest
+            )
         )
     attempts.append(outcome)
 
@@ -430,15 +481,14 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
 
 def scene_of(trial: TrialId, quality: str) -> Scene:
     """Return the scene of a demonstration."""
-    task: Task = get_task(trial.task)
-    condition = task.train(trial.condition)
-    return Scene(task, condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
+    found = resolve_condition(trial.task, trial.condition)
+    return Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
 
 
 def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
     """Make one attempt at a start; the same number gives the same attempt."""
     if method.policy == EXPERT:
-        return collect_attempt(scene, number)
+        return collect_attempt(scene, number, twins=method.twins)
     return amplify_attempt(scene, number, _library(method.sources, scene.task.id), method.settings)
 
 

@@ -117,18 +117,28 @@ def _level(share: float) -> int:
     return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
 
 
-def planned_starts(task: Task, number: int, *, first_seed: int) -> tuple[Start, ...]:
-    """Return the starts of a task, ``number`` per training condition.
+def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
+    """Return the starts of a task, so many per training condition, or one number for all of them.
 
-    Raises InvalidInputError if the number or the seed is out of range; tests never share a seed with demonstrations.
+    Raises InvalidInputError if a number or the seed is out of range; tests never share a seed with demonstrations.
     """
-    require_between("--demos", number, 1, MOST_STARTS)
+    wanted = [numbers] * len(task.training) if isinstance(numbers, int) else list(numbers)
+    require_between("--demos", min(wanted), 1, MOST_STARTS)
+    require_between("--demos", max(wanted), 1, MOST_STARTS)
     require_between("--seed", first_seed, FIRST_DEMONSTRATION_SEED, 2_000_000_000)
     return tuple(
         Start(task.id, condition.name, i, 0, seed)
-        for condition in task.training
+        for condition, number in zip(task.training, wanted, strict=True)
         for i, seed in enumerate(_seeds(task, condition, number, first_seed))
     )
+
+
+def shared_out(total: int, parts: int) -> tuple[int, ...]:
+    """Return how many of ``total`` demonstrations each of so many conditions gets: at least one, the first ones more.
+
+    With a larger total no part gets fewer, so a larger set holds the smaller one.
+    """
+    return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
 
 
 def _seeds(task: Task, condition: Condition, number: int, first_seed: int) -> tuple[int, ...]:
@@ -174,6 +184,14 @@ def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> St
 
     seed = min(range(begin, begin + SPARE_BLOCK), key=unlike)
     return Start(start.task, start.condition, start.number, round_, seed)
+
+
+def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
+    """Return starts of which those of all conditions have the same seeds, chosen for the first one; raises the same."""
+    most = max(numbers)
+    first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
+    seeds = [start.seed for start in first if start.condition == task.training[0].name]
+    return tuple(Start(task.id, c.name, i, 0, seed) for c in task.training for i, seed in enumerate(seeds))
 
 
 @dataclass(frozen=True, slots=True)

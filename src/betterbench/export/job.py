@@ -32,7 +32,9 @@ from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 
@@ -149,9 +151,22 @@ def _identity(plan: ExportPlan, quality: str) -> str:
         "left_out": dict(plan.selection.left_out),
         "validation": plan.validation,
         "language": plan.language,
+        **({"pairs": pairs} if (pairs := {str(t): ids for t, ids in _pairs(plan).items()}) else {}),
         "questions": question_set(plan.questions).sha256 if plan.questions else None,
     }
     return hashlib.sha256(dump_json(form)).hexdigest()
+
+
+def _pairs(plan: ExportPlan) -> dict[TrialId, list[str]]:
+    """Return the ids of the pairs of twins that each demonstration belongs to; nothing for runs without twins."""
+    chosen = {d.trial for d in plan.selection.demonstrations}
+    found: dict[TrialId, list[str]] = {}
+    for run in plan.runs:
+        for pair in read_pairs(run):
+            if chosen.issuperset(pair.trials):
+                for trial in pair.trials:
+                    found.setdefault(trial, []).append(pair.pair)
+    return found
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
@@ -255,6 +270,7 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
     """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
     trials = {d.trial for d in plan.selection.demonstrations}
     asked = questions_of(question_set(plan.questions), plan.layout, trials) if plan.questions else {}
+    pairs = _pairs(plan)
     episodes, rates = [], set()
     for d in plan.selection.demonstrations:
         folder = _part_folder(staging, plan, quality, d)
@@ -262,17 +278,18 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
         rates.add(round(index["about"]["control_rate_hz"]))
-        episodes.append(DatasetEpisode(folder, index["about"], d.digest, asked.get(d.trial, ())))
+        about = {**index["about"], "pairs": pairs.get(d.trial, [])} if pairs else index["about"]
+        episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.trial, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
-    held_out = _validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
+    held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])
     source = _source(plan, ordered, identity, quality)
     return Dataset(ordered, plan.layout, plan.form, rates.pop(), len(train), plan.language, source)
 
 
-def _validation_seeds(seeds: set[int], share: float) -> set[int]:
+def validation_seeds(seeds: set[int], share: float) -> set[int]:
     """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts."""
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
     return set(by_hash[: round(share * len(seeds))])

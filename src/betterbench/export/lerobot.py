@@ -195,6 +195,7 @@ def _episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
         **{f"better/{name}": about[name] for name in ("task", "condition", "seed", "policy", "scene")},
+        **({"better/pairs": ", ".join(about["pairs"])} if "pairs" in about else {}),
         "better/record": episode.record,
     }
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from betterbench.errors import UnknownNameError
 from betterbench.interventions.apply import vary
 from betterbench.tasks import Changes, Condition, Task, Variation, get_task
+from betterbench.tasks.balanced import balanced_conditions
 
 NO_CHANGES = Changes()
 
@@ -19,8 +20,8 @@ class ResolvedCondition:
     Attributes:
         task: The task.
         condition: The condition itself.
-        variation: The variation that makes it, or None for a training condition.
-        changes: What its interventions declare to change; nothing for a training condition.
+        variation: The variation that makes it, or None for a condition of training or of the balanced regime.
+        changes: What its interventions declare to change; nothing without a variation.
     """
 
     task: Task
@@ -46,13 +47,13 @@ def condition_names(task: Task) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=1024)
 def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
-    """Return a condition by the id of its task and its own name ("train1", "L3").
+    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5").
 
     Raises:
         UnknownNameError: If there is no such task, or it has no such condition.
     """
     task = get_task(task_id)
-    for condition in task.training:
+    for condition in (*task.training, *balanced_conditions(task.id)):
         if condition.name == name:
             return ResolvedCondition(task, condition)
     for variation in task.variations:

@@ -1,0 +1,126 @@
+"""``better dataset``: the training set of a regime, with its proof, card, statistics and audit."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.datasets.build import MadeDataset
+    from betterbench.datasets.recipe import Recipe
+
+
+def dataset_command(
+    *,
+    out: Path,
+    tasks: tuple[str, ...] = (),
+    suite: str = "better60",
+    regime: Literal["training", "balanced", "covered"] = "training",
+    demos: int = 50,
+    sources: int = 10,
+    seed: int = 1_000_000,
+    noise: float = 0.02,
+    validation: float = 0.1,
+    pairs: bool = False,
+    expect: str | None = None,
+    sign: Path | None = None,
+    workers: int | None = None,
+    pictures: bool = True,
+    json: bool = False,
+) -> None:
+    """Make a training set: the demonstrations of a regime and nothing outside it, proven record by record.
+
+    The expert gives the sources, and the set is carried over from them to starts that cover the regime evenly. The
+    folder then holds the demonstrations as a run, which better export, materialize and vqa read; their card, split and
+    normalization statistics; the shortcut audit; and the prediction which variations a learner of this set fails. Every
+    set can be made again by one command, which is printed. Ctrl-C keeps what is done; the same command resumes, and
+    with a larger --demos it goes on.
+
+    Example: better dataset --demos 50 --out sets/training
+
+    Args:
+        out: Folder of the set.
+        tasks: Tasks to demonstrate; all of the suite if none is named.
+        suite: Suite to take the tasks from.
+        regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
+        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
+        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0 if all.
+        seed: First seed, 1000000 or above.
+        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
+        validation: Share of the seeds whose demonstrations are for validation.
+        pairs: Twins: the expert begins alike in all conditions with the same scene, until what was said differs.
+        expect: Hash of the set, as another machine printed it; any other one is an error.
+        sign: Private SSH key with which prediction.json is signed.
+        workers: Worker processes; one per processor if not given.
+        pictures: Draw the starts of each task.
+        json: Print what was made as one JSON document.
+    """
+    from betterbench.datasets.recipe import Recipe
+    from betterbench.tasks import suite_tasks
+
+    chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
+    recipe = Recipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
+    made = _make(recipe, out, workers, pictures=pictures)
+    if sign is not None:
+        _sign(made, sign)
+    _tell(made, as_json=json)
+    if expect is not None and made.sha256 != expect:
+        cure = "Give the same version, machine and arguments to make the same set"
+        raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
+
+
+def _sign(made: MadeDataset, key: Path) -> None:
+    from betterbench.shortcuts.prediction import sign
+
+    if made.prediction is None:
+        raise InvalidInputError("--sign", "there are too few demonstrations for a prediction", "Give more --demos")
+    sign(made.path / "prediction.json", key)
+
+
+def _make(recipe: Recipe, out: Path, workers: int | None, *, pictures: bool) -> MadeDataset:
+    from betterbench.cli.evaluate import prepare_robot
+    from betterbench.datasets.build import make_dataset
+
+    recipe.check()
+    prepare_robot("panda")
+    with progress_bar("dataset", 1) as (bar, shown):
+
+        def told(stage: str, done: int, planned: int, note: str) -> None:
+            bar.update(shown, description=stage, total=planned, completed=done, note=note)
+
+        return make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)
+
+
+def _tell(made: MadeDataset, *, as_json: bool) -> None:
+    if as_json:
+        print_json(_document(made))
+        return
+    if made.audit is not None:
+        rows = [
+            (group.group, str(group.episodes), ", ".join(dict.fromkeys(f.title for f in group.shortcuts)) or "none")
+            for group in made.audit.groups
+        ]
+        print_table(("task", "demonstrations", "shortcuts"), rows)
+    missing = f", {made.missing} fewer than asked for" if made.missing else ""
+    pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
+    OUT.print(f"{made.demonstrations} demonstrations{missing}, {made.steps} steps{pairs}", markup=False)
+    OUT.print(f"hash of the set {made.sha256}\ncard            {made.path / 'README.md'}", markup=False, soft_wrap=True)
+    OUT.print(f"again           {made.command}", markup=False, soft_wrap=True)
+
+
+def _document(made: MadeDataset) -> dict[str, Any]:
+    shortcuts = {} if made.audit is None else {g.group: [f.question for f in g.shortcuts] for g in made.audit.groups}
+    return {
+        "path": str(made.path),
+        "sha256": made.sha256,
+        "command": made.command,
+        "demonstrations": made.demonstrations,
+        "missing": made.missing,
+        "steps": made.steps,
+        "pairs": len(made.pairs),
+        "shortcuts": shortcuts,
+    }

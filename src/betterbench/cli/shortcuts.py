@@ -1,0 +1,118 @@
+"""``better shortcuts``: what a learner of a dataset could go by, and which variations it would fail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.shortcuts.examine import ShortcutAudit
+    from betterbench.shortcuts.facts import EpisodeFacts
+    from betterbench.shortcuts.prediction import Prediction
+
+
+def shortcuts_command(
+    data: Annotated[Path, tyro.conf.Positional],
+    *,
+    out: Path | None = None,
+    sign: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
+
+    Of a run, each record is told by its states: what stood where, what was taken and where it was put. Of a LeRobot
+    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read: which words go with where
+    the gripper first closes, where it last opens, and how it sets out. For runs, each rule is held against the
+    variations: those that break it tell a policy that understands from one that goes by the rule. From that follows a
+    prediction, which ranks the variations by how likely a learner of this dataset fails them, and by which label.
+
+    Example: better shortcuts runs/demonstrations --out audit
+
+    Args:
+        data: Folder of a run, or of a LeRobot dataset.
+        out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
+        sign: Private SSH key with which prediction.json is signed.
+        json: Print the audit as one JSON document.
+    """
+    from betterbench.shortcuts.examine import audit_dataset
+    from betterbench.shortcuts.prediction import predict
+    from betterbench.tasks import task_names
+
+    if sign is not None and out is None:
+        raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
+    facts, hashed = _facts_of(data)
+    audit = audit_dataset(str(data), facts)
+    known = {group.group for group in audit.groups} & set(task_names())
+    prediction = predict(audit, dataset_sha256=hashed) if known else None
+    if out is not None:
+        _write(out, audit, prediction, sign)
+    if json:
+        print_json(audit.to_json())
+        return
+    _tell(audit, prediction)
+    if out is not None:
+        OUT.print(f"written to {out}", markup=False, soft_wrap=True)
+
+
+def _facts_of(data: Path) -> tuple[tuple[EpisodeFacts, ...], str]:
+    """Return what the demonstrations show, and the hash of the set if it is ours."""
+    from betterbench.demonstrations.production import set_hash
+    from betterbench.recording import RunFolder
+    from betterbench.shortcuts.lerobot import facts_of_lerobot, is_lerobot_dataset
+    from betterbench.shortcuts.shown import facts_of_run
+
+    if is_lerobot_dataset(data):
+        return facts_of_lerobot(data), ""
+    folder = data / "demonstrations" if (data / "recipe.json").exists() else data
+    if not (folder / "run.json").exists():
+        problem = "it is neither a run nor a LeRobot dataset"
+        raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
+    run = RunFolder.open(folder)
+    trials = [e.key for e in run.entries() if e.status == "done" and run.succeeded(e.key, e)]
+    facts = []
+    with progress_bar("read", len(trials)) as (bar, shown):
+        for _, found in facts_of_run(run, trials):
+            facts.append(found)
+            bar.update(shown, completed=len(facts))
+    return tuple(facts), set_hash(run)
+
+
+def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: Path | None) -> None:
+    import json as json_module
+
+    from betterbench.recording import write_durably
+    from betterbench.shortcuts.page import audit_lines, prediction_lines
+    from betterbench.shortcuts.prediction import sign
+
+    text = json_module.dumps(audit.to_json(), indent=1, ensure_ascii=False) + "\n"
+    lines = ["# Shortcuts", "", *audit_lines(audit)]
+    write_durably(out / "shortcuts.json", text.encode())
+    if prediction is not None:
+        lines += ["## Prediction", "", *prediction_lines(prediction)]
+        write_durably(out / "prediction.json", prediction.file_bytes())
+        if key is not None:
+            sign(out / "prediction.json", key)
+    write_durably(out / "shortcuts.md", ("\n".join(lines).rstrip() + "\n").encode())
+
+
+def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
+    rows = []
+    for group in audit.groups:
+        for f in group.shortcuts:
+            p = "–" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
+            broken = ", ".join(name for name, _ in f.separating) or "–"
+            rows.append((group.group, f.title, f"{f.strength:.2f}", p, "; ".join(f.rules[:2]), broken))
+    if rows:
+        print_table(("group", "what goes together", "strength", "p", "rule", "broken by"), rows)
+    count = sum(group.episodes for group in audit.groups)
+    OUT.print(f"{len(rows)} shortcuts in {count} demonstrations of {len(audit.groups)} groups", markup=False)
+    if prediction is not None:
+        at_risk = [f for f in prediction.variations if f.risk > 0.0]
+        likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
+        said = f"{len(at_risk)} of {len(prediction.variations)} variations are at risk, the likeliest: {likeliest}"
+        OUT.print(said, markup=False, soft_wrap=True)

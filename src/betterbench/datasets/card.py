@@ -1,0 +1,145 @@
+"""The card of a training set: README.md with counts, lengths, ranges, pictures, shortcuts and how to make it again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.datasets.numbers import ConditionCounts, SetNumbers
+from betterbench.datasets.pairs import pairs_by_task
+from betterbench.datasets.recipe import Recipe
+from betterbench.recording.twins import TwinPair
+from betterbench.shortcuts.examine import ShortcutAudit
+from betterbench.shortcuts.page import audit_lines, prediction_lines
+from betterbench.shortcuts.prediction import Prediction
+from betterbench.tasks.balanced import crossed
+
+MOST_FORECASTS = 15
+PROVEN = (
+    "Each was proven from its states to start in a condition of this regime, to do what is asked in the order asked, "
+    "to handle things only where certified demonstrations do, and to show no test of another regime."
+)
+RANGES = "Ranges over the training frames; `statistics.json` has mean, deviation and quantiles of actions and states."
+ABOUT_REGIME = {
+    "training": "The training conditions of each task with their confounds: words, places and orders that go together.",
+    "balanced": (
+        "The control arm: as many demonstrations of the same skills, with words, places, orders and objects crossed by "
+        "conditions other than the tests."
+    ),
+    "covered": (
+        "The test conditions themselves: what a policy that learned from them solves can be learned, and what it alone "
+        "solves is not generalized. A policy trained on this set is not tested by the same variations."
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CardFacts:
+    """What a card says, beside the recipe.
+
+    Attributes:
+        sheets: File of the picture of each task, relative to the card, or why there is none.
+    """
+
+    sha256: str
+    command: str
+    counts: Sequence[ConditionCounts]
+    numbers: SetNumbers
+    audit: ShortcutAudit | None
+    prediction: Prediction | None
+    pairs: Sequence[TwinPair]
+    sheets: Mapping[str, str]
+
+
+def dataset_card(recipe: Recipe, facts: CardFacts) -> str:
+    """Return the card, as Markdown."""
+    total = sum(c.demonstrations for c in facts.counts)
+    held_out = sum(c.validation for c in facts.counts)
+    given = ", ".join(f"{count} {kind}" for kind, count in facts.numbers.demonstrators.items())
+    counted = (
+        f"{total} demonstrations ({given}) with {facts.numbers.steps} steps; {total - held_out} are for training and "
+        f"{held_out} for validation, by seed (`split.json`)."
+    )
+    lines = [
+        f"# Demonstrations of {len(recipe.tasks)} BeTTER task{'s'[: len(recipe.tasks) - 1]}: {recipe.regime}",
+        "",
+        ABOUT_REGIME[recipe.regime],
+        "",
+        counted,
+        "",
+        PROVEN,
+        "",
+        f"Hash of the set: `{facts.sha256}`. This command makes it again and compares the hash:",
+        "",
+        "```sh",
+        facts.command,
+        "```",
+        "",
+        "## Conditions",
+        "",
+        *_table(("task", "condition", "demonstrations", "for validation", "steps", "instruction"), _rows(facts.counts)),
+        "",
+        "## Actions",
+        "",
+        RANGES,
+        "",
+        *_table(("number", "least", "1 %", "99 %", "most"), _ranges(facts.numbers)),
+        *_task_lines(recipe, facts),
+        *_shortcut_lines(facts),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _rows(counts: Iterable[ConditionCounts]) -> Iterator[tuple[str, ...]]:
+    for c in counts:
+        steps = f"{c.steps_min} to {c.steps_max}, median {c.steps_median}"
+        yield c.task, c.condition, str(c.demonstrations), str(c.validation), steps, c.instruction
+
+
+def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
+    stats = numbers.statistics()["action"]
+    for i, name in enumerate(numbers.components):
+        yield name, *(f"{stats[key][i]:.3f}" for key in ("min", "q01", "q99", "max"))
+
+
+def _task_lines(recipe: Recipe, facts: CardFacts) -> Iterator[str]:
+    """Yield one section per task: its picture, what is crossed, its pairs."""
+    pairs = pairs_by_task(facts.pairs)
+    for task in recipe.tasks:
+        yield from ("", f"## {task}", "")
+        file = facts.sheets.get(task, "none: it was not asked for")
+        shown = (
+            f"![Starts of {task}]({file})" if file.endswith(".jpg") else f"No picture ({file.removeprefix('none: ')})"
+        )
+        yield shown
+        if recipe.regime == "balanced":
+            yield from ("", "Crossed:", "", *(f"- {line}" for line in crossed(task)))
+        if recipe.pairs:
+            found = pairs.get(task, [])
+            rows = sorted(p.shared_rows for p in found)
+            middle = f", which share {rows[0]} to {rows[-1]} rows, {rows[len(rows) // 2]} in the median" if rows else ""
+            yield from ("", f"{len(found)} pairs of twins{middle}.")
+
+
+def _shortcut_lines(facts: CardFacts) -> Iterator[str]:
+    if facts.audit is None or facts.prediction is None:
+        yield from ("", "## Shortcuts", "", "There are too few demonstrations to say anything.")
+        return
+    yield from ("", "## Shortcuts", "", *audit_lines(facts.audit))
+    yield from (
+        "## Prediction",
+        "",
+        "Which variations a learner of this set fails, said before training:",
+        "",
+    )
+    yield from prediction_lines(facts.prediction, most=MOST_FORECASTS)
+    rest = len(facts.prediction.variations) - MOST_FORECASTS
+    if rest > 0:
+        yield from ("", f"`prediction.json` has all {len(facts.prediction.variations)}, with its hash.")
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    def line(cells: tuple[str, ...]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+    return [line(head), "|" + "---|" * len(head), *map(line, rows)]

@@ -1,0 +1,51 @@
+"""The audit and the prediction as Markdown, for cards and for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
+from betterbench.shortcuts.prediction import Prediction
+
+ABOUT = (
+    "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
+    "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
+    f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
+    f"same other one, and if the permutation test, corrected for all questions, gives p ≤ {ALPHA:g}."
+)
+
+
+def audit_lines(audit: ShortcutAudit) -> list[str]:
+    """Return the findings of an audit, one section per group."""
+    lines = [ABOUT, ""]
+    for group in audit.groups:
+        lines += [f"### {group.group}", "", *_group_lines(group), ""]
+    return lines
+
+
+def _group_lines(group: GroupAudit) -> Iterator[str]:
+    found = [f for f in group.findings if f.verdict != "none"]
+    asked = len({f.question for f in group.findings})
+    yield f"{len(group.shortcuts)} shortcuts in {group.episodes} demonstrations; {asked} questions were asked."
+    if not found:
+        return
+    yield ""
+    yield "| what goes together | verdict | bits | strength | p | what a learner can go by | broken by |"
+    yield "|---|---|---|---|---|---|---|"
+    for f in sorted(found, key=lambda f: (f.verdict != "shortcut", -f.strength, f.question, f.subject)):
+        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in _cells(f))} |"
+
+
+def _cells(f: Finding) -> tuple[str, ...]:
+    p = "never differs" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
+    broken = ", ".join(name for name, _ in f.separating) or "none"
+    return f.title, f.verdict, f"{f.bits:.2f}", f"{f.strength:.2f}", p, "; ".join(f.rules), broken
+
+
+def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
+    """Return the ranking of the variations, the likeliest failures first; the first ``most`` of them."""
+    lines = ["| rank | variation | risk | label | because |", "|---|---|---|---|---|"]
+    for f in prediction.variations[:most]:
+        because = "; ".join(f.because).replace("|", "\\|") or "it breaks nothing that the data show"
+        lines.append(f"| {f.rank} | {f.task}/{f.variation} | {f.risk:.2f} | {f.label or '–'} | {because} |")
+    return lines

@@ -1,0 +1,48 @@
+"""Cheeseburger, balanced: every layer in every slot and at other heights, the top bun on one layer or on two."""
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.suite.cheeseburger import (
+    BASE,
+    CHEESE,
+    FIRST,
+    FOURTH,
+    LETTUCE,
+    PATTY,
+    SECOND,
+    STAND,
+    THIRD,
+    TOP,
+    stack,
+)
+
+CROSSED = (
+    "each layer lies in each slot equally often",
+    "patty, cheese and lettuce are each the first layer and the second, and the top bun is the second and the third",
+    "all layers on the table at the start, or one that is not asked for left out",
+)
+STACKS = (
+    (PATTY, CHEESE, TOP),
+    (PATTY, LETTUCE, TOP),
+    (LETTUCE, PATTY, TOP),
+    (LETTUCE, CHEESE, TOP),
+    (CHEESE, PATTY),
+    (CHEESE, LETTUCE),
+    (PATTY, TOP),
+    (LETTUCE, TOP),
+    (CHEESE, TOP),
+)
+SLOTS = (FIRST, SECOND, THIRD, FOURTH)
+
+
+def balanced_cheeseburger() -> list[Condition]:
+    """Return four cyclic layouts with nine stacks each; what is not asked for is left out of every other one."""
+    found = []
+    for turn in range(4):
+        for number, asked in enumerate(STACKS):
+            things = (PATTY, CHEESE, LETTUCE, TOP)
+            layout = {thing: SLOTS[(place + turn) % 4] for place, thing in enumerate(things)}
+            if (turn + number) % 2:
+                del layout[next(thing for thing in things if thing not in asked)]
+            found.append(a.condition({**layout, BASE: STAND}, stack(*asked)))
+    return found

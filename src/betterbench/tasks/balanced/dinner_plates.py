@@ -1,0 +1,51 @@
+"""Dinner plates, balanced: red and blue in every slot, with the white plate at either position.
+
+On the right of the white plate's right position nothing else fits, so that position occurs with the left slots alone;
+what would be a test scene there is left without the plate that is not asked for.
+"""
+
+from dataclasses import replace
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.suite.dinner_plates import (
+    BLUE,
+    BLUE_ON_RED,
+    BLUE_ON_WHITE,
+    LEFT_BACK,
+    LEFT_FRONT,
+    RED,
+    RED_ON_WHITE,
+    RIGHT_BACK,
+    RIGHT_FRONT,
+    STAND_MIDDLE,
+    STAND_RIGHT,
+    WHITE,
+)
+
+CROSSED = (
+    "red and blue plates stand in each slot, with the white plate at either position",
+    "the word white goes with the white plate as the target and with the red one",
+    "three plates at the start, or the two that are asked for",
+)
+ON_THE_STACK = replace(BLUE_ON_RED, text="Put the blue plate on the red plate that stands on the white plate.")
+MIDDLE = ((LEFT_BACK, RIGHT_FRONT), (LEFT_FRONT, RIGHT_BACK), (RIGHT_BACK, LEFT_FRONT), (RIGHT_FRONT, LEFT_BACK))
+
+
+def balanced_dinner_plates() -> list[Condition]:
+    """Return each instruction with each slot of its plate, for either position of the white plate."""
+    right = {WHITE: STAND_RIGHT}
+    trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
+    found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]
+    found += [a.condition(trained, BLUE_ON_WHITE), a.condition({BLUE: LEFT_BACK, **right}, BLUE_ON_WHITE)]
+    found += [_stacked(slot, STAND_RIGHT) for slot in (LEFT_FRONT, LEFT_BACK)]
+    for red, blue in MIDDLE:
+        layout = {RED: red, BLUE: blue, WHITE: STAND_MIDDLE}
+        found += [a.condition(layout, RED_ON_WHITE), a.condition(layout, BLUE_ON_WHITE), _stacked(blue, STAND_MIDDLE)]
+    return found
+
+
+def _stacked(blue: a.Slot, white: a.Slot) -> Condition:
+    asked = ON_THE_STACK if blue in (LEFT_FRONT, RIGHT_BACK) else BLUE_ON_RED
+    layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
+    return a.condition(layout, asked, preplaced={RED: WHITE})

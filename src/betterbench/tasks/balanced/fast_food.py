@@ -1,0 +1,44 @@
+"""Fast food, balanced: every food in every slot, the burger first or second, one burger or two."""
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.suite.fast_food import (
+    BOX,
+    BURGER,
+    BURGER_2,
+    BURGER_DRINK,
+    BURGER_FRIES,
+    DRINK,
+    FIRST,
+    FOURTH,
+    FRIES,
+    SECOND,
+    STAND,
+    THIRD,
+    order,
+)
+
+CROSSED = (
+    "each food stands in each slot equally often",
+    "a burger comes first or second",
+    "two burgers and four things at the start, or one less of either",
+)
+FRIES_BURGER = order("the fries into the takeaway box, then a burger", FRIES, BURGER)
+DRINK_BURGER = order("the drink into the takeaway box, then a burger", DRINK, BURGER)
+ASKED = ((BURGER_FRIES, DRINK), (BURGER_DRINK, FRIES), (FRIES_BURGER, DRINK), (DRINK_BURGER, FRIES))
+SLOTS = (FIRST, SECOND, THIRD, FOURTH)
+
+
+def balanced_fast_food() -> list[Condition]:
+    """Return four cyclic layouts with four orders each; an unasked thing or a burger is left out of every other one."""
+    found = []
+    for turn in range(4):
+        for number, (asked, unasked) in enumerate(ASKED):
+            things = (BURGER, BURGER_2, FRIES, DRINK)
+            layout = {thing: SLOTS[(place + turn) % 4] for place, thing in enumerate(things)}
+            if (turn + number) % 4 == 1:
+                del layout[unasked]
+            if (turn + number) % 4 == 3:
+                del layout[BURGER]
+            found.append(a.condition({**layout, BOX: STAND}, asked))
+    return found

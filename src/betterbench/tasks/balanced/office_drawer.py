@@ -1,0 +1,53 @@
+"""Office drawer, balanced: stapler and tape in every slot and in either drawer, the cabinet at either position.
+
+"The stapler into the lower drawer" alone is the instruction of a test; it is asked for together with the tape only.
+"""
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.suite.office_drawer import (
+    CABINET,
+    CABINET_BACK,
+    CABINET_FRONT,
+    LEFT_BACK,
+    LEFT_FRONT,
+    LOWER,
+    OPEN_M,
+    RIGHT_BACK,
+    RIGHT_FRONT,
+    STAPLER,
+    TAPE,
+    UPPER,
+    load,
+)
+
+CROSSED = (
+    "stapler and tape lie in each slot, with the cabinet at either position",
+    "stapler and tape go into either drawer, and either comes first",
+    "both things on the table, or the one that is not asked for left out",
+)
+LAYOUTS = (
+    {STAPLER: LEFT_BACK, TAPE: LEFT_FRONT, CABINET: CABINET_BACK},
+    {STAPLER: RIGHT_FRONT, TAPE: RIGHT_BACK, CABINET: CABINET_FRONT},
+    {STAPLER: LEFT_FRONT, TAPE: LEFT_BACK, CABINET: CABINET_FRONT},
+    {STAPLER: RIGHT_BACK, TAPE: RIGHT_FRONT, CABINET: CABINET_BACK},
+)
+
+
+def balanced_office_drawer() -> list[Condition]:
+    """Return four layouts with two things in one drawer each, its drawer shut or open, and both exchanged."""
+    found = []
+    for layout in LAYOUTS:
+        for thing, other, into in ((STAPLER, TAPE, UPPER), (TAPE, STAPLER, LOWER)):
+            alone = {o: slot for o, slot in layout.items() if o is not other}
+            found.append(_asked(layout, (thing, into)))
+            found.append(_asked(alone, (thing, into), opened={into: OPEN_M}))
+        found.append(_asked(layout, (STAPLER, LOWER), (TAPE, UPPER)))
+        found.append(_asked(layout, (TAPE, UPPER), (STAPLER, LOWER)))
+    return found
+
+
+def _asked(
+    layout: a.SlotLayout, *steps: tuple[a.ObjectSpec, a.ObjectSpec], opened: dict[a.ObjectSpec, float] | None = None
+) -> Condition:
+    return a.condition(layout, load(*steps), UPPER, LOWER, opened=opened)

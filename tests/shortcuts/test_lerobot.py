@@ -1,0 +1,115 @@
+"""A stranger's dataset: the planted confound is found and nothing else, whatever its version and columns."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.shortcuts.examine import audit_dataset
+from betterbench.shortcuts.lerobot import facts_of_lerobot
+
+CUPS, VERBS, TARGETS = ("red", "blue"), ("put", "move"), ("box", "tray")
+STEPS = 40
+
+
+def made_up(path, *, version="v3.0", planted=True, names=("x", "y", "z", "gripper"), joints=False, episodes=120):
+    """Write a dataset in which the cup's color goes with where it is picked, if that is planted, and nothing else."""
+    draw = np.random.default_rng(7)
+    texts = [f"{verb} the {cup} cup into the {target}" for cup in CUPS for verb in VERBS for target in TARGETS]
+    rows = {"episode_index": [], "frame_index": [], "task_index": [], "observation.state": [], "action": []}
+    mix = draw.normal(size=(3, 6)) if joints else None
+    for episode in range(episodes):
+        task = int(draw.integers(len(texts)))
+        red = texts[task].split()[2] == "red"
+        left = red if planted else bool(draw.integers(2))
+        pick = np.array([0.4, 0.2 if left else -0.2, 0.1]) + draw.normal(0, 0.01, 3)
+        drop = np.array([0.6, 0.3 if draw.integers(2) else -0.3, 0.1]) + draw.normal(0, 0.01, 3)
+        home = np.array([0.5, 0.0, 0.3])
+        about = home + 0.1 * np.array([*np.eye(2)[draw.integers(2)] * draw.choice([-1, 1]), 0.0])  # sets out anywhere
+        way = np.concatenate(
+            [np.linspace(a, b, 10) for a, b in ((home, about), (about, pick), (pick, drop))] + [[drop] * 10]
+        )
+        closed = np.r_[np.zeros(20), np.ones(10), np.zeros(10)]
+        state = np.column_stack([way @ mix, closed]) if joints else np.column_stack([way, closed])
+        rows["episode_index"] += [episode] * STEPS
+        rows["frame_index"] += list(range(STEPS))
+        rows["task_index"] += [task] * STEPS
+        rows["observation.state"] += state.astype(np.float32).tolist()
+        rows["action"] += np.column_stack([np.gradient(way, axis=0), closed]).astype(np.float32).tolist()
+    size = len(rows["observation.state"][0])
+    features = {
+        "observation.state": {"dtype": "float32", "shape": [size], "names": None if joints else list(names)},
+        "action": {"dtype": "float32", "shape": [4], "names": ["dx", "dy", "dz", "gripper"]},
+        "observation.images.top": {"dtype": "video", "shape": [64, 64, 3], "names": None},
+    }
+    (path / "meta").mkdir(parents=True)
+    info = {"codebase_version": version, "fps": 10, "total_episodes": episodes, "features": features}
+    (path / "meta" / "info.json").write_text(json.dumps(info))
+    table = pa.table(rows)
+    if version.startswith("v3"):
+        index = pa.table({"task_index": list(range(len(texts))), "__index_level_0__": texts})
+        pq.write_table(index, path / "meta" / "tasks.parquet")
+        file = path / "data" / "chunk-000" / "file-000.parquet"
+        file.parent.mkdir(parents=True)
+        pq.write_table(table, file)
+    else:
+        lines = (json.dumps({"task_index": i, "task": text}) for i, text in enumerate(texts))
+        (path / "meta" / "tasks.jsonl").write_text("\n".join(lines) + "\n")
+        for episode in range(episodes):
+            file = path / "data" / "chunk-000" / f"episode_{episode:06d}.parquet"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            pq.write_table(table.slice(episode * STEPS, STEPS), file)
+    return path
+
+
+@pytest.mark.parametrize(("version", "joints"), [("v3.0", False), ("v2.1", False), ("v3.0", True)])
+def test_the_planted_confound_is_found_and_nothing_else(tmp_path, version, joints):
+    found = audit_dataset("made up", facts_of_lerobot(made_up(tmp_path / "set", version=version, joints=joints)))
+    (group,) = found.groups
+    assert group.episodes == 120
+    assert {(f.question, f.subject) for f in group.shortcuts} == {
+        ("words_first_place", "blue"),
+        ("words_first_place", "red"),
+    }
+    assert all(f.strength > 0.95 and f.p_adjusted < 0.01 for f in group.shortcuts)
+
+
+def test_nothing_is_found_where_nothing_is_planted(tmp_path):
+    found = audit_dataset("made up", facts_of_lerobot(made_up(tmp_path / "set", planted=False)))
+    assert found.groups[0].shortcuts == ()
+    assert {f.question for f in found.groups[0].findings} == {"words_first_place", "words_last_place", "words_heading"}
+
+
+def test_the_command_writes_what_it_found(tmp_path, capsys):
+    made_up(tmp_path / "set")
+    assert main(["shortcuts", str(tmp_path / "set"), "--out", str(tmp_path / "audit")]) == 0
+    assert "2 shortcuts in 120 demonstrations" in capsys.readouterr().out
+    form = json.loads((tmp_path / "audit" / "shortcuts.json").read_text())
+    assert form["groups"][0]["group"] == "LeRobot dataset set"
+    assert "with “red”, first taken from (0.40, 0.20) | none" in (tmp_path / "audit" / "shortcuts.md").read_text()
+    assert not (tmp_path / "audit" / "prediction.json").exists()
+
+
+def test_what_cannot_be_read_is_one_clear_line(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"info\.json.*Give the folder of a LeRobot dataset"):
+        facts_of_lerobot(tmp_path)
+    path = made_up(tmp_path / "set", episodes=20)
+    file = path / "data" / "chunk-000" / "file-000.parquet"
+    file.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(RecordError, match=r"file-000\.parquet: it cannot be read"):
+        facts_of_lerobot(path)
+    file.unlink()
+    with pytest.raises(InvalidInputError, match="it holds no episode"):
+        facts_of_lerobot(path)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    del info["features"]["observation.state"]
+    (path / "meta" / "info.json").write_text(json.dumps(info))
+    with pytest.raises(InvalidInputError, match="no proprioception"):
+        facts_of_lerobot(path)
+    assert main(["shortcuts", str(tmp_path / "nothing")]) == 2
