@@ -4,7 +4,7 @@ from betterbench.scenes.builder import CompiledScene, Placement, engine_version,
 from betterbench.scenes.clearance import Clearance
 from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
 from betterbench.scenes.rendering import Images, Renderer
-from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
+from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
 from betterbench.scenes.stored import StoredView, load_model
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "Placement",
     "Renderer",
     "Scene",
+    "SceneSnapshot",
     "StoredView",
     "engine_version",
     "gl_backend",

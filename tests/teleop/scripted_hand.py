@@ -1,0 +1,55 @@
+"""A hand that packs fruit through a session: it knows where things are, and asks for poses as a person would."""
+
+from __future__ import annotations
+
+from betterbench.geometry import Pose
+from betterbench.interface.actions import EE_DELTA
+from betterbench.scenes import Scene
+from betterbench.tasks import get_task
+from betterbench.teleop.session import Hand, TeleopSession
+
+TASK, CONDITION, SEED = "fruit_lunch", "train1", 500_000_000
+ITEMS = ("apple", "orange")
+
+
+def fresh_scene(task: str = TASK, condition: str = CONDITION, seed: int = SEED) -> Scene:
+    found = get_task(task)
+    return Scene(found, found.train(condition), seed=seed, action_space=EE_DELTA)
+
+
+def go(session: TeleopSession, target: Pose, *, closed: bool, most: int = 100) -> None:
+    for _ in range(most):
+        session.step(Hand(target, closed))
+        if session.phase != "going" or session.is_waiting(target):
+            return
+
+
+def hold(session: TeleopSession, steps: int, *, closed: bool) -> None:
+    for _ in range(steps):
+        session.step(Hand(None, closed))
+
+
+def grasp_of(session: TeleopSession, kind: str) -> tuple[Pose, Pose]:
+    """Return where the gripper takes the first object of a kind, and how it holds it above the target."""
+    state = session.state
+    name = next(o.name for o in state.info.objects if o.kind == kind)
+    asset = next(p.asset for p in session.scene.placements if p.spec.name == name)
+    place = state.pose(name) @ asset.grasps[0].pose
+    return Pose(place.position, session.state.commanded_pose.quaternion), state.pose(name)
+
+
+def pack(session: TeleopSession, kind: str, *, offset_m: float = 0.0, drop_m: float = 0.205) -> None:
+    """Take an object from above, and let go of it in the lunchbox."""
+    grasp, _ = grasp_of(session, kind)
+    state = session.state
+    box = state.pose(next(o.name for o in state.info.objects if "lunchbox" in o.kind)).position
+    go(session, grasp.translated(z=0.12), closed=False)
+    go(session, grasp, closed=False)
+    hold(session, 10, closed=True)
+    go(session, grasp.translated(z=0.22), closed=True)
+    above = Pose((box[0] + offset_m, box[1] - 0.04, grasp.position[2] + 0.22), grasp.quaternion)
+    go(session, above, closed=True)
+    go(session, above.translated(z=-drop_m), closed=True)
+    hold(session, 10, closed=False)
+    go(session, above, closed=False)
+    hold(session, 20, closed=False)
