@@ -11,11 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from scripted_hand import fresh_scene, go, grasp_of, hold, pack
+from scripted_operator import fresh_scene, go, grasp_of, hold, pack
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose
-from betterbench.teleop.session import Hand, TeleopSession
+from betterbench.teleop.session import Command, TeleopSession
 from betterbench.teleop.steering import IN_THE_TABLE, OUT_OF_REACH
 
 pytestmark = pytest.mark.physics
@@ -38,7 +38,7 @@ def packed():
     return session
 
 
-def test_a_scripted_hand_packs_the_items(packed):
+def test_a_scripted_operator_packs_the_items(packed):
     assert packed.phase == "success"
     found = packed.finished("tester")
     assert found.note.failure in ("", "outside support"), found.note.reason
@@ -60,7 +60,7 @@ def test_what_was_undone_never_was(packed):
     while session.steps + 1 > at_subgoal:
         session.undo()
     assert session.steps + 1 == at_subgoal
-    # The hand was on its way when the subgoal was done, and goes on from there as it did the first time.
+    # The operator was on the way when the subgoal was done, and goes on from there as it did the first time.
     for row in packed._rows[at_subgoal:]:
         _again(session, row)
     assert session.finished("tester").record.same_bits(packed.finished("tester").record)
@@ -117,22 +117,22 @@ def test_an_episode_ends_at_its_step_limit_and_can_be_undone():
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_hand_that_is_not_finite_changes_nothing(bad):
+def test_a_command_that_is_not_finite_changes_nothing(bad):
     session = TeleopSession(fresh_scene())
     hold(session, 2, closed=False)
     before = whole_state(session)
     for target in (Pose((0.5, bad, 0.2)), Pose((0.5, 0.0, 0.2), (bad, 0.0, 0.0, 1.0)), Pose((0.5, 0, 0.2), (0,) * 4)):
         with pytest.raises(InvalidInputError, match="not finite"):
-            session.step(Hand(target, closed=False))
+            session.step(Command(target, closed=False))
     with pytest.raises(InvalidInputError, match="not finite"):
-        session.step(Hand(None, closed=False, speed=bad))
+        session.step(Command(None, closed=False, speed=bad))
     assert whole_state(session) == before
 
 
 def test_a_target_out_of_reach_or_in_the_table_is_held_back_and_said():
     session = TeleopSession(fresh_scene())
     down = session.state.commanded_pose.quaternion
-    go(session, Pose((0.45, -0.33, -0.5), down), closed=False)
+    go(session, Pose((0.3, -0.38, -0.5), down), closed=False)
     assert session.notice == IN_THE_TABLE
     assert 0.0 < session.state.ee_pose.position[2] < 0.02
     session.restart()

@@ -77,6 +77,7 @@ VERBS: dict[str, Verb] = {
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect demonstrations of the expert, given in varied manners."),
+    "teleop": Verb("teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm."),
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),

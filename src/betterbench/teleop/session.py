@@ -1,8 +1,8 @@
-"""A teleoperated episode: commands of a hand in, states out; it knows no clock, no browser and no device.
+"""A teleoperated episode: commands of an operator in, states out; it knows no clock, no browser and no device.
 
-What the hand asks for goes through the same action space as any policy, so the record is an ordinary one. The session
-remembers the whole state at the start and at every moment at which a subgoal has been done. Undo comes back to the last
-of them, and what came after it never was: the record is the one of an episode in which it was not done.
+What the operator asks for goes through the same action space as any policy, so the record is an ordinary one. The
+session remembers the whole state at the start and at every moment at which a subgoal has been done. Undo comes back to
+the last of them, and what came after it never was: the record is the one of an episode in which it was not done.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from betterbench.demonstrations.attempt import AttemptNote, DemonstrationAttempt, judged
+from betterbench.demonstrations.attempt import AttemptNote, DemonstrationAttempt, judge_attempt
 from betterbench.episodes import TrialContext, describe
 from betterbench.errors import InvalidInputError
 from betterbench.experts.motion import CLOSE, FREE, OPEN
@@ -29,7 +29,9 @@ TELEOPERATED = "demonstrator:teleoperated"
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
 """Distance from its target within which the commanded pose counts as there [m, rad]."""
 RESTING_M_S = 0.01
-"""Speed below which an object counts as resting while the session waits for the hand [m/s]."""
+"""Speed below which an object counts as resting while the session waits for the operator [m/s]."""
+FINGERS_STILL_M = 0.0005
+"""Change of the distance of the fingers within a control step below which they count as still [m]."""
 STUCK_M = 0.035
 """Distance of the tool from where it is sent that counts as stuck [m]; the controller allows 0.05."""
 STUCK_STEPS = 10
@@ -37,12 +39,12 @@ STUCK_STEPS = 10
 SAME_MOMENT_STEPS = 20
 """Control steps within which the same subgoals done again are not another moment to come back to: 1 s."""
 
-Phase = Literal["going", "success", "step_limit"]
+SessionPhase = Literal["going", "success", "step_limit"]
 
 
 @dataclass(frozen=True, slots=True)
-class Hand:
-    """What a hand asks for at one control step.
+class Command:
+    """What the operator asks for at one control step.
 
     Attributes:
         target: Where the tool center point is to go, in the base frame; None to stay where it is sent now.
@@ -79,7 +81,7 @@ class _Row:
 
 
 class TeleopSession:
-    """One episode in one scene, driven by a hand."""
+    """One episode in one scene, driven by an operator."""
 
     def __init__(self, scene: Scene) -> None:
         """Put the scene to the start of its trial; PremiseError if it does not show what the instruction presupposes.
@@ -95,7 +97,7 @@ class TeleopSession:
         self._steering = Steering()
         self._stuck_for = 0
         self.notice = ""
-        """What keeps the tool from where the hand wants it, in one line; "" if nothing does."""
+        """What keeps the tool from where the operator wants it, in one line; "" if nothing does."""
         state = scene.reset()
         self._tracker = self._new_tracker()
         self._take(state, None, None)
@@ -117,7 +119,7 @@ class TeleopSession:
         return len(self._rows) - 1
 
     @property
-    def phase(self) -> Phase:
+    def phase(self) -> SessionPhase:
         """Whether the episode goes on; it has ended once it succeeded or its steps are used up."""
         if self.truth.success:
             return "success"
@@ -131,7 +133,10 @@ class TeleopSession:
     def is_waiting(self, target: Pose | None) -> bool:
         """Tell whether nothing would happen in a step: the arm is where it was sent, and nothing moves or is due."""
         state, truth = self.state, self.truth
-        if truth.goal or not arm_still(state) or max(state.linear_speeds, default=0.0) > RESTING_M_S:
+        fingers = [row.state.finger_width_m for row in self._rows[-2:]]
+        if max(fingers) - min(fingers) > FINGERS_STILL_M or truth.goal or not arm_still(state):
+            return False
+        if max(state.linear_speeds, default=0.0) > RESTING_M_S:
             return False
         there = state.commanded_pose
         wanted = there if target is None else self.reach.within(target)[0]
@@ -140,20 +145,20 @@ class TeleopSession:
             and angle_between(there.quaternion, wanted.quaternion) < ARRIVED_RAD
         )
 
-    def step(self, hand: Hand) -> WorldState:
+    def step(self, command: Command) -> WorldState:
         """Take one control step and return the state after it; nothing happens once the episode has ended.
 
-        Raises InvalidInputError if a number of the hand is not finite; the session is then as it was.
+        Raises InvalidInputError if a number of the command is not finite; the session is then as it was.
         """
-        if (hand.target is not None and not is_finite(hand.target)) or not np.isfinite(hand.speed):
-            raise InvalidInputError("hand", "its pose is not finite", "Send finite numbers; the arm holds still")
+        if (command.target is not None and not is_finite(command.target)) or not np.isfinite(command.speed):
+            raise InvalidInputError("command", "its pose is not finite", "Send finite numbers; the arm holds still")
         if self.phase != "going":
             return self.state
         now = self.state.commanded_pose
-        wanted, self.notice = (now, "") if hand.target is None else self.reach.within(unit(hand.target))
-        gripper = CLOSE if hand.closed else OPEN
+        wanted, self.notice = (now, "") if command.target is None else self.reach.within(unit(command.target))
+        gripper = CLOSE if command.closed else OPEN
         self._steering, action = self._steering.toward(
-            now, wanted, gripper, share=hand.speed, period_s=self._period_s
+            now, wanted, gripper, share=command.speed, period_s=self._period_s
         )
         applied = self.scene.step(action)
         state = self.scene.state()
@@ -199,7 +204,7 @@ class TeleopSession:
                 goal=row.truth.goal,
                 forbidden=row.truth.forbidden,
             )
-        ends: dict[Phase, tuple[Termination, str | None]] = {
+        ends: dict[SessionPhase, tuple[Termination, str | None]] = {
             "success": ("success", None),
             "step_limit": ("step_limit", None),
             "going": ("interrupted", "the person stopped"),
@@ -223,7 +228,7 @@ class TeleopSession:
             return DemonstrationAttempt(note, record)
         here = self.scene.snapshot()
         try:
-            return judged(self.scene, record, 0, None)
+            return judge_attempt(self.scene, record, 0, None)
         finally:
             self.scene.restore(here)
 

@@ -1,4 +1,4 @@
-"""Steering: from where a hand wants the tool to the action of one control step, within reach and at a bounded speed."""
+"""Steering: from a target of the tool to the action of one control step, within reach and at a bounded speed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from betterbench.geometry import Pose, angle_between, distance, normalize, slerp
 from betterbench.robots import RobotSpec
 
 LOWEST_TIP_M = 0.002
-"""Least height of the finger tips above the table that a hand can ask for [m]."""
+"""Least height of the finger tips above the table that the operator can ask for [m]."""
 SHOULDER_HEIGHT_M = 0.333
 """Height of the second joint of the Panda above its base [m] (Franka's data sheet), from which reach is counted."""
 FLANGE_TO_TOOL_M = 0.21
 """Distance of the tool center point from the flange [m]: what the arm has to keep of its reach with the tool down."""
 REACH_SHARE = 0.97
-"""Share of the full reach that a hand can ask for: a stretched arm cannot turn."""
+"""Share of the full reach that the operator can ask for: a stretched arm cannot turn."""
 NEAREST_M = 0.20
 """Least horizontal distance from the axis of the base [m]: nearer, the arm hits itself."""
 HIGHEST_M = 0.75
@@ -111,5 +111,3 @@ def is_finite(pose: Pose) -> bool:
 def unit(pose: Pose) -> Pose:
     """Return a pose from outside with a unit quaternion, w >= 0."""
     return Pose(pose.position, normalize(pose.quaternion))
-
-

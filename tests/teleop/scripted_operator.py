@@ -1,4 +1,4 @@
-"""A hand that packs fruit through a session: it knows where things are, and asks for poses as a person would."""
+"""An operator who packs fruit through a session: who knows where things are, and asks for poses as a person would."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
 from betterbench.scenes import Scene
 from betterbench.tasks import get_task
-from betterbench.teleop.session import Hand, TeleopSession
+from betterbench.teleop.session import Command, TeleopSession
 
 TASK, CONDITION, SEED = "fruit_lunch", "train1", 500_000_000
 ITEMS = ("apple", "orange")
@@ -19,14 +19,14 @@ def fresh_scene(task: str = TASK, condition: str = CONDITION, seed: int = SEED) 
 
 def go(session: TeleopSession, target: Pose, *, closed: bool, most: int = 100) -> None:
     for _ in range(most):
-        session.step(Hand(target, closed))
+        session.step(Command(target, closed))
         if session.phase != "going" or session.is_waiting(target):
             return
 
 
 def hold(session: TeleopSession, steps: int, *, closed: bool) -> None:
     for _ in range(steps):
-        session.step(Hand(None, closed))
+        session.step(Command(None, closed))
 
 
 def grasp_of(session: TeleopSession, kind: str) -> tuple[Pose, Pose]:
