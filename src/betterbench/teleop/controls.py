@@ -87,11 +87,6 @@ class ControlInput:
     closed: bool | None = None
     driver: int | None = None
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing was asked for."""
-        return not self.taps and self.drag is None and not any(self.push) and not self.is_dragging
-
 
 @dataclass(slots=True)
 class _Push:
@@ -166,7 +161,8 @@ class Controls:
     def sent(self, page: int, text: str, now_s: float) -> bool:
         """Take in what the script of a page sends; False if the page does not drive and asks for something."""
         try:
-            form: _Sent = read_form(_SENT, text.removeprefix(MARK).encode(), where="page", cure="Reload the page")
+            data = text.removeprefix(MARK).encode(errors="replace")
+            form: _Sent = read_form(_SENT, data, where="page", cure="Reload the page")
         except BetterError as problem:
             with self._lock:
                 self._tell(str(problem))

@@ -112,7 +112,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
         made = makers.make_teleoperator_from_config(
             configs.TeleoperatorConfig.get_choice_class(kind)(port=port, id=name, use_degrees=True)
         )
-    except ImportError as problem:
+    except Exception as problem:  # an installation that does not fit together fails in many ways
         raise MissingDependencyError(
             f"--leader needs lerobot with its Feetech motors ({one_line(problem)}). Run: pip install 'lerobot[feetech]'"
         ) from problem

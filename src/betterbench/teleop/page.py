@@ -7,8 +7,10 @@ other.
 
 from __future__ import annotations
 
+import contextlib
 import html
 import importlib
+import io
 import json
 import logging
 import math
@@ -27,7 +29,9 @@ from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
 from betterbench.teleop.steering import SLOWEST
 
 GIZMO = "/tool"
-EYE_M, LOOK_AT_M = (-0.55, -0.75, 0.85), (0.45, 0.02, 0.08)
+GIZMO_M = 0.20
+"""Length of the arrows of the gizmo [m]."""
+EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Where the person stands at first, and looks [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
 TOLD_EVERY_S = 3.0
@@ -105,7 +109,8 @@ class Page:
         self._controls = controls
         wanted = free_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
-        self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
+            self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
         self.port = int(self._server.get_port())
         if self.port != wanted:  # somebody was faster, and viser took the next one
             self._server.stop()
@@ -140,7 +145,8 @@ class Page:
 
     def close(self) -> None:
         """Close all connections and stop listening."""
-        self._server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
+            self._server.stop()
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
         """Show the bodies of another scene, given as GLB by number."""
@@ -209,7 +215,7 @@ class Page:
         scene.configure_default_lights(enabled=True, cast_shadow=True)
         camera = self._server.initial_camera
         camera.position, camera.look_at = EYE_M, LOOK_AT_M
-        self._gizmo = scene.add_transform_controls(GIZMO, scale=0.16, line_width=3.0, depth_test=False, opacity=0.9)
+        self._gizmo = scene.add_transform_controls(GIZMO, scale=GIZMO_M, line_width=3.0, depth_test=False, opacity=0.9)
 
         async def moved(event: Any) -> None:  # noqa: ANN401
             at, turn = event.target.position, event.target.wxyz

@@ -136,8 +136,8 @@ class Station:
             self._target = asked.drag
         elif any(asked.push):
             self._target = self._pushed(session, asked.push)
-        wishes = not asked.is_empty or self._closed != (session.state.gripper_command > 0.0)
-        self._still_for = 0 if wishes or not session.is_waiting(self._target) else self._still_for + 1
+        is_due = self._closed != (session.state.gripper_command > 0.0) or not session.is_waiting(self._target)
+        self._still_for = 0 if is_due else self._still_for + 1
         self._is_waiting = asked.driver is None or session.phase != "going" or self._still_for > WAIT_STEPS
         if self._is_waiting:
             return
