@@ -12,8 +12,7 @@ from betterbench.teleop.controls import Controls
 from betterbench.teleop.devices import EV_ABS, EV_KEY, EV_REL, EVENT, Device, DeviceThread, find_devices
 
 
-def described(root, number, name, vendor, product, key_words):
-    about = root / f"event{number}" / "device"
+def described(about, name, vendor, product, key_words):
     (about / "id").mkdir(parents=True)
     (about / "capabilities").mkdir()
     (about / "name").write_text(f"{name}\n")
@@ -23,11 +22,17 @@ def described(root, number, name, vendor, product, key_words):
 
 
 def test_gamepads_and_space_mice_are_found_and_nothing_else(tmp_path):
-    described(tmp_path, 0, "AT keyboard", 0x0001, 0x0001, "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe")
-    described(tmp_path, 1, "Xbox pad", 0x045E, 0x028E, "7cdb000000000000 0 0 0 0")
-    described(tmp_path, 2, "SpaceMouse Compact", 0x256F, 0xC635, "3 0 0 0 0")
-    described(tmp_path, 3, "SpaceNavigator", 0x046D, 0xC626, "3 0 0 0 0")
-    described(tmp_path, 4, "Logitech mouse", 0x046D, 0xC077, "70000 0 0 0 0")
+    described(
+        tmp_path / "event0" / "device",
+        "AT keyboard",
+        0x0001,
+        0x0001,
+        "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe",
+    )
+    described(tmp_path / "event1" / "device", "Xbox pad", 0x045E, 0x028E, "7cdb000000000000 0 0 0 0")
+    described(tmp_path / "event2" / "device", "SpaceMouse Compact", 0x256F, 0xC635, "3 0 0 0 0")
+    described(tmp_path / "event3" / "device", "SpaceNavigator", 0x046D, 0xC626, "3 0 0 0 0")
+    described(tmp_path / "event4" / "device", "Logitech mouse", 0x046D, 0xC077, "70000 0 0 0 0")
     (tmp_path / "event5").mkdir()
     found = [(d.name, d.kind, str(d.path)) for d in find_devices(tmp_path)]
     assert found == [

@@ -1,4 +1,4 @@
-"""``better teleop`` as its operator meets it: the gizmo is dragged in a browser until everything is packed and saved."""
+"""``better teleop`` as its operator meets it: the gizmo is dragged in a browser until all is packed and saved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "report")]
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 
 from browser_operator import BrowserOperator
 from chromium import COMMAND, browser
