@@ -28,7 +28,7 @@ demo: setup ## evaluate the expert and three policies with known faults, diagnos
 	@$(RUN) $(PY) -m betterbench.cli demo --out runs/demo $(ARGS)
 
 test: setup ## the default tests, on JOBS=2 processes; ARGS="-k name" goes to pytest
-	@$(RUN) $(PY) -m pytest -q -n $(JOBS) $(ARGS)
+	@$(RUN) $(PY) -m pytest -q -n $(JOBS) --dist loadscope $(ARGS)
 
 test-slow: setup ## the long tests
 	@$(RUN) $(PY) -m pytest -q -n $(JOBS) -m "slow and not gpu and not network and not llm" $(ARGS)

@@ -24,7 +24,9 @@ import numpy as np  # noqa: E402
 import betterbench  # noqa: E402
 from betterbench.errors import MissingDependencyError  # noqa: E402
 from betterbench.scenes import engine_version, renderer_fingerprint  # noqa: E402
-from rows import Figure, PeerRows, rows  # noqa: E402
+from figures import Figure  # noqa: E402
+from peer_rows import PeerRows  # noqa: E402
+from rows import rows  # noqa: E402
 
 
 def main() -> None:
@@ -41,28 +43,26 @@ def main() -> None:
     began = time.perf_counter()
     if not options.json:
         print(_head(machine))
-    try:
-        for name in options.only or known:
-            try:
-                for figure in known[name](quick=options.quick):
-                    figures.append(figure)
-                    if not options.json:
-                        print(line_of(figure), flush=True)
-            except MissingDependencyError as error:
-                figures.append(Figure(name, "images", (), "x", note=str(error)))
+    for name in options.only or known:
+        try:
+            for figure in known[name](quick=options.quick):
+                figures.append(figure)
                 if not options.json:
-                    print(line_of(figures[-1]), flush=True)
-        machine["peer"] = peer.versions()
-    finally:
-        peer.close()
+                    print(line_of(figure), flush=True)
+        except MissingDependencyError as error:
+            figures.append(Figure(name, "images", (), "x", note=str(error)))
+            if not options.json:
+                print(line_of(figures[-1]), flush=True)
+    machine["peers"] = peer.versions()
     machine["load_at_end"] = _load()
     machine["took_s"] = round(time.perf_counter() - began, 1)
     if options.json:
         lines = [{**asdict(f), "median": f.median if f.values else None, "reached": f.reached} for f in figures]
         print(json.dumps({"machine": machine, "figures": lines}, indent=2))
     else:
-        peers = ", ".join(f"{k} {v}" for k, v in machine["peer"].items())
-        print(f"\n{machine['took_s']} s; load at the end {machine['load_at_end']}{'; peer: ' + peers if peers else ''}")
+        print(f"\n{machine['took_s']} s; load at the end {machine['load_at_end']}")
+        for peer_name, versions in machine["peers"].items():
+            print(f"peer {peer_name}: {', '.join(f'{k} {v}' for k, v in versions.items())}")
 
 
 def describe_machine() -> dict[str, Any]:
@@ -98,14 +98,14 @@ def line_of(figure: Figure) -> str:
     else:
         shown, spread, verdict = "not measured", "", ""
     required = "" if figure.bound is None else f"{figure.relation} {figure.bound:g} {figure.unit}"
-    line = f"{figure.row:<9} {figure.text:<55} {shown:>12} {spread:<13} {required:<11} {verdict:<11}"
-    return f"{line.rstrip()}\n{'':<10}{figure.note}" if figure.note else line.rstrip()
+    line = f"{figure.row:<10} {figure.text:<55} {shown:>12} {spread:<13} {required:<11} {verdict:<11}"
+    return f"{line.rstrip()}\n{'':<11}{figure.note}" if figure.note else line.rstrip()
 
 
 def _head(machine: dict[str, Any]) -> str:
     renderer = ", ".join(str(v) for v in machine["renderer"].values())
     versions = ", ".join(f"{k} {v}" for k, v in machine["versions"].items())
-    title = f"{'row':<9} {'what':<55} {'median':>12} {'[min-max]':<13} {'required':<11} verdict"
+    title = f"{'row':<10} {'what':<55} {'median':>12} {'[min-max]':<13} {'required':<11} verdict"
     return (
         f"{machine['processor']}, {machine['usable_cores']} of {machine['cores']} cores, load {machine['load']}\n"
         f"{renderer}\n{versions}\n\n{title}\n{'-' * len(title)}"

@@ -31,12 +31,32 @@ CONTEXT = TrialContext(
     policy="bench", variation=None, axis=None, base_condition=None, interventions=(), camera_preset=None
 )
 
+HEAVIEST = "breakfast_table"
+"""The task with the most objects, contacts and faces."""
+
+PICTURE_TASK = "fast_food"
+"""Task of the rows that measure one task only."""
+
+PICTURE_TASKS = (PICTURE_TASK, HEAVIEST)
+"""Tasks of the rows with images."""
+
+BLOCK = 10
+"""Control steps between two turns of the reference, half a second of the episode."""
+
 Reference = Callable[[int, int], float]
 """``reference(first, last)`` runs control steps ``first`` to ``last - 1`` its own way and returns the seconds."""
 
 
 class EnoughMeasured(BaseException):
     """Raised by a policy to leave the loop, which lets through whatever is no Exception."""
+
+
+class ReferenceFailed(BaseException):
+    """Takes an error of the reference out of the loop, for which an Exception in its policy only ends the trial."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(str(error))
+        self.error = error
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +141,10 @@ class PacedMind:
             if step % self.every == 0:
                 self.own_s.append(self._block_s)
                 self._block_s = 0.0
-                self.reference_s.append(self.reference(step - self.every, step))
+                try:
+                    self.reference_s.append(self.reference(step - self.every, step))
+                except Exception as error:
+                    raise ReferenceFailed(error) from error
         if step >= min(self.limit, len(self.actions)):
             raise EnoughMeasured
         action: np.ndarray = self.actions[step]
@@ -139,10 +162,16 @@ def play(rehearsal: Rehearsal, reference: Reference, *, every: int, limit: int, 
         every: Control steps between two turns of the reference.
         limit: Control steps after which the episode is left.
         observer: Makes the images, or None.
+
+    Raises:
+        Exception: Whatever the reference raises.
     """
     policy = PacedMind(rehearsal.actions, reference, every, limit)
-    with contextlib.suppress(EnoughMeasured):
-        run_episode(rehearsal.scene, policy, context=CONTEXT, observer=observer)
+    try:
+        with contextlib.suppress(EnoughMeasured):
+            run_episode(rehearsal.scene, policy, context=CONTEXT, observer=observer)
+    except ReferenceFailed as failed:
+        raise failed.error from None
     return policy
 
 

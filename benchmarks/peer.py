@@ -1,53 +1,114 @@
-"""The peer that speed is compared with: an installation of robosuite of its own, and a process to ask."""
+"""The peers that speed is compared with: an installation of their own, a process to ask, and when to believe it.
+
+A peer can be wrong about itself: robosuite has been seen to step ten times faster and to draw nothing (README, "When a
+peer is believed"). So a figure is believed only if every image shows something new, and if two processes that were
+started separately agree.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import os
 import selectors
 import shutil
+import statistics
 import subprocess
 import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import platformdirs
 
-REQUIREMENTS = ("robosuite==1.5.2", "mujoco==3.3.7")
-"""robosuite's last release and the last MuJoCo of the series it names; it does not run with MuJoCo 3.10 and later."""
+LOCKS = Path(__file__).resolve().parents[1] / "requirements"
 
-INSTALL_LIMIT_S = 900.0
-ANSWER_LIMIT_S = 180.0
-"""Longest wait for one answer [s]; building an environment with cameras takes 2 to 8 s here."""
+INSTALL_LIMIT_S = 1800.0
+
+ANSWER_LIMIT_S = 600.0
+"""Longest wait for one answer [s]; an environment with cameras is built in 2 to 10 s, but numba compiles at first."""
+
+ANSWER_LIMIT_BYTES = 1_000_000
+
+END_LIMIT_S = 10.0
+"""Longest wait for a process that was told to end [s]."""
+
+AGREEMENT = 1.3
+"""Largest ratio of the medians of two blocks that agree."""
+
+MOST_BLOCKS = 3
+"""Blocks after which a figure that no two of them agree on is given up."""
+
+FAULTS = {"flat": "was of one color", "noise": "was noise"}
+"""What stands in place of a digest, and how it is said."""
 
 _COMPLETE = "complete"
 
 
 class PeerUnavailableError(Exception):
-    """The peer cannot be installed or does not answer; the text says why."""
+    """The peer cannot be installed or does not answer as agreed; the text says why."""
 
 
-def installed_peer() -> Path:
-    """Return the Python of the peer's environment, which is built on first use in the user's cache directory.
+@dataclass(frozen=True, slots=True)
+class PeerPackage:
+    """A peer: what it is called and which script steps it.
+
+    Its environment holds what ``requirements/peer-NAME.lock`` lists, with the name in lower case.
+
+    Attributes:
+        name: Name in the table.
+        script: Script that answers as :mod:`peer_loop` says.
+    """
+
+    name: str
+    script: Path
+
+    @property
+    def lock(self) -> Path:
+        """Locked requirements of its environment."""
+        return LOCKS / f"peer-{self.name.lower()}.lock"
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the environment, in the user's cache directory; another lock has another one."""
+        digest = hashlib.sha256(self.lock.read_bytes()).hexdigest()[:16]
+        return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name.lower()}-{digest}"
+
+
+ROBOSUITE = PeerPackage("robosuite", Path(__file__).with_name("robosuite_peer.py"))
+LIBERO = PeerPackage("LIBERO", Path(__file__).with_name("libero_peer.py"))
+
+
+def installed(package: PeerPackage) -> Path:
+    """Return the Python of a peer's environment, which is built on first use in the user's cache directory.
+
+    Args:
+        package: The peer.
 
     Raises:
         PeerUnavailableError: If it cannot be built.
     """
-    name = "-".join(r.replace("==", "-") for r in REQUIREMENTS)
-    folder = platformdirs.user_cache_path("betterbench") / "peers" / name
+    folder = package.folder
     python = folder / "bin" / "python"
     if (folder / _COMPLETE).exists():
         return python
-    print(f"Building the peer's environment ({', '.join(REQUIREMENTS)}) in {folder}", file=sys.stderr)
+    print(f"Building the environment of {package.name} in {folder}", file=sys.stderr)
     shutil.rmtree(folder, ignore_errors=True)
+    install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(package.lock)]
     uv = shutil.which("uv") or shutil.which("uv", path=str(Path(sys.executable).parent))
     if uv is not None:
         _run([uv, "venv", "--quiet", "--python", sys.executable, str(folder)])
-        _run([uv, "pip", "install", "--quiet", "--python", str(python), *REQUIREMENTS])
+        _run([uv, "pip", *install, "--python", str(python)])
     else:
         _run([sys.executable, "-m", "venv", str(folder)])
-        _run([str(python), "-m", "pip", "install", "--quiet", *REQUIREMENTS])
+        _run([str(python), "-m", "pip", *install])
     (folder / _COMPLETE).touch()
     return python
 
@@ -68,25 +129,43 @@ def _run(command: list[str]) -> None:
 
 
 class Peer:
-    """A running process that steps robosuite on request. Use it as a context manager.
+    """A running process that steps one environment of a peer on request. Use it as a context manager.
 
-    Raises:
-        PeerUnavailableError: If it cannot be installed or started.
+    Attributes:
+        versions: Versions of the packages that decide about its speed, once an environment was made.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, script: Path, *, python: Path, answer_limit_s: float = ANSWER_LIMIT_S) -> None:
+        """Start the process.
+
+        Args:
+            script: Script that answers as :mod:`peer_loop` says.
+            python: Python to run it with.
+            answer_limit_s: Longest wait for one answer [s].
+
+        Raises:
+            PeerUnavailableError: If it cannot be started.
+        """
         self.versions: dict[str, str] = {}
-        script = Path(__file__).with_name("robosuite_peer.py")
+        self._answer_limit_s = answer_limit_s
+        self._received = b""
+        self._measured = 0
+        self._seen: set[str] = set()
+        self._faults: Counter[str] = Counter()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         # Its own libraries only, and the same GL back end and number of threads as this process.
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
-        self._process = subprocess.Popen(
-            [str(installed_peer()), str(script)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=environment,
-            text=True,
-        )
+        try:
+            self._process = subprocess.Popen(
+                [str(python), str(script)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._said,
+                env=environment,
+            )
+        except OSError as error:
+            self._said.close()
+            raise PeerUnavailableError(f"{script.name} cannot be started: {error}") from error
 
     def __enter__(self) -> Self:
         """Return the peer itself."""
@@ -97,7 +176,11 @@ class Peer:
     ) -> None:
         """End the process."""
         self._process.terminate()
-        self._process.communicate()
+        self._wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+        self._said.close()
 
     def make(self, *, everything: bool) -> None:
         """Build the environment, with depth and instance masks if everything is asked for.
@@ -105,32 +188,171 @@ class Peer:
         Raises:
             PeerUnavailableError: If that fails.
         """
-        answer = self._ask({"do": "make", "all": everything})
-        self.versions = {k: str(v) for k, v in answer.items() if k != "seconds"}
+        request = {"do": "make", "all": everything}
+        answer = self._ask(request)
+        self._seconds(answer, request, count=1)
+        versions = answer.get("versions")
+        if not isinstance(versions, dict):
+            raise self._strange(answer, request)
+        self.versions = {str(k): str(v) for k, v in versions.items()}
+        self.take_doubt()  # what the first images showed is part of no measurement
 
-    def step(self, count: int, *, everything: bool) -> float:
-        """Take control steps and return the seconds they took together."""
-        return float(self._ask({"do": "step", "all": everything, "count": count})["seconds"])
+    def step(self, count: int) -> float:
+        """Take control steps and return the seconds they took together.
 
-    def reset(self, *, everything: bool) -> float:
-        """Reset to a new layout and return the seconds it took."""
-        return float(self._ask({"do": "reset", "all": everything})["seconds"])
+        Raises:
+            PeerUnavailableError: If that fails.
+        """
+        request = {"do": "step", "count": count}
+        return sum(self._seconds(self._ask(request), request, count=count))
+
+    def reset(self) -> float:
+        """Reset to a new layout and return the seconds it took.
+
+        Raises:
+            PeerUnavailableError: If that fails.
+        """
+        request = {"do": "reset"}
+        return sum(self._seconds(self._ask(request), request, count=1))
+
+    def take_doubt(self) -> str:
+        """Return why the figures since the last call are not believed, or an empty text, and begin anew."""
+        measured, self._measured = self._measured, 0
+        faults, self._faults = self._faults, Counter()
+        return ", ".join(f"{fault} in {count} of {measured} measurements" for fault, count in sorted(faults.items()))
+
+    def _seconds(self, answer: dict[str, Any], request: dict[str, Any], *, count: int) -> list[float]:
+        """Return the seconds of an answer and look at its images.
+
+        Raises:
+            PeerUnavailableError: If the answer is none.
+        """
+        seconds, images = answer.get("seconds"), answer.get("images")
+        if not (isinstance(seconds, list) and isinstance(images, list) and len(seconds) == len(images) == count):
+            raise self._strange(answer, request)
+        if not all(isinstance(s, float) and math.isfinite(s) and s > 0.0 for s in seconds):
+            raise self._strange(answer, request)
+        if not all(isinstance(i, dict) and i for i in images):
+            raise self._strange(answer, request)
+        for of_step in images:
+            self._measured += 1
+            self._look_at({str(name): str(digest) for name, digest in of_step.items()})
+        return [float(s) for s in seconds]
+
+    def _look_at(self, digests: dict[str, str]) -> None:
+        """Count what is wrong with the images of one measurement."""
+        for name, digest in digests.items():
+            if digest in FAULTS:
+                self._faults[f"{name} {FAULTS[digest]}"] += 1
+            # Two cameras never see the same, and none sees the same twice while the robot moves.
+            elif digest in self._seen or list(digests.values()).count(digest) > 1:
+                self._faults[f"{name} did not change"] += 1
+        self._seen.update(digests.values())
 
     def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
-        process = self._process
-        if process.stdin is None or process.stdout is None:
+        pipe = self._process.stdin
+        if pipe is None:
             raise AssertionError("the process was started with pipes")
         try:
-            process.stdin.write(json.dumps(request) + "\n")
-            process.stdin.flush()
+            pipe.write(json.dumps(request).encode() + b"\n")
+            pipe.flush()
         except BrokenPipeError:
-            raise PeerUnavailableError(f"its process has ended with status {process.wait()}") from None
-        with selectors.DefaultSelector() as selector:
-            selector.register(process.stdout, selectors.EVENT_READ)
-            if not selector.select(ANSWER_LIMIT_S):
-                raise PeerUnavailableError(f"no answer to {request['do']!r} within {ANSWER_LIMIT_S:g} s")
-        line = process.stdout.readline()
-        if not line:
-            raise PeerUnavailableError(f"its process has ended with status {process.wait()} on {request['do']!r}")
-        answer: dict[str, Any] = json.loads(line)
+            raise self._ended(request) from None
+        line = self._line(request)
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise self._strange(line.decode(errors="backslashreplace"), request)
         return answer
+
+    def _line(self, request: dict[str, Any]) -> bytes:
+        """Return the next line of the process.
+
+        Raises:
+            PeerUnavailableError: If there is none in time.
+        """
+        pipe = self._process.stdout
+        if pipe is None:
+            raise AssertionError("the process was started with pipes")
+        deadline = time.monotonic() + self._answer_limit_s
+        with selectors.DefaultSelector() as selector:
+            selector.register(pipe, selectors.EVENT_READ)
+            while b"\n" not in self._received:
+                if len(self._received) > ANSWER_LIMIT_BYTES:
+                    raise self._strange(self._received[:80].decode(errors="backslashreplace"), request)
+                if not selector.select(max(0.0, deadline - time.monotonic())):
+                    raise PeerUnavailableError(f"no answer to {request['do']!r} within {self._answer_limit_s:g} s")
+                chunk = os.read(pipe.fileno(), 65536)
+                if not chunk:
+                    raise self._ended(request)
+                self._received += chunk
+        line, _, self._received = self._received.partition(b"\n")
+        return line
+
+    def _ended(self, request: dict[str, Any]) -> PeerUnavailableError:
+        status = self._wait()
+        self._said.seek(0)
+        said = self._said.read().decode(errors="backslashreplace").strip().splitlines()
+        last = f": {said[-1][:160]}" if said else ""
+        return PeerUnavailableError(f"its process has ended with status {status} on {request['do']!r}{last}")
+
+    @staticmethod
+    def _strange(answer: object, request: dict[str, Any]) -> PeerUnavailableError:
+        return PeerUnavailableError(f"no answer to {request['do']!r} as agreed, but {str(answer)[:80]!r}")
+
+    def _wait(self) -> int:
+        try:
+            return self._process.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """What one process of a peer was measured to take, in turn with ours.
+
+    Attributes:
+        own_s: Seconds of each of our measurements.
+        peer_s: Seconds of each of the peer's.
+        doubt: Why the peer's are not believed, or an empty text.
+    """
+
+    own_s: tuple[float, ...]
+    peer_s: tuple[float, ...]
+    doubt: str
+
+    @property
+    def median_s(self) -> float:
+        """Median of the peer's seconds."""
+        return statistics.median(self.peer_s)
+
+    @property
+    def described(self) -> str:
+        """The peer's median, and why it is not believed."""
+        return f"{self.median_s:.3g} s" + (f" ({self.doubt})" if self.doubt else "")
+
+
+def agreeing(blocks: Sequence[Block]) -> tuple[Block, Block] | None:
+    """Return the first two blocks that agree on the peer, or None.
+
+    Args:
+        blocks: Blocks of separate processes, in the order in which they were measured.
+    """
+    sound = [b for b in blocks if not b.doubt and b.peer_s]
+    for pair in combinations(sound, 2):
+        low, high = sorted(b.median_s for b in pair)
+        if high <= AGREEMENT * low:
+            return pair
+    return None
+
+
+def why_not_believed(blocks: Sequence[Block]) -> str:
+    """Return why no two blocks agree, block by block.
+
+    Args:
+        blocks: Blocks of separate processes.
+    """
+    return f"peer not believed: of {len(blocks)} processes no two agree; {'; '.join(b.described for b in blocks)}"

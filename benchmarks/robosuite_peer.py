@@ -1,107 +1,70 @@
-"""Steps robosuite's PickPlace on request; :mod:`peer` runs this file with the Python of the peer's own environment.
+"""robosuite's PickPlace as its authors ship it; :mod:`peer` runs this file with the Python of the peer's environment.
 
-One JSON object per line comes in on standard input, one goes out on standard output:
-
-====================================================  =============================================================
-request                                               answer
-====================================================  =============================================================
-``{"do": "make", "all": false}``                      ``{"seconds": …, "robosuite": …, "mujoco": …, "numpy": …}``
-``{"do": "step", "all": false, "count": 3}``          ``{"seconds": …}`` for all three control steps together
-``{"do": "reset", "all": false}``                     ``{"seconds": …}``
-====================================================  =============================================================
-
-``all`` asks for depth and instance masks besides colors. The clock stands here, beside the work, so that the pipe is
-not part of what is measured. The task is what its authors ship: a Panda with their default composite controller at
-20 Hz, the cameras ``frontview`` and ``robot0_eye_in_hand`` at 256 x 256, and small random actions.
+A Panda with the default composite controller at 20 Hz, the cameras ``frontview`` and ``robot0_eye_in_hand`` at
+256 x 256, and small random actions. Requests and answers are those of :mod:`peer_loop`.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import sys
-import time
 from typing import Any
 
 import mujoco
 import numpy as np
 import robosuite
 
-CAMERAS = ["frontview", "robot0_eye_in_hand"]
-SIZE = 256
-CONTROL_RATE_HZ = 20
-ACTION_SIZE = 0.1
-"""Largest component of an action, of a range of 1: the arm stays near its start, as in the facts of the design."""
+from peer_loop import ACTION_SIZE, CONTROL_RATE_HZ, SIZE, Images, serve
 
-WARM_UP_STEPS = 2
-"""Steps after which shaders are compiled and buffers exist."""
+CAMERAS = ("frontview", "robot0_eye_in_hand")
+
+OWN_RENDERER = "mujoco"
+"""With this option a reset frees the graphics resources of the simulation that it replaces. With the default they are
+freed whenever Python's garbage collector comes by, and with them those of the simulation in use."""
 
 
-class Peer:
-    """The environments that were asked for, by whether they give depth and masks."""
+class PickPlace:
+    """The environment and the names of its images."""
 
     def __init__(self) -> None:
-        self._environments: dict[bool, Any] = {}
-        self._draw = np.random.default_rng(0)
+        self._environment: Any = None
+        self._names: tuple[str, ...] = ()
 
-    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Do what a request asks for and return the seconds it took.
-
-        Args:
-            request: One line of standard input.
-
-        Raises:
-            KeyError: If the request is none of the three.
-        """
-        everything = bool(request["all"])
-        began = time.perf_counter()
-        work = {"make": self._make, "step": self._step, "reset": self._reset}[request["do"]]
-        work(everything, int(request.get("count", 1)))
-        seconds = time.perf_counter() - began
-        versions = {"robosuite": robosuite.__version__, "mujoco": mujoco.__version__, "numpy": np.__version__}
-        return {"seconds": seconds, **(versions if request["do"] == "make" else {})}
-
-    def _make(self, everything: bool, _count: int) -> None:
+    def make(self, *, everything: bool) -> None:
+        """Build the environment."""
+        kinds = ("image", "depth") if everything else ("image",)
+        self._names = tuple(f"{camera}_{kind}" for camera in CAMERAS for kind in kinds)
         modalities = {"camera_depths": True, "camera_segmentations": "instance"} if everything else {}
-        controller = robosuite.load_composite_controller_config(controller="BASIC")
-        self._environments[everything] = robosuite.make(
+        self._environment = robosuite.make(
             "PickPlace",
             robots="Panda",
-            controller_configs=controller,
+            controller_configs=robosuite.load_composite_controller_config(controller="BASIC"),
             has_renderer=False,
             has_offscreen_renderer=True,
             use_camera_obs=True,
-            camera_names=CAMERAS,
+            camera_names=list(CAMERAS),
             camera_heights=SIZE,
             camera_widths=SIZE,
             control_freq=CONTROL_RATE_HZ,
             ignore_done=True,
+            renderer=OWN_RENDERER,
             **modalities,
         )
-        self._environments[everything].reset()
-        self._step(everything, WARM_UP_STEPS)
 
-    def _step(self, everything: bool, count: int) -> None:
-        environment = self._environments[everything]
-        for _ in range(count):
-            observation = environment.step(self._draw.uniform(-ACTION_SIZE, ACTION_SIZE, environment.action_dim))[0]
-            if observation["frontview_image"].shape != (SIZE, SIZE, 3):
-                raise ValueError(f"robosuite answers images of shape {observation['frontview_image'].shape}")
+    def reset(self) -> Images:
+        """Go to a new random layout."""
+        return self._images(self._environment.reset())
 
-    def _reset(self, everything: bool, _count: int) -> None:
-        self._environments[everything].reset()
+    def step(self, draw: np.random.Generator) -> Images:
+        """Take one control step."""
+        action = draw.uniform(-ACTION_SIZE, ACTION_SIZE, self._environment.action_dim)
+        return self._images(self._environment.step(action)[0])
 
+    def versions(self) -> dict[str, str]:
+        """Return the versions of what runs."""
+        return {"robosuite": robosuite.__version__, "mujoco": mujoco.__version__, "numpy": np.__version__}
 
-def main() -> None:
-    """Answer requests until standard input ends."""
-    # robosuite talks on standard output; its words go to standard error and the pipe stays clean.
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    peer = Peer()
-    for line in sys.stdin:
-        answers.write(json.dumps(peer.answer(json.loads(line))) + "\n")
-        answers.flush()
+    def _images(self, observation: dict[str, np.ndarray]) -> Images:
+        return {name: observation[name] for name in self._names}
 
 
 if __name__ == "__main__":
-    main()
+    serve(PickPlace())

@@ -6,15 +6,13 @@ import importlib
 import itertools
 import multiprocessing
 import os
-import statistics
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -24,38 +22,38 @@ from betterbench.demonstrations.production import scene_of
 from betterbench.demonstrations.sources import Library, demonstrated_source
 from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts
 from betterbench.diagnosis import diagnose_run
-from betterbench.episodes import Observer, describe
+from betterbench.episodes import Observer, append_row, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.evaluation.workers.worker import USUAL_ENVS
-from betterbench.interface import ObservationSpec, observation_spec
-from betterbench.interface.actions import action_space
+from betterbench.interface import observation_spec
 from betterbench.recording import JournalEntry, Record, RecordBuilder, RunFolder
+from betterbench.recording.modalities.columns import MAX_CHUNK_ROWS
 from betterbench.recording.parquet import record_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
-from betterbench.tasks import Condition, GoalTracker, Task, get_task
+from betterbench.tasks import GoalTracker, get_task
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from dummy import dummy_server
-from pacing import CONTEXT, PacedMind, RawPhysics, RawViews, Rehearsal, SleeplessEpisode, play, rehearse
-from peer import Peer, PeerUnavailableError
+from figures import Figure, spread
+from materializing import blocks_of
+from pacing import (
+    BLOCK,
+    CONTEXT,
+    HEAVIEST,
+    PICTURE_TASK,
+    PICTURE_TASKS,
+    PacedMind,
+    RawPhysics,
+    RawViews,
+    Rehearsal,
+    SleeplessEpisode,
+    play,
+    rehearse,
+)
+from peer_rows import PeerRows
 
-HEAVIEST = "breakfast_table"
-"""The task with the most objects, contacts and faces."""
-
-TASKS = ("fast_food", "morning_coffee", HEAVIEST)
+TASKS = (PICTURE_TASK, "morning_coffee", HEAVIEST)
 """Tasks of the camera-less rows: a common one, the one with the lightest physics, and the heaviest."""
-
-PICTURE_TASK = "fast_food"
-"""Task of the rows that measure one task only."""
-
-PICTURE_TASKS = (PICTURE_TASK, HEAVIEST)
-"""Tasks of the rows with images."""
-
-BLOCK = 10
-"""Control steps between two turns of the reference, half a second of the episode."""
-
-FEW_SCENES = 3
-"""Compiled scenes among which the reset row moves; an observer keeps a renderer for four."""
 
 RECORDS = 1200
 """Trials of a full run: sixty variations with twenty seeds."""
@@ -65,41 +63,6 @@ LATENCY_S = 0.1
 
 WORKERS = 2
 """Workers of the row that measures a run against a policy server."""
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One line of the table.
-
-    Attributes:
-        row: Name of the row it belongs to.
-        text: What was measured.
-        values: Repeats; empty if it could not be measured.
-        unit: Unit of the values ("x" for a ratio).
-        relation: How the median must compare with the bound.
-        bound: What must be reached, or None where nothing is promised.
-        note: What a reader should know, or why nothing was measured.
-    """
-
-    row: str
-    text: str
-    values: tuple[float, ...]
-    unit: str
-    relation: Literal["<=", ">="] = "<="
-    bound: float | None = None
-    note: str = ""
-
-    @property
-    def median(self) -> float:
-        """Median of the repeats."""
-        return statistics.median(self.values)
-
-    @property
-    def reached(self) -> bool | None:
-        """Whether the median keeps the promise, or None where there is none or nothing was measured."""
-        if self.bound is None or not self.values:
-            return None
-        return self.median <= self.bound if self.relation == "<=" else self.median >= self.bound
 
 
 def step_row(*, quick: bool) -> Iterator[Figure]:
@@ -114,7 +77,7 @@ def step_row(*, quick: bool) -> Iterator[Figure]:
             ratios.append(sum(policy.own_s) / sum(policy.reference_s))
             own += [1e3 * s / BLOCK for s in policy.own_s]
             physics += [1e3 * s / BLOCK for s in policy.reference_s]
-        note = f"{_range(own)} / {_range(physics)} ms, {len(rehearsal.actions)} steps an episode"
+        note = f"{spread(own)} / {spread(physics)} ms, {len(rehearsal.actions)} steps an episode"
         yield Figure("step", f"step without cameras / physics, {task}", tuple(ratios), "x", "<=", 1.25, note)
         # Other work on the machine only ever adds time: the least time of each block over the repeats comes nearest to
         # what an idle core would show.
@@ -140,7 +103,7 @@ def sleep_row(*, quick: bool) -> Iterator[Figure]:
             "x",
             ">=",
             2.8,
-            f"{_range(theirs)} / {_range(own)} ms",
+            f"{spread(theirs)} / {spread(own)} ms",
         )
 
 
@@ -169,7 +132,7 @@ def pixels_row(*, quick: bool) -> Iterator[Figure]:
             views.close()
             observer.close()
         text = f"step with two cameras / (physics + render), {task}, {quality.name}"
-        yield Figure("pixels", text, tuple(ratios), "x", "<=", 1.05, f"{_range(own)} / {_range(bare)} ms")
+        yield Figure("pixels", text, tuple(ratios), "x", "<=", 1.05, f"{spread(own)} / {spread(bare)} ms")
 
 
 def _check_same_images(scene: Scene, observer: Observer, views: RawViews) -> None:
@@ -184,128 +147,6 @@ def _check_same_images(scene: Scene, observer: Observer, views: RawViews) -> Non
         # Rows are read from the top or from the bottom, as the process's OpenGL context is set.
         if not (np.array_equal(image, pixels) or np.array_equal(image, pixels[::-1])):
             raise ValueError(f"the bare rendering of camera {name!r} gives another image")
-
-
-class PeerRows:
-    """The rows that compare with robosuite; they share one process of it, started on first use."""
-
-    def __init__(self) -> None:
-        self._peer: Peer | None = None
-        self._made: set[bool] = set()
-
-    def close(self) -> None:
-        """End the peer's process, if there is one."""
-        if self._peer is not None:
-            self._peer.__exit__(None, None, None)
-
-    def versions(self) -> dict[str, str]:
-        """Return the versions of the peer, empty if it did not run."""
-        return {} if self._peer is None else self._peer.versions
-
-    def colors(self, *, quick: bool) -> Iterator[Figure]:
-        """Compare control steps per second with two color images each."""
-        yield from self._steps("peer-rgb", "two cameras, colors", everything=False, quick=quick)
-
-    def everything(self, *, quick: bool) -> Iterator[Figure]:
-        """Compare control steps per second with colors, depth and instance masks of two cameras."""
-        yield from self._steps("peer-all", "two cameras, colors + depth + masks", everything=True, quick=quick)
-
-    def reset(self, *, quick: bool) -> Iterator[Figure]:
-        """Measure the way to a new layout of a compiled scene, and compare it with the peer's."""
-        for name in PICTURE_TASKS:
-            yield from self._reset(name, quick=quick)
-
-    def _reset(self, name: str, *, quick: bool) -> Iterator[Figure]:
-        task, space, quality = get_task(name), action_space("ee_delta"), QUALITIES["standard"]
-        observer = Observer(observation_spec("default"))
-        layouts = _layouts_of_few_scenes(task, 6 if quick else 20)
-        theirs, failure = [], ""
-        own: dict[bool, list[float]] = {False: [], True: []}
-        for i, (condition, seed) in enumerate(layouts * 2):
-            images = i >= len(layouts)
-            if i == len(layouts):  # a renderer for each of the scenes, so that no upload is measured
-                for known, other in layouts:
-                    scene = Scene(task, known, seed=other, action_space=space, quality=quality)
-                    observer.observe(scene, scene.reset())
-            began = time.perf_counter()
-            scene = Scene(task, condition, seed=seed, action_space=space, quality=quality)
-            state = scene.reset()
-            if images:
-                observer.observe(scene, state)
-            own[images].append(time.perf_counter() - began)
-            if not failure and i % max(1, len(layouts) // 3) == 0:
-                try:
-                    theirs.append(self._get(everything=False).reset(everything=False))
-                except PeerUnavailableError as error:
-                    failure = f"peer not available: {error}"
-        observer.close()
-        ms = tuple(1e3 * s for s in own[False])
-        yield Figure(
-            "reset", f"new layout of a compiled scene, {name}", ms, "ms", "<=", 15.0, "build, reset, check the premise"
-        )
-        note = failure or f"robosuite {_range(theirs)} s, its first two images included, ours none"
-        ratios = tuple(t / statistics.median(own[False]) for t in theirs)
-        yield Figure("reset", f"robosuite's reset / ours, {name}", ratios, "x", ">=", 100.0, note)
-        ratios = tuple(t / statistics.median(own[True]) for t in theirs)
-        note = failure or f"ours {_range([1e3 * s for s in own[True]])} ms"
-        yield Figure("reset", "the same, ours with two images of 'standard' as well", ratios, "x", note=note)
-
-    def _steps(self, row: str, text: str, *, everything: bool, quick: bool) -> Iterator[Figure]:
-        default = observation_spec("default")
-        spec = ObservationSpec("bench", default.cameras, depth=everything, masks=everything)
-        for task, (quality, bound) in itertools.product(
-            PICTURE_TASKS, ((QUALITIES["fast"], 10.0), (QUALITIES["standard"], 4.0))
-        ):
-            label = f"{text}, {task}, {quality.name}"
-            try:
-                peer = self._get(everything=everything)
-                rehearsal = rehearse(task, quality)
-                observer = Observer(spec)
-
-                def reference(_first: int, _last: int, peer: Peer = peer) -> float:
-                    return peer.step(1, everything=everything)
-
-                try:
-                    policy = play(rehearsal, reference, every=BLOCK, limit=50 if quick else 150, observer=observer)
-                finally:
-                    observer.close()
-            except PeerUnavailableError as error:
-                yield Figure(row, label, (), "x", ">=", bound, f"peer not available: {error}")
-                continue
-            ours = [BLOCK / s for s in policy.own_s]
-            theirs = [1.0 / s for s in policy.reference_s]
-            ratios = tuple(a / b for a, b in zip(ours, theirs, strict=True))
-            note = f"{_range(ours)} / {_range(theirs)} steps/s"
-            yield Figure(row, label, ratios, "x", ">=", bound, note)
-
-    def _get(self, *, everything: bool) -> Peer:
-        if self._peer is None:
-            self._peer = Peer()
-        if everything not in self._made:
-            self._peer.make(everything=everything)
-            self._made.add(everything)
-        return self._peer
-
-
-def _layouts_of_few_scenes(task: Task, number: int) -> list[tuple[Condition, int]]:
-    """Return conditions and seeds whose layouts differ, on few compiled scenes, all of which are in the cache then.
-
-    Args:
-        task: The task.
-        number: Layouts to return.
-    """
-    space, quality = action_space("ee_delta"), QUALITIES["standard"]
-    scenes: set[str] = set()
-    layouts: list[tuple[Condition, int]] = []
-    for seed, condition in itertools.product(range(20 * number), task.training):
-        name = Scene(task, condition, seed=seed, action_space=space, quality=quality).compiled.content_hash
-        if name in scenes:
-            layouts.append((condition, seed))
-        elif len(scenes) < FEW_SCENES:
-            scenes.add(name)
-        if len(layouts) == number:
-            break
-    return layouts
 
 
 def record_row(*, quick: bool) -> Iterator[Figure]:
@@ -330,18 +171,7 @@ def record_row(*, quick: bool) -> Iterator[Figure]:
                     state = scene.state()
                 truth = tracker.update(state)
                 stepped = time.perf_counter()
-                builder.append(
-                    state,
-                    qpos=scene.data.qpos,
-                    qvel=scene.data.qvel,
-                    ctrl=scene.data.ctrl,
-                    action=action,
-                    applied=applied,
-                    predicates=truth.relations,
-                    subgoals=truth.subgoals,
-                    goal=truth.goal,
-                    forbidden=truth.forbidden,
-                )
+                append_row(builder, scene, state, truth, action=action, applied=applied)
                 ended = time.perf_counter()
                 loop += ended - began
                 recording += ended - stepped
@@ -352,7 +182,7 @@ def record_row(*, quick: bool) -> Iterator[Figure]:
             shares.append(100.0 * (recording + finishing) / (loop + finishing))
             seconds = len(rehearsal.actions) / scene.control_rate_hz
             rates.append(len(encoded) / 1e3 / seconds)
-        note = f"append {_range(appends)} us a step; finishing and encoding shared out over the steps"
+        note = f"append {spread(appends)} us a step; finishing and encoding shared out over the steps"
         yield Figure("record", f"recording, share of a step, {task_name}", tuple(shares), "%", "<=", 5.0, note)
         yield Figure("record", f"record per episode second, {task_name}", tuple(rates), "kB/s", "<=", 60.0)
 
@@ -493,6 +323,21 @@ def diagnosis_row(*, quick: bool) -> Iterator[Figure]:
     yield Figure("diagnosis", f"diagnosis + report of {RECORDS} records", (scaled,), "s", "<=", 30.0, note)
 
 
+def materialize_row(*, quick: bool) -> Iterator[Figure]:
+    """Compare materializing two views with MuJoCo's own drawing of the same colors, depth and segmentation."""
+    for task, quality in itertools.product(PICTURE_TASKS, (QUALITIES["fast"], QUALITIES["standard"])):
+        blocks = list(blocks_of(task, quality, quick=quick))
+        ms = 1e3 / MAX_CHUNK_ROWS
+        note = f"{spread([ms * b.own_s for b in blocks])} / {spread([ms * b.raw_s for b in blocks])} ms a row"
+        text = f"raw passes / all modalities, two cameras, {task}, {quality.name}"
+        yield Figure("materialize", text, tuple(b.raw_s / b.own_s for b in blocks), "x", ">=", 0.9, note)
+        # Two processes work at a time: what an idle core each would show is the time of the slower one.
+        ratios = tuple(b.raw_cpu_s / max(b.drawing_cpu_s, b.writing_cpu_s) for b in blocks)
+        note = f"drawing {spread([ms * b.drawing_cpu_s for b in blocks])}, writing "
+        note += f"{spread([ms * b.writing_cpu_s for b in blocks])}, raw {spread([ms * b.raw_cpu_s for b in blocks])} ms"
+        yield Figure("materialize", "the same, processor time of the slower process", ratios, "x", note=note)
+
+
 def amplify_row(*, quick: bool) -> Iterator[Figure]:
     """Compare attempts at amplified demonstrations with the bare physics of the same motion."""
     for task in TASKS:
@@ -529,15 +374,12 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "pixels": pixels_row,
         "peer-rgb": peer.colors,
         "peer-all": peer.everything,
+        "libero-rgb": peer.libero,
         "reset": peer.reset,
         "record": record_row,
         "workers": workers_row,
         "policy": policy_row,
         "diagnosis": diagnosis_row,
         "amplify": amplify_row,
+        "materialize": materialize_row,
     }
-
-
-def _range(values: list[float]) -> str:
-    """Return "median [min-max]" with three digits."""
-    return f"{statistics.median(values):.3g} [{min(values):.3g}-{max(values):.3g}]"

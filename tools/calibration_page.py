@@ -23,8 +23,10 @@ numbers stay apart.
 - The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
   hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
   fixed in the code before its first action, and who wrote it had not read the diagnosis. Half of the habits was used
-  to develop the diagnosis. The other half was held out, and used once: **its numbers are what the diagnosis is worth**
-  for policies that nobody here wrote.
+  to develop the diagnosis. The other half was held out, and used once: **its numbers are what the diagnosis was worth**
+  for policies that nobody here wrote. They are those of that one use. What it showed has been repaired since (a thing
+  that is put where its target stood in training, pauses as long as earlier ones, misses in doubt), and the same trials
+  now get their label in 87.9 % and the right kind in 97.4 %; but what has been looked at is no longer held out.
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
   several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
   authors thought of; their numbers show that the rules of the suite are kept.

@@ -384,7 +384,7 @@ def relock(*, upgrade: bool) -> None:
     steps: dict[Path, list[str | Path]] = {
         runtime: [project],
         dev: [project, "--extra", "dev", "--constraints", runtime],
-        # Environments that tests make for packages which cannot share one with this project.
+        # Environments that tests and the bench make for packages which cannot share one with this project.
         **{file.with_suffix(".lock"): [file] for file in sorted(LOCKS.glob("*.in"))},
     }
     for lock, words in steps.items():

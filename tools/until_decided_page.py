@@ -253,22 +253,27 @@ def policy_rows(suite: Suite, table: Counts) -> Iterator[list[str]]:
 
 
 def read_runs(folders: Sequence[Path], suite: Suite) -> Counts:
-    """Return of how many recorded trials how many succeeded, by policy and condition; runs without all are left out."""
-    table: Counts = {}
+    """Return of how many recorded trials how many succeeded, by policy and condition.
+
+    Several runs may be of one policy. Policies without a trial of each condition are left out.
+    """
+    table: Counts = defaultdict(dict)
     for folder in folders:
         run = RunFolder.open(folder)
-        counts: dict[str, tuple[int, int]] = {}
+        counts = table[str(run.plan["policy"])]
         for entry in run.entries():
             if entry.status == "done":
                 name = f"{entry.task}/{entry.condition}"
                 k, n = counts.get(name, (0, 0))
                 counts[name] = k + run.succeeded(entry.key), n + 1
+    found: Counts = {}
+    for policy, counts in table.items():
         missing = [name for name in suite.conditions if name not in counts]
         if missing:
-            sys.stderr.write(f"{folder} is left out: it has no trial of {missing[0]}\n")
+            sys.stderr.write(f"{policy} is left out: it has no trial of {missing[0]}\n")
             continue
-        table[str(run.plan["policy"])] = {name: counts[name] for name in suite.conditions}
-    return table
+        found[policy] = {name: counts[name] for name in suite.conditions}
+    return found
 
 
 # ------------------------------------------------------------------------------------------------------- the page

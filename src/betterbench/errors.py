@@ -6,7 +6,6 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import re
 import sysconfig
@@ -56,8 +55,8 @@ _OURS = str(Path(__file__).resolve().parent)
 def raised_at(problem: BaseException) -> str:
     """Return where in somebody's own code an exception was raised ("my_policy.py, line 12, in act"), or an empty text.
 
-    It is the innermost place outside betterbench, the standard library and installed packages; the file is named as
-    seen from the working directory.
+    It is the innermost place outside betterbench, the standard library and installed packages. The file is named
+    without its folder, so that a record of the error is the same wherever the file lies.
     """
     frames = [(f.filename, f.lineno, f.name) for f in traceback.extract_tb(problem.__traceback__)]
     if isinstance(problem, SyntaxError) and problem.filename:
@@ -65,11 +64,8 @@ def raised_at(problem: BaseException) -> str:
     for name, line, function in reversed(frames):
         if name.startswith("<") or any(Path(name).is_relative_to(folder) for folder in (_OURS, *_INSTALLED)):
             continue
-        file = Path(name)
-        with contextlib.suppress(OSError, ValueError):
-            file = file.relative_to(Path.cwd())
         inside = f", in {function}" if function and not function.startswith("<") else ""
-        return f"{file}, line {line}{inside}"
+        return f"{Path(name).name}, line {line}{inside}"
     return ""
 
 
@@ -177,11 +173,15 @@ class PolicyUnavailableError(PolicyError):
 
 
 class PolicyProcessError(PolicyError):
-    """The process of a policy cannot load it."""
+    """A policy cannot be loaded, perhaps for want of memory: fewer instances may be possible."""
 
 
 class PolicyKilledError(PolicyError):
     """The process of a policy was ended from outside; its trial is run again."""
+
+
+class ModelError(BetterError):
+    """A language model cannot be reached, refuses a request, or answers what cannot be read."""
 
 
 class HandshakeError(BetterError):

@@ -16,14 +16,15 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
 
-from betterbench.errors import BetterError, InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError, one_line
 
 FormT = TypeVar("FormT")
 
@@ -35,7 +36,13 @@ open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
 
 
 def read_form(
-    adapter: TypeAdapter[FormT], form: object, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
+    adapter: TypeAdapter[FormT],
+    form: object,
+    *,
+    where: str,
+    cure: str,
+    raises: type[BetterError] = InvalidInputError,
+    sealed: bool = False,
 ) -> FormT:
     """Return the value that a JSON form stands for.
 
@@ -45,15 +52,32 @@ def read_form(
         where: File (and place in it) for the error.
         cure: What to do about a wrong form, for the error.
         raises: Class of the error.
+        sealed: True for a text whose content a digest has confirmed, so that a key that stands twice need not be looked
+            for, which takes as long as reading it.
 
     Raises:
-        BetterError: Of that class, if a field is missing, unknown or malformed; the text names the first one.
+        BetterError: Of that class, if a field is missing, unknown, malformed or given twice; the text names the first.
     """
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
         if _HUGE.search(text if isinstance(text, bytes) else text.encode("utf-8", "replace")):
             raise InvalidInputError("", "holds a number of 20 digits or more", "Give numbers that mean something")
-        return adapter.validate_json(text)
+        value = adapter.validate_json(text)
+        if not sealed and isinstance(form, bytes | str):
+            json.loads(text, object_pairs_hook=unique_keys)
+        return value
+
+
+def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
+    """Return a map of pairs; raise InvalidInputError if a key stands twice, of which readers take one or the other.
+
+    It is meant as ``object_pairs_hook`` of ``json.loads`` and its like.
+    """
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(key for key, times in Counter(key for key, _ in pairs).items() if times > 1)
+        raise InvalidInputError(one_line(twice, most=80), "is given twice", "Give it once")
+    return found
 
 
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{20}")
@@ -113,10 +137,15 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
     return wrong if raises is InvalidInputError else raises(str(wrong))
 
 
+_MOST_OF_A_FIELD = 200
+"""Characters of the name of a field in a message; the keys of a map are a stranger's."""
+
+
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """Return the field of the first problem ("trials[3].label", empty for the whole) and what is wrong with it."""
     first = error.errors(include_url=False)[0]
     field = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    field = one_line(field, most=_MOST_OF_A_FIELD)
     match first["type"]:
         case "missing" | "missing_argument":
             return field, "is missing"

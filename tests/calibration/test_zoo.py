@@ -40,7 +40,7 @@ def test_lexical_fails_the_counterfactual_words_only(lexical):
     ("policy", "task", "found"),
     [
         ("zoo:clumsy", "morning_coffee", Label.EXECUTION_FAILURE),
-        ("zoo:habit-place", "desk_meeting", Label.BEHAVIORAL_INERTIA),
+        pytest.param("zoo:habit-place", "desk_meeting", Label.BEHAVIORAL_INERTIA, marks=pytest.mark.slow),
     ],
 )
 def test_a_policy_is_found_out_and_nothing_else_is_said(tmp_path, policy, task, found):

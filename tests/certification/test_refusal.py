@@ -121,7 +121,7 @@ def test_a_trial_that_was_examined_and_fell_short_is_not_sent_to_be_examined_aga
 
 
 def test_a_missing_certificate_is_named(better):
-    assert "nowhere.json: it cannot be read" in better("--certificate", "nowhere.json")
+    assert "nowhere.json: cannot be read" in better("--certificate", "nowhere.json")
 
 
 @pytest.mark.parametrize("names", [[], ["L1"], ["L2", "R1", "T2"], ["L1", "L2", "R1", "O1", "T2"]])

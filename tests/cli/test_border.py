@@ -14,7 +14,7 @@ from tests.looping import each
 
 from betterbench.cli import console
 from betterbench.cli.border import LIMITS, guarded
-from betterbench.cli.main import VERBS, main
+from betterbench.cli.main import VERBS, Telling, main
 
 
 def numbers(function):
@@ -28,7 +28,7 @@ def numbers(function):
 
 @each("verb", VERBS)
 def test_every_number_of_every_verb_has_bounds(verb):
-    missing = set(numbers(VERBS[verb].load())) - LIMITS.keys() - {"port"}
+    missing = set(numbers(VERBS[verb].load(Telling()))) - LIMITS.keys() - {"port"}
     assert not missing
 
 

@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import json
 import re
+import shutil
 import sys
 
 import pytest
@@ -61,6 +62,15 @@ def test_every_verb_has_help_with_an_example(capsys, verb):
     assert status == 0
     assert f"better {verb}" in out
     assert "Example" in out
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb):
+    monkeypatch.setenv("COLUMNS", "80")
+    _, out, _ = run(capsys, verb, "--help")
+    assert max(map(len, out.splitlines())) <= 80
+    assert "None" not in out
+    assert "(default: )" not in out
 
 
 @pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
@@ -219,7 +229,7 @@ def test_nothing_that_is_no_record_is_called_damaged_or_to_be_deleted(capsys, sm
     (tmp_path / "thesis.parquet").write_bytes(b"years of work")
     for path in (small_run, small_run / "records", tmp_path / "thesis.parquet", tmp_path):
         status, out, err = run(capsys, "replay", str(path), *options)
-        said = err.replace("\n", " ")
+        said = " ".join(err.split())
         assert status == 2
         assert not out
         assert "delete" not in said.lower()
@@ -238,8 +248,8 @@ def test_replay_checks_bit_for_bit(capsys, small_run):
 
 @pytest.mark.render
 def test_a_record_becomes_a_video(capsys, small_run, tmp_path):
-    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
-    out = tmp_path / "t1.mp4"
+    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
+    out = tmp_path / "l1.mp4"
     status, _, _ = run(capsys, "replay", str(record), "--out", str(out), "--size", "64")
     assert status == 0
     assert out.read_bytes()[4:8] == b"ftyp"
@@ -251,7 +261,7 @@ def test_a_trial_is_filmed_beside_its_twin(capsys, small_run, tmp_path):
     import av
     import numpy as np
 
-    record = small_run / "records" / "morning_coffee" / "T1" / "0.parquet"
+    record = small_run / "records" / "morning_coffee" / "L1" / "0.parquet"
     out = tmp_path / "twin.mp4"
     status, _, err = run(capsys, "replay", str(record), "--twin", "--size", "96", "--out", str(out))
     assert status == 0
@@ -291,6 +301,17 @@ def test_report_is_one_page(capsys, small_run, tmp_path):
     assert out.strip().endswith("index.html")
     assert "zoo:lexical" in page
     assert "data:image/jpeg" in page
+
+
+def test_a_scene_that_cannot_be_drawn_costs_the_films_and_not_the_report(capsys, small_run, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(small_run, copy)
+    for scene in copy.rglob("*.zip"):
+        scene.write_bytes(scene.read_bytes()[:100])
+    status, _, err = run(capsys, "report", str(copy), "--out", str(tmp_path / "page"), "--films", "1")
+    assert status == 0
+    assert "no films: " in err
+    assert "zoo:lexical" in (tmp_path / "page" / "index.html").read_text()
 
 
 def test_the_terminal_ends_with_the_verdict(capsys, small_run, tmp_path):

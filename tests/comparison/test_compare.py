@@ -267,7 +267,7 @@ def test_each_policy_stands_among_the_pretenders_on_the_compared_trials(side, mo
     assert found.to_json()["power"][0]["nearest_pretender"]["pretender"] == "zoo:lexical"
     print_comparison(found)
     text = " ".join(capsys.readouterr().out.split())
-    assert "reference lines" in text
+    assert "pretenders: success, %" in text
     assert "shortcut: Nearest pretender: zoo:lexical" in text
 
 

@@ -14,7 +14,7 @@ from betterbench.demonstrations.starts import (
     replacement,
 )
 from betterbench.errors import InvalidInputError
-from betterbench.tasks import all_tasks, get_task
+from betterbench.tasks import get_task
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
 
@@ -25,7 +25,7 @@ def test_a_larger_set_holds_the_smaller_one():
 
 
 def test_no_seed_is_used_twice_and_none_is_that_of_a_test():
-    for task in all_tasks():
+    for task in map(get_task, ("fast_food", "office_drawer", "desk_meeting")):  # of 2, 8 and 12 training conditions
         starts = planned_starts(task, 2, first_seed=FIRST_DEMONSTRATION_SEED)
         seeds = [start.seed for start in starts]
         seeds += [replacement(task, start, 1, first_seed=FIRST_DEMONSTRATION_SEED).seed for start in starts]

@@ -247,7 +247,7 @@ class Stage:
 
     def tick(self) -> None:
         """Advances one control step."""
-        moving = 0.01 if self.command > 0 else -0.01
+        moving = 0.01 if self.command > 0 else -0.01 if self.command < 0 else 0.0
         width = min(0.08, max(0.0, self.width - moving))
         if self.command > 0:
             between = self.between()
@@ -259,7 +259,7 @@ class Stage:
                     self.grip, self.grip_offset = between, self.positions[between] - self.tool
         else:
             self.slipped = ""
-        if self.command <= 0 and self.grip is not None and width > self.grip_width(self.grip):
+        if self.command < 0 and self.grip is not None and width > self.grip_width(self.grip):
             if self.grip not in self.rails:
                 self.fall[self.grip] = 0.0
             self.grip = None
@@ -415,6 +415,11 @@ class Stage:
     def open(self, seconds: float = 0.5) -> Stage:
         self.command = -1.0
         return self.wait(seconds)
+
+    def hold(self) -> Stage:
+        """Keeps the fingers where they are from now on."""
+        self.command = 0.0
+        return self
 
     def grasp(self, name: str, *, beside: tuple[float, float] = (0.0, 0.0)) -> Stage:
         """Goes to an object, or beside it, and closes the hand."""

@@ -31,6 +31,22 @@ def test_a_command_that_the_fingers_do_not_follow_is_no_attempt(stage):
     assert diagnose_record(s.wait(1.0).end()).attempts == ()
 
 
+def test_fingers_that_are_held_half_open_have_not_closed_yet(stage):
+    s = stage("seasoning_rack", "train1")
+    names = sorted(s.movable(), key=s.grip_width)
+    near, narrow = names[-1], names[0]
+    s.over(s.positions[near]).go(*s.positions[near][:2], 0.12).close(0.15).hold().wait(1.0)
+    s.over(s.grip_point(narrow)).go(*s.grip_point(narrow)).close().hold().lift()
+    found = diagnose_record(s.end())
+    assert [(a.object, a.secured) for a in found.attempts] == [(narrow, True)]
+
+
+def test_a_held_object_stays_held_without_a_command(stage):
+    s = stage("fast_food", "train1")
+    s.grasp(s.at("first")).hold().lift().wait(1.0).close().hold().wait(1.0)
+    assert [a.object for a in diagnose_record(s.end()).attempts] == [s.at("first")]
+
+
 def test_chatter_is_one_attempt(stage):
     s = stage("fast_food", "train1")
     name = s.at("first")

@@ -26,7 +26,7 @@ def coffee_choice(name: str, slot: str) -> Choice:
         (s, condition.object(o).kind) for o, s in condition.layout.items() if condition.object(o).role == "item"
     )
     words = frozenset(training_distribution_of(setting.task).word_slots[goal.word])
-    return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), 2)
+    return Choice(target, frozenset((asked,)), slot, slot == asked, words, frozenset(), frozenset(), 2)
 
 
 def coffee_run(follow, strength: float, seeds: int = 20, *, names: tuple[str, ...] = COFFEE[:8]) -> dict[str, Choice]:
@@ -147,9 +147,11 @@ def lunch(n_wrong: int = 1) -> dict[str, Choice]:
     trained = frozenset({("first", "apple"), ("second", "orange")})
     swapped = frozenset({("first", "orange"), ("second", "apple")})
     first = frozenset(("first",))
-    right = {f"lunch/train1/{i}": Choice(trained, first, "first", True, first, frozenset(), 2) for i in range(3)}
+    right = {
+        f"lunch/train1/{i}": Choice(trained, first, "first", True, first, frozenset(), frozenset(), 2) for i in range(3)
+    }
     wrong = {
-        f"lunch/L1/{i}": Choice(swapped, frozenset(("second",)), "first", False, first, frozenset(), 2)
+        f"lunch/L1/{i}": Choice(swapped, frozenset(("second",)), "first", False, first, frozenset(), frozenset(), 2)
         for i in range(n_wrong)
     }
     return right | wrong
@@ -163,6 +165,32 @@ def test_what_other_tasks_prove_decides_where_two_rules_fit_alike():
         "rejected", place="upheld"
     )
     assert judge_policy({**words, "lunch": lunch()})["lunch"].rulings["lunch/L1/0"].shortcut in ("upheld", "open")
+
+
+def later(task: str, *, habit: bool) -> dict[str, Choice]:
+    """Makes a task with one trial in which the first attempt was at what the second step asks for."""
+    layout = frozenset({("first", "apple"), ("second", "orange"), ("third", "lemon")})
+    first, second = frozenset(("first",)), frozenset(("second",))
+    usual = second if habit else first
+    return {f"{task}/R1/0": Choice(layout, first, "second", False, frozenset(), usual, second, 3)}
+
+
+def test_one_who_begins_with_later_steps_in_several_tasks_has_no_favorite_place_and_no_habit():
+    tasks = {"lunch": True, "burger": False, "food": False}
+    found = judge_policy({task: later(task, habit=habit) for task, habit in tasks.items()})
+    for task, rules in found.items():
+        ruling = rules.rulings[f"{task}/R1/0"]
+        assert (ruling.place, ruling.shortcut, ruling.habit) == ("rejected", "rejected", "rejected"), task
+
+
+def test_two_tasks_are_not_enough_for_that():
+    found = judge_policy({"lunch": later("lunch", habit=True), "food": later("food", habit=False)})
+    assert found["lunch"].rulings["lunch/R1/0"].habit == "upheld"
+
+
+def test_one_who_begins_with_later_steps_where_they_are_habits_has_the_habit():
+    found = judge_policy({task: later(task, habit=True) for task in ("lunch", "burger", "food")})
+    assert all(rules.rulings[f"{task}/R1/0"].habit == "upheld" for task, rules in found.items())
 
 
 def test_one_other_task_is_not_enough_to_do_without_a_pair():

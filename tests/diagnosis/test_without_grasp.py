@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,23 @@ def test_hovering_over_a_look_alike_is_a_choice(stage, still):
     assert "stays over it" in found.evidence.text
     assert found.attempts == ()
     assert not found.intention_correct
+
+
+def test_a_wide_look_alike_is_hovered_over_at_its_rim(stage):
+    s = stage("dinner_plates", "O1")
+    bowl = next(o.name for o in s.info.objects if "bowl" in o.kind)
+    x, y, z = s.positions[bowl]
+    rim = 0.5 * s.size(bowl)[0] - 0.005
+    found = diagnose_record(s.over(s.positions[bowl]).go(x + rim, y, z + s.size(bowl)[2] + 0.035).wait(8).end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+    assert found.evidence.objects == (bowl,)
+
+
+def test_the_target_is_no_choice_of_an_object(stage):
+    s = stage("dinner_plates", "train1")
+    plate = s.goal_place()
+    found = diagnose_record(tremble(s.over(plate).go(*plate[:2], plate[2] + 0.08), 5).end())
+    assert "stays over" not in found.evidence.text
 
 
 def test_hovering_over_what_another_instruction_means_is_a_wrong_object(stage):
@@ -128,6 +147,26 @@ def test_fidgeting_after_the_first_step_is_a_phase_conflict(stage):
     assert found.kind is Kind.REASONING
 
 
+def test_trembling_in_place_to_the_end_is_a_halt(stage):
+    s = stage("fast_food", "train1")
+    s.bring(s.at("first")).home()
+    found = diagnose_record(tremble(s, 12, by=0.005).end())
+    assert (found.label, found.evidence.rule) == (Label.EARLY_HALT, "still_with_open_subgoals")
+    s = stage("fast_food", "train1")
+    s.bring(s.at("first")).home()
+    going_on = tremble(s, 6, by=0.005).bring(s.of("fries")).home()
+    assert diagnose_record(going_on.wait(1).end()).label is not Label.EARLY_HALT
+
+
+def test_a_way_between_misses_is_not_to_and_fro(stage):
+    s = stage("fast_food", "train1")
+    x, y, _ = s.positions[s.at("first")]
+    for _ in range(6):
+        s.over(np.array([x, y, 0.0])).go(x - 0.12, y, 0.03).close().home().open()
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "missed_by_far")
+
+
 def test_a_slow_straight_way_is_a_timeout(stage):
     s = stage("fast_food", "train1")
     x, y, z = s.positions[s.at("first")]
@@ -188,6 +227,25 @@ def test_what_is_pushed_out_of_the_way_is_an_accident(stage):
     assert found.intention_correct
 
 
+def test_what_slides_ahead_of_the_gripper_is_pushed(stage):
+    """Contacts are seen at some of the rows only, and the first one after the thing has begun to move."""
+    s = stage("fast_food", "O1")
+    name = s.at("first")
+    real, touches = s.state, {0: 0}
+
+    def state():
+        seen = real()
+        touches[0] += 1
+        finger = {"left_finger", "right_finger"}
+        kept = tuple(c for c in seen.contacts if not finger & {c.a, c.b} or touches[0] % 7 == 0)
+        return replace(seen, contacts=kept)
+
+    s.state = state
+    found = diagnose_record(s.close().push(name, 0.0, 0.14).home().wait(4).end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+    assert "pushed" in found.evidence.text
+
+
 def test_a_short_push_is_none(stage):
     s = stage("morning_coffee", "L3")
     found = diagnose_record(s.push(s.of("blue mug"), 0.0, 0.04).home().wait(5).end())
@@ -209,6 +267,13 @@ def test_a_gripper_that_shuts_far_from_everything_missed_and_shows_no_reasoning(
     assert [(a.result, a.object) for a in found.attempts] == [("null", None)]
     assert "cm from the" in found.evidence.text
     assert "was asked for" in found.evidence.text
+
+
+def test_fingers_that_close_when_the_limit_comes_have_missed_nothing(stage):
+    s = stage("fast_food", "train1")
+    x, y, _ = s.positions[s.at("first")]
+    found = diagnose_record(s.over(np.array([x, y, 0.0])).go(x - 0.1, y, 0.03).close(0.35).end())
+    assert found.label is Label.TIMEOUT
 
 
 def test_a_far_miss_that_a_wrong_grasp_follows_does_not_hide_it(stage):

@@ -53,6 +53,10 @@ def test_a_form_is_read_from_bytes_and_from_a_value():
         (b'[{"count": 1, "sizes": [], "q": 2}]', "f.json: [0].q: is unknown. Mend it."),
         (b'[{"count": -1, "sizes": []}]', "f.json: count: -1 is negative. Give 0 or more. Mend it."),
         (b'[{"count": 101, "sizes": []}]', "f.json: [0]: there are too many. Mend it."),
+        (
+            b'[{"count": 1, "sizes": [], "count": 2}]',
+            "f.json: count: is given twice. Give it once. Mend it.",
+        ),
         (b"[" * 5000, "f.json: is not JSON (recursion limit exceeded at line 1 column 202). Mend it."),
         (b"\xff", "f.json: is not JSON (expected value at line 1 column 1). Mend it."),
         ({1, 2}, "f.json: is not JSON (Object of type set is not JSON serializable). Mend it."),
@@ -77,3 +81,10 @@ def test_a_file_is_read_up_to_a_limit(tmp_path):
     assert read_bounded(file, max_bytes=3, cure="Give one") == b"123"
     with pytest.raises(InvalidInputError, match="is larger than 2 bytes"):
         read_bounded(file, max_bytes=2, cure="Give one")
+
+
+def test_the_name_of_a_field_is_bounded_in_a_message():
+    adapter = TypeAdapter(dict[str, int])
+    with pytest.raises(InvalidInputError) as raised:
+        read_form(adapter, {"x" * 100_000: "no number"}, where="f.json", cure="Mend it")
+    assert len(str(raised.value)) < 500

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 import betterbench
-from betterbench.errors import PolicyError, PolicyKilledError, PolicyProcessError
+from betterbench.errors import InvalidInputError, PolicyError, PolicyKilledError, PolicyProcessError
 from betterbench.evaluation import evaluate
 from betterbench.interface import EpisodeStart, PolicyInfo, episode_number
 from betterbench.policies import policy_process
@@ -25,8 +26,9 @@ from betterbench.recording import RunFolder
 STEPS = 12
 
 PLUGIN = """
-import asyncio, os, pathlib, random, resource, signal, sys, threading, time
+import asyncio, os, pathlib, random, resource, signal, socket, stat, sys, threading, time
 import numpy as np
+from betterbench.errors import PolicyError
 from betterbench.interface import Execution, PolicyInfo, episode_number
 
 STILL = np.array([0.0] * 6 + [-1.0])
@@ -87,6 +89,61 @@ class Any(Calm):
         if observation.what is not None:
             globals()[observation.what].misbehave(self)
         return STILL
+
+class EvilText(str):
+    def __str__(self):
+        return self
+    def encode(self, *_):
+        return self
+    def decode(self, *_):
+        return self
+    def __reduce__(self):
+        return (pathlib.Path(__file__).with_name("ran").touch, ())
+
+@does("Evil")
+def evil(self):
+    raise PolicyError(EvilText("wicked"))
+
+@does("Twice")
+def twice(self):
+    ordinary = socket.socket.sendall
+    def sendall(self, data):
+        ordinary(self, data)
+        ordinary(self, data)
+    socket.socket.sendall = sendall
+
+@does("Bits")
+def bits(self):
+    for number in range(3, 100):
+        try:
+            if stat.S_ISSOCK(os.fstat(number).st_mode):
+                os.write(number, b"garbage that is no frame, and longer than its head")
+        except OSError:
+            pass
+
+@does("Nonblocking")
+def nonblocking(self):
+    os.set_blocking(1, False)
+    os.set_blocking(2, False)
+    print("\\x1b[2J steers", file=sys.stderr)
+
+@does("Leaves")
+def leaves(self):
+    if not os.fork():
+        os.setsid()
+        if not os.fork():
+            time.sleep(3600)
+        os._exit(0)
+    os.wait()
+
+@does("Poisons")
+def poisons(self):
+    np.asarray = None
+    raise RuntimeError("poisoned")
+
+class Hanging:
+    def __init__(self):
+        time.sleep(3600)
 
 class Killed(Calm):
     def misbehave(self):
@@ -156,6 +213,9 @@ ENDS = {
     "Stops": "GeneratorExit",
     "Group": r"ended while it was asked \(SIGABRT\)",
     "Recurses": "RecursionError",
+    "Evil": "wicked",
+    "Poisons": "poisoned",
+    "Bits": "sent what is no answer",
 }
 
 
@@ -176,7 +236,68 @@ def one(tmp_path_factory):
     policy.close()
 
 
-KEEPS = ("Calm", "Unsayable", "Cancelled", "Interrupts", "Stops", "Exits", "ClosesAll")
+KEEPS = ("Calm", "Cancelled", "Exits", "ClosesAll", "Evil", "Poisons", "Bits")
+
+
+@pytest.fixture(autouse=True)
+def nothing_that_a_policy_sends_is_run(one):
+    yield
+    ran = Path(one._address.removeprefix("python:").rpartition(":")[0]).with_name("ran")
+    assert not ran.exists()
+
+
+def test_an_answer_that_is_sent_twice_shifts_no_other_and_an_episode_begins_with_a_clean_process(one):
+    one.reset(START)
+    one.act(Seen(3, "Twice"))
+    process = one._running._process.pid
+    assert [one.act(Seen(step)).shape for step in (4, 5)] == [(7,), (7,)]
+    time.sleep(0.05)  # until the second copy of the last one is there
+    one.reset(START)
+    assert one._running._process.pid != process
+    with pytest.raises(PolicyError, match="out of memory"):
+        one.act(Seen(3, "Calm"))
+    failed = one._running._process.pid
+    one.reset(START)
+    assert one._running._process.pid != failed, "what it did before it failed harms no other trial"
+
+
+def test_what_a_policy_does_to_its_outputs_is_not_done_to_ours(one, capsys):
+    one.reset(START)
+    one.act(Seen(3, "Nonblocking"))
+    assert os.get_blocking(1)
+    assert os.get_blocking(2)
+    until = time.monotonic() + 5.0
+    said = ""
+    while "steers" not in said and time.monotonic() < until:
+        said += capsys.readouterr().err
+        time.sleep(0.02)
+    assert "\ufffd[2J steers" in said
+
+
+def test_what_a_policy_has_started_ends_with_its_process(plugin):
+    policy = start_policy(f"{plugin}:Leaves")
+    policy.reset(START)
+    policy.act(Seen(3))
+    mark = f"{policy_process.MARK}={policy._running._mark}".encode()
+
+    def running():
+        for place in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                alive = place.joinpath("stat").read_text().rpartition(")")[2].split()[0] != "Z"
+                if alive and mark in place.joinpath("environ").read_bytes():
+                    yield place.name
+
+    assert len(list(running())) == 2
+    policy.close()
+    until = time.monotonic() + 5.0
+    while list(running()) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert list(running()) == []
+
+
+def test_a_policy_that_never_loads_is_one_line(plugin):
+    with pytest.raises(PolicyProcessError, match=r"not loaded after 1 s.*--policy-timeout"):
+        start_policy(f"{plugin}:Hanging", load_s=1.0)
 
 
 @pytest.mark.parametrize(
@@ -235,12 +356,12 @@ def test_answers_arrive_as_arrays_or_as_an_error(plugin):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("Unloadable", r"cannot be loaded \(RuntimeError: CUDA out of memory\)"),
+        ("Unloadable", r"Unloadable cannot be made: RuntimeError: CUDA out of memory \(misbehaving_policy\.py, line"),
         ("Gone", r"its process ended while loading \(exit status 9\)"),
     ],
 )
 def test_a_policy_that_cannot_be_loaded_is_one_line(plugin, name, text):
-    with pytest.raises(PolicyProcessError, match=text) as raised:
+    with pytest.raises((InvalidInputError, PolicyProcessError), match=text) as raised:
         start_policy(f"{plugin}:{name}")
     assert len(str(raised.value).splitlines()) == 1
 
@@ -271,7 +392,8 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
     for name in ("Elsewhere", "Killed"):
         run = evaluate(tiny_plan(f"{plugin}:{name}", trials=3), Path(name))
         entries = {e.seed: (e.status, e.message) for e in run.entries()}
-        assert entries == dict.fromkeys(range(3), ("done", "RuntimeError: enough"))
+        enough = "RuntimeError: enough (misbehaving_policy.py, line 22, in act)"
+        assert entries == dict.fromkeys(range(3), ("done", enough))
         assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
         assert len(list(run.records())) == 3
 

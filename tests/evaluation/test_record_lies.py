@@ -256,7 +256,7 @@ def test_the_same_command_runs_a_lost_record_again(copy, tiny_plan, damage, capl
     damage(path, copy.record_path("morning_coffee", "T1", 2))
     with pytest.raises(RecordError) as raised:
         list(copy.records())
-    assert "The same better eval command records the trial" in str(raised.value)
+    assert "The command that made the run records the trial" in str(raised.value)
     assert "elete" not in str(raised.value)
     told: list[Progress] = []
     run = evaluate(tiny_plan(), copy.path, on_progress=told.append)

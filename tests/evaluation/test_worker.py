@@ -298,7 +298,7 @@ def test_each_environment_has_an_instance_of_a_plain_policy_in_a_process_of_its_
 ):
     evaluate(tiny_plan(f"{plugin}:Closing", trials=3), tmp_path / "run", envs=2)
     closed = {int(p.name.partition("-")[2]) for p in tmp_path.glob("closed-*")}
-    assert len(closed) == 2
+    assert len(closed) == 3, "the third trial begins in a process in which none has failed"
     assert os.getpid() not in closed
 
 
@@ -364,7 +364,7 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
     plan = tiny_plan(f"{plugin}:Gone", trials=4)
     with pytest.raises(PolicyUnavailableError, match="the server is gone"):
         evaluate(plan, tmp_path / "run")
-    entries = {e.seed: (e.status, e.message) for e in RunFolder.open(tmp_path / "run").entries()}
+    entries = {e.seed: (e.status, e.message.partition(" (")[0]) for e in RunFolder.open(tmp_path / "run").entries()}
     assert entries == {0: ("done", OVER[1]), 1: ("done", OVER[1]), 2: ("error", "the server is gone")}
     Path(plugin.removeprefix("python:")).write_text(PLUGIN.replace("self.seed == 2", "False"), encoding="utf-8")
     with pytest.raises(RunConflictError, match=r"policy\.metadata\.source file was"):
@@ -479,7 +479,9 @@ def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_a
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
 
 
-@pytest.mark.parametrize("policy", ["Raising", "Bent", "Exits"])
+@pytest.mark.parametrize(
+    "policy", ["Raising", pytest.param("Bent", marks=pytest.mark.slow), pytest.param("Exits", marks=pytest.mark.slow)]
+)
 def test_what_a_policy_breaks_with_is_told_in_the_same_words_whoever_asks(
     plugin, tiny_plan, tmp_path, run_content, policy
 ):

@@ -175,7 +175,9 @@ def test_plans_hold_trials_in_which_the_habits_show():
 def test_a_half_is_run_judged_and_resumed_by_the_command_line(tmp_path, monkeypatch, capsys):
     from betterbench.calibration import independent
 
-    two = [p for p in independent.independent_plans("development", trials=1) if "brisk" in p.policy][:2]
+    plans = independent.independent_plans("development", trials=1)
+    two = [p for p in plans if p.policy in ("independent:honest-brisk", "independent:air-grasp-brisk")]
+    assert len(two) == 2
     monkeypatch.setattr(independent, "independent_plans", lambda *_, **__: tuple(two))
     arguments = ["calibrate", "--family", "development", "--out", str(tmp_path), "--workers", "1", "--films", "0"]
     arguments.append("--json")

@@ -672,7 +672,10 @@ def test_a_server_that_comes_back_with_other_modalities_stops_the_run(client):
     with Server() as server:
         policy = client(server, "timeout=5&retries=3&patience=10")
         port = server.port
-    with Server(port=port, modalities_=modalities(steps=(-1, 0))), pytest.raises(HandshakeError, match="came back"):
+    with (
+        Server(port=port, modalities_=modalities(steps=(-1, 0))),
+        pytest.raises(HandshakeError, match="come back as another"),
+    ):
         policy.act(seen())
 
 
@@ -714,3 +717,11 @@ def test_trials_are_evaluated_with_and_without_a_memory(tmp_path, steps):
         assert np.allclose(record.applied[1:], 0.01)
     assert {shape[1:] for shape in seen_} == {(len(steps), 1)}
     assert {shape[0] for shape in seen_} <= ({1, 2} if len(steps) == 1 else {1})
+
+
+def test_an_action_under_two_names_is_refused():
+    twice = [{**chunk()[0], "action.gripper": array(np.zeros((1, 8, 1)))}, {}]
+    with Server({"get_action": twice}) as server, contextlib.closing(connect_gr00t(server.address())) as policy:
+        policy.reset(START)
+        with pytest.raises(PolicyError, match="'gripper' is given twice"):
+            policy.act(seen())

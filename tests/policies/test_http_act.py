@@ -308,6 +308,19 @@ def test_numbers_that_are_not_finite_arrive_as_such(client):
 
 
 @pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        (b"[0.5, true, 0, 0, 0, 0, 1]", "not an array of real numbers"),
+        (b"[[0.5, 0, 0, 0, 0, 0, 1], [0.5, 0, 0, false, 0, 0, 1]]", "not an array of real numbers"),
+        (b'{"action": [0, 0, 0, 0, 0, 0, 1], "action": [1, 0, 0, 0, 0, 0, 1]}', "action: is given twice"),
+    ],
+)
+def test_a_truth_is_no_number_and_a_key_stands_once(client, body, text):
+    with Server([plain(body=body)]) as server, pytest.raises(PolicyError, match=text):
+        client(server).act(seen())
+
+
+@pytest.mark.parametrize(
     ("status", "body", "error", "text"),
     [
         (400, b'{"error": "No valid images found."}', PolicyError, "HTTP 400: No valid images found."),

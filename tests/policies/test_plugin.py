@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, PolicyProcessError, UnknownNameError
 from betterbench.evaluation import check_policy, known_policies
 from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.interface import PolicyInfo
@@ -138,7 +138,7 @@ def test_a_file_that_cannot_be_loaded_is_named(tmp_path, source):
 def test_what_a_plugin_raises_itself_is_one_line_with_its_place(tmp_path, source, text):
     file = tmp_path / "angry.py"
     file.write_text(source, encoding="utf-8")
-    with pytest.raises(InvalidInputError, match=text) as caught:
+    with pytest.raises((InvalidInputError, PolicyProcessError), match=text) as caught:
         load_plugin(f"{file}:Mine")
     assert "\n" not in str(caught.value)
 

@@ -380,3 +380,12 @@ def test_mutations_of_valid_frames_are_values_or_policy_errors(dialect):
     seen = [module.check(dialect, frame) for frame in itertools.islice(module.inputs(dialect, 11), 4000)]
     assert all(module.check(dialect, frame) for frame in module.SEEDS[dialect])
     assert 100 < sum(seen) < 3900  # both outcomes are met
+
+
+@EACH
+def test_a_key_that_stands_twice_is_refused(dialect):
+    """Readers take one or the other, and nobody would learn which actions were played."""
+    packer = msgpack.Packer()
+    frame = packer.pack_map_header(2) + b"".join(packer.pack(x) for x in ("actions", [0.1], "actions", [0.9]))
+    with pytest.raises(PolicyError, match="actions: is given twice"):
+        DIALECTS[dialect][1](frame)

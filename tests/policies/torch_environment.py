@@ -1,4 +1,4 @@
-"""An environment with PyTorch and the real LeRobot package, made once beside the project and kept in the user's cache.
+"""An environment with PyTorch, the real LeRobot and robomimic, made once beside the project and kept in the cache.
 
 The project itself needs neither: LeRobot pins versions of NumPy, PyAV and more that nothing else here uses, and with
 everything it asks for it takes 8 GB. The code that loads a checkpoint and runs it is far smaller, so the packages below
@@ -39,6 +39,7 @@ PACKAGES = (
     "httpx==0.28.1",
     "httpcore==1.0.9",
     "h11==0.16.0",
+    "h5py==3.16.0",
     "anyio==4.16.0",
     "huggingface-hub==0.35.3",
     "importlib-metadata==10.2.0",
@@ -53,7 +54,9 @@ PACKAGES = (
     "pyserial==3.5",
     "pyyaml-include==1.4.1",
     "regex==2026.11.15",
+    "robomimic==0.3.0",
     "safetensors==0.8.0",
+    "six==1.17.0",
     "sympy==1.14.0",
     "termcolor==3.2.0",
     "toml==0.10.2",

@@ -181,7 +181,7 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
     good = record_bytes(make_record(rows=30)[0])
     for bad in (b"", b"not parquet", good[: len(good) // 2], good[:-4] + b"XXXX", b"PAR1" * 5):
         path.write_bytes(bad)
-        with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*The same better eval command records"):
+        with pytest.raises(RecordError, match=r"7\.parquet: is damaged .*The command that made the run records"):
             read_record(path)
     with pytest.raises(RecordError, match=r"is a folder and not a file\. Name a record of a run"):
         read_record(tmp_path)

@@ -96,6 +96,47 @@ def test_a_trial_is_finished_once_but_an_error_may_be_run_again(tmp_path) -> Non
         read_journal(path)
 
 
+@pytest.mark.parametrize("how", ["removed", "replaced", "cut", "grown", "changed", "linked"])
+def test_a_journal_that_somebody_else_spoils_while_it_is_written_is_whole_again(tmp_path, how, caplog) -> None:
+    path = tmp_path / "journal.jsonl"
+    with Journal(path) as journal:
+        journal.append(entry(0))
+        match how:
+            case "removed":
+                path.unlink()
+            case "replaced":
+                path.rename(tmp_path / "elsewhere")
+                path.write_text("{}\n")
+            case "cut":
+                os.truncate(path, 10)
+            case "grown":
+                path.write_bytes(path.read_bytes() + b"garbage\n")
+            case "changed":
+                path.write_bytes(path.read_bytes().replace(b"fast_food", b"slow_food"))
+            case "linked":
+                path.unlink()
+                path.symlink_to("nowhere")
+        journal.append(entry(1))
+        journal.restore()
+        assert [e.seed for e in read_journal(path)] == [0, 1]
+        journal.append(entry(2))
+    assert [e.seed for e in read_journal(path)] == [0, 1, 2]
+    assert "was removed or changed by somebody else" in caplog.text
+
+
+@pytest.mark.parametrize("content", [None, b"{", b'{"schema_version": 1, "plan": {}, "context": {}}'])
+def test_the_description_of_a_run_is_written_again(tmp_path, content) -> None:
+    run = RunFolder.start(tmp_path / "run", PLAN, context={"machine": "a"})
+    before = (run.path / "run.json").read_bytes()
+    run.restore()
+    if content is None:
+        (run.path / "run.json").unlink()
+    else:
+        (run.path / "run.json").write_bytes(content)
+    run.restore()
+    assert (run.path / "run.json").read_bytes() == before
+
+
 def test_a_finished_trial_whose_record_is_lost_is_run_again(tmp_path) -> None:
     path = tmp_path / "journal.jsonl"
     with Journal(path) as journal:

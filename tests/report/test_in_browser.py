@@ -21,6 +21,7 @@ from betterbench.report import trials_worth_showing
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.tasks import suite_tasks
+from betterbench.tasks.labels import Kind
 
 pytestmark = pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed")
 
@@ -126,8 +127,20 @@ def test_failures_come_first_in_the_list(chromium, page, run):
     swatches = chromium.value("[...document.querySelectorAll('#list .outcome .swatch')].map(s => s.className)")
     assert len(swatches) == 60
     assert set(swatches) == {"swatch reasoning"}
-    texts = chromium.value("[...document.querySelectorAll('#list .trial .cell:nth-child(3)')].map(s => s.textContent)")
+    texts = chromium.value("[...document.querySelectorAll('#list .trial .cell.key')].map(s => s.textContent)")
     assert not [text for text in texts if "/train" in text]
+
+
+def test_a_failed_trial_says_in_the_list_what_happened(chromium, page, run):
+    chromium.open(page, *LAPTOP)
+    said = chromium.value("document.querySelector('#list .trial .first').textContent")
+    assert said in {t.evidence.text for t in run.trials if t.kind is Kind.REASONING}
+
+
+def test_what_has_one_value_has_no_filter_and_no_column(chromium, page):
+    chromium.open(page, *LAPTOP)
+    assert chromium.value("document.querySelector('[data-filter=policy]').parentElement.offsetParent === null")
+    assert chromium.value("document.querySelectorAll('#list .policy').length") == 0
 
 
 def test_several_runs_show_a_picture_on_the_first_screen(chromium, tmp_path):
@@ -187,6 +200,22 @@ def test_charts_are_saved_as_svg_and_png(chromium, page):
         assert svg.startswith("<svg")
         assert "var(--" not in svg
     assert chromium.complaints() == []
+
+
+@pytest.mark.parametrize("size", [LAPTOP, PHONE])
+def test_no_word_of_a_chart_is_cut_off_or_lies_on_another(chromium, page, size):
+    chromium.open(page, *size)
+    cut = chromium.value(
+        """[...document.querySelectorAll('svg.drawing')].filter(s => s.getBoundingClientRect().width).flatMap(s => {
+          const box = s.getBoundingClientRect();
+          const texts = [...s.querySelectorAll('text')].map(t => [t.textContent, t.getBoundingClientRect()]);
+          const bad = texts.filter(([t, b]) => t.includes('…') || b.left < box.left - 1 || b.right > box.right + 1);
+          const over = texts.filter(([, a], i) => texts.some(([, b], j) => j > i && Math.abs(a.top - b.top) < 4
+            && a.left < b.right - 1 && b.left < a.right - 1));
+          return [...bad, ...over].map(([t]) => t);
+        })"""
+    )
+    assert cut == []
 
 
 def test_it_prints(chromium, page, tmp_path):

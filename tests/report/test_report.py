@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
 from tests.diagnosis.small_matrix import matrix
 
+from betterbench.cli.output.page import panel_of
 from betterbench.diagnosis import Label, standing
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
@@ -378,7 +379,7 @@ def test_a_place_rule_that_takes_look_alikes_is_named_before_them():
         assert headline.failure is not None
         if in_place:
             assert headline.failure.label is Label.LEXICAL_KINEMATIC_SHORTCUT
-            assert "also took 13 look-alikes" in headline.failure.share
+            assert "the same rule explains 13 look-alikes" in headline.failure.share
             assert headline.failure.lead != "Most often"
             assert "words to motions" in headline.conclusion
         else:
@@ -396,3 +397,57 @@ def test_a_headline_does_not_praise_variations_beside_a_training_that_fails():
     assert "training" in text
     good = [replace(t, success=True, label=Label.SUCCESS) for t in trained]
     assert "No failure found" in headline_of(diagnosis([*varied, *good])).conclusion
+
+
+def _failed(label, *, attempts=True, **evidence):
+    made = [trial(seed=seed, label=label) for seed in range(10)]
+    changed = [replace(t, evidence=replace(t.evidence, **evidence)) for t in made]
+    return changed if attempts else [replace(t, attempts=()) for t in changed]
+
+
+@pytest.mark.parametrize(
+    ("trials", "said"),
+    [
+        (_failed(Label.CAUSAL_CONFUSION, rule="finished_step_repeated"), "It does finished steps again"),
+        (_failed(Label.CAUSAL_CONFUSION, rule="required_step_skipped"), "It skips steps that are still open"),
+        (_failed(Label.PHASE_CONFLICT, rule="freeze_in_mid_task_scene"), "It freezes before its first grasp"),
+        (_failed(Label.PHASE_CONFLICT, rule="to_and_fro"), "It goes to and fro"),
+        (_failed(Label.BEHAVIORAL_INERTIA, rule="memorized_place"), "It brings things where training brought them"),
+        (_failed(Label.BEHAVIORAL_INERTIA, rule="most_frequent_first_step"), "It begins with the step that most"),
+        (_failed(Label.EARLY_HALT, attempts=False), "It stops before its first grasp."),
+        (_failed(Label.EARLY_HALT), "It stops in the middle of its work."),
+        (_failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=("color",)), "objects of the target's color."),
+        (
+            _failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=("color", "shape", "slot")),
+            "objects of the target's color and shape, in its trained slot.",
+        ),
+        (_failed(Label.SEMANTIC_FEATURE_COLLAPSE, shared=()), "It takes look-alikes for the real thing."),
+    ],
+)
+def test_the_headline_says_what_a_person_who_watched_would_say(trials, said):
+    assert said in headline_of(diagnosis(trials)).conclusion
+    mixed = [*trials[:5], *(replace(t, evidence=replace(t.evidence, rule="other", shared=())) for t in trials[5:])]
+    if trials[0].label is not Label.EARLY_HALT and said != "It takes look-alikes for the real thing.":
+        assert said not in headline_of(diagnosis(mixed)).conclusion
+
+
+def test_a_policy_that_breaks_down_has_its_reason_on_the_first_screen():
+    text = "The episode ended early (policy error): KeyError: 'actions' (mine.py, line 8, in act)"
+    sentences = headline_of(diagnosis(_failed(Label.POLICY_ERROR, text=text))).sentences
+    assert text in " ".join(sentences)
+
+
+def test_a_film_writes_a_success_in_another_color_than_a_failure():
+    assert panel_of(trial(), "training twin").right
+    assert not panel_of(trial(label=Label.TIMEOUT), "this trial").right
+
+
+def test_a_tie_with_look_alikes_of_the_same_rule_is_not_called_most_often():
+    made = [trial(seed=s, label=Label.SEMANTIC_FEATURE_COLLAPSE) for s in range(2)]
+    taken = [replace(t, evidence=replace(t.evidence, shared=("color", "slot"))) for t in made]
+    headline = headline_of(
+        diagnosis([*taken, *(trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in (2, 3))])
+    )
+    assert headline.failure is not None
+    assert headline.failure.lead == "The rule behind most failures"
+    assert "explains 2 look-alikes" in headline.failure.share

@@ -159,7 +159,15 @@ def test_decimation_keeps_the_shape() -> None:
         assert points.max(axis=0) == pytest.approx(original[1], abs=0.004), link
 
 
-@pytest.mark.parametrize("link", [*PANDA.arm_bodies, "hand", "finger"])
+LINKS = PANDA.arm_bodies
+LARGE = ("link5", "link6")
+"""Links whose files are so large that link0 stands for them in the quick tests."""
+
+
+@pytest.mark.parametrize(
+    "link",
+    [pytest.param(link, marks=pytest.mark.slow) if link in LARGE else link for link in (*LINKS, "hand", "finger")],
+)
 def test_decimation_tears_nothing_and_turns_nothing_over(link: str) -> None:
     """Borders keep their length, so that no hole and no flap appears, and triangles look where the surface did."""
     source = trimesh.load_mesh(mesh_folder() / f"{link}.stl", process=False)

@@ -51,7 +51,7 @@ def test_a_forged_model_takes_nobody_along(scene, monkeypatch):
     forged = bytearray(files[MODEL_FILE])
     for at in draw.integers(200, 20_000, 5_000):
         forged[at] = draw.integers(256)
-    monkeypatch.setattr(limited, "REQUEST_S", 20.0)
+    monkeypatch.setattr(limited, "REQUEST_S", 40.0)
     with LimitedView(quality="fast", size=64) as view, contextlib.suppress(RecordError):
         view.open({**files, MODEL_FILE: bytes(forged)})
         view.draw(scene.data.qpos, "front", jitter=NO_JITTER)
@@ -67,7 +67,7 @@ def test_a_process_that_crashes_or_hangs_is_one_clear_line(scene, monkeypatch):
     with LimitedView(quality="fast", size=64) as view:
         os.kill(view._process.pid, signal.SIGSTOP)
         began = time.monotonic()
-        with pytest.raises(RecordError, match="nothing came of it"):
+        with pytest.raises(RecordError, match=r"nothing came of it.*too busy, or"):
             view.open(scene.files())  # more than a pipe holds
         assert time.monotonic() - began < 5.0
         assert view._process.returncode is not None

@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import form_errors, read_bounded, read_form, strict_form
+from betterbench.json_form import form_errors, read_bounded, read_form, strict_form, unique_keys
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
@@ -177,12 +177,9 @@ def load_coverage(path: Path) -> Coverage:
 
 def _load(file: Traversable | Path, where: str) -> Coverage:
     cure = "Give a certificate.json of better certify"
+    data = read_bounded(file, max_bytes=MAX_BYTES, cure=cure) if isinstance(file, Path) else file.read_bytes()
     with form_errors(where, cure):
-        if isinstance(file, Path):
-            text = read_bounded(file, max_bytes=MAX_BYTES, cure=cure).decode("utf-8")
-        else:
-            text = file.read_text(encoding="utf-8")
-        form = json.loads(text)
+        form = json.loads(data, object_pairs_hook=unique_keys)
     if not isinstance(form, dict) or form.get("form") != FORM:
         return Coverage.of(Certificate.from_json(form, where=where))
     coverage = read_form(_COVERAGE, form, where=where, cure=cure)

@@ -29,8 +29,8 @@ def amplify_command(
 
     Each skill of a source moves as it did there, in the frame of the object or target that it is about; between skills
     the planner finds a free way. An attempt that fails is made again with another source. An accepted one succeeds,
-    goes on to hold, and lies inside the certified training distribution. Ctrl-C keeps what is done; the same command
-    resumes, and with a larger --demos it goes on. The records do not depend on the number of workers.
+    goes on to hold, and lies inside the certified training distribution. The same command resumes, also after Ctrl-C,
+    and a larger --demos goes on.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 
@@ -42,8 +42,7 @@ def amplify_command(
         seed: First seed, 1000000 or above; 1000000000 if not given.
         attempts: Most attempts at one start, each with another source in the lead.
         select: How the source of each subgoal is chosen: any, by where its object stood, or by where its motion begins.
-        noise: Standard deviation of the noise on executed actions, in action units of 5 cm and 0.5 rad; the action
-            without it is recorded as the label.
+        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
         workers: Worker processes; one per processor if not given.
         films: Render the first failed attempt of each kind, and a picture of the paths per task.
         json: Print what became of the attempts as one JSON document.

@@ -12,18 +12,26 @@ from betterbench.errors import require_between
 
 LIMITS: Mapping[str, tuple[float, float]] = {
     "alpha": (1e-9, 1.0),
+    "at_once": (1, 256),
+    "attempts": (1, 100),
     "batch": (1, 1024),
     "chunk": (1, 256),
     "clients": (1, 10_000),
     "demonstrations": (1, 100_000),
+    "demos": (1, 100_000),
     "envs": (1, 256),
     "films": (0, 10_000),
+    "frames": (0, 100_000),
+    "images": (1, 1_000_000),
+    "noise": (0.0, 0.5),
     "policy_timeout": (0.001, 604_800),
+    "questions": (0, 10_000_000),
     "replica_gpus": (0, 64),
     "replicas": (1, 256),
     "seed": (0, 2**31 - 1),
     "size": (16, 4096),
     "trials": (1, 10_000),
+    "validation": (0.0, 0.99),
     "workers": (1, 256),
 }
 """Least and largest value of each number that a verb takes, by the name of its option; ports are checked where they are

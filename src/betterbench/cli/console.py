@@ -95,9 +95,9 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
     OUT.print(table)
 
 
-def say(text: str) -> None:
-    """Print a message on standard error."""
-    ERR.print(text, markup=False)
+def say(text: str, *, whole: bool = False) -> None:
+    """Print a message on standard error; if ``whole``, no line is broken, so that a path in it can be copied."""
+    ERR.print(text, markup=False, soft_wrap=whole)
 
 
 def _printable(text: str) -> str:

@@ -3,24 +3,41 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
 
+if TYPE_CHECKING:
+    from betterbench.diagnosis import RunDiagnosis
+    from betterbench.recording import RunFolder
+    from betterbench.vqa.knowing import Knowledge
 
-def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool = False, json: bool = False) -> None:
+
+def diagnose_command(
+    run: Annotated[Path, tyro.conf.Positional],
+    *,
+    keep: bool = False,
+    answers: Path | None = None,
+    questions: Path | None = None,
+    json: bool = False,
+) -> None:
     """Diagnose every trial of a run from its records alone.
 
     The result is stored as RUN/diagnosis.json. If the run holds an earlier one, the differences are printed. A run
     that is still going can be diagnosed too: trials that it has not reached are not counted, and nothing is stored.
 
+    With --answers, a model's answers about the decisive moments of the trials stand beside its deeds: what it knows and
+    does, knows and does not, does not know. better report shows them too.
+
     Example: better diagnose runs/expert
 
     Args:
         run: Folder of the run.
-        keep: Leave the stored diagnosis as it is.
+        keep: Leave the stored diagnosis and the stored knowledge as they are.
+        answers: File of answers to the set of better vqa --run.
+        questions: Folder of that set; the folder of the answers if not given.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
@@ -42,12 +59,37 @@ def diagnose_command(run: Annotated[Path, tyro.conf.Positional], *, keep: bool =
             stored.store_diagnosis(folder, result)
         except OSError as error:
             say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
+    known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
     if json:
         standing = standing_of(result).to_json()
-        print_json({**result.to_json(), "power": standing, "changes": None if changes is None else changes.to_json()})
+        document = {**result.to_json(), "power": standing, "changes": None if changes is None else changes.to_json()}
+        print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
     print_diagnosis(result)
     print_standing(result.policy, standing_of(result))
     if changes is not None and changes.any:
         print_changes(changes)
+    if known is not None:
+        from betterbench.cli.output.vqa import print_knowledge
+
+        OUT.print()
+        print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=True)
+
+
+def _knowledge(
+    folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
+) -> Knowledge:
+    """Return what the model that answered knows of the run, and store it for the report."""
+    from betterbench.vqa.asking import read_answers
+    from betterbench.vqa.dataset import read_set
+    from betterbench.vqa.knowing import knowledge_of, store_knowledge
+
+    asked = read_set(answers.absolute().parent if questions is None else questions)
+    known = knowledge_of(result, asked, read_answers(answers, asked))
+    if not keep:
+        try:
+            store_knowledge(folder, known)
+        except OSError as error:
+            say(f"the report will not show it: {folder.path} cannot be written ({error.strerror})")
+    return known

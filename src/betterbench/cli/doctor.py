@@ -62,7 +62,7 @@ def doctor_command(
     )
     out = write_preflight_sheet(preflight_view(found), out or Path(f"doctor-{default_folder(policy)}.png"))
     print_preflight(found, json=json)
-    say(f"wrote {out}")
+    say(f"wrote {out}", whole=True)
     if found.proof is not None and found.proof.wrong:
         raise HandshakeError(f"The replayed demonstration says: {found.proof.verdict}")
 

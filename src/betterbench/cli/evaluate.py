@@ -298,7 +298,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=True)
     following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
-    OUT.print(f"run         {run.path}\nnext        {following}", markup=False)
+    OUT.print(f"run         {run.path}\nnext        {following}", markup=False, soft_wrap=True)
     _require_a_trial(run)
 
 

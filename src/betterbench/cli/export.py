@@ -1,68 +1,208 @@
-"""``better export``: the outcomes of a run for others: one file to compare with, or an experiment tracker."""
+"""``better export``: a run for others: one file of outcomes, an experiment tracker, or a data set to train on."""
 
 from __future__ import annotations
 
+import os
 import re
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, say
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.errors import InvalidInputError
 
 
 def export_command(
-    run: Annotated[Path, tyro.conf.Positional],
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
-    to: Literal["submission", "tensorboard", "wandb"] = "submission",
+    to: Literal["submission", "tensorboard", "wandb", "lerobot", "lerobot-v2.1", "robomimic"] = "submission",
     out: Path | None = None,
     name: str | None = None,
     project: str = "betterbench",
     check: Path | None = None,
+    preset: str | None = None,
+    tasks: tuple[str, ...] = (),
+    variations: bool = False,
+    images: Literal["video", "png"] = "video",
+    observation: str | None = None,
+    quality: str | None = None,
+    validation: float = 0.0,
+    language: bool = False,
+    vqa: Path | None = None,
+    workers: int | None = None,
     json: bool = False,
 ) -> None:
-    """Write the outcomes of a run as one file that better compare reads, or hand its metrics to an experiment tracker.
+    """Write the outcomes of a run for others, or demonstrations of runs as a data set to train policies on.
 
-    A submission holds the outcome of every planned trial, all versions, and the hash of every record.
+    A submission holds the outcome of every planned trial, all versions, and the hash of every record; better compare
+    reads it. A data set (lerobot, lerobot-v2.1, robomimic) holds what a policy of the preset is shown and has to answer
+    in the successful trials of training conditions: a policy trained on it is evaluated with the same preset. Ctrl-C
+    keeps finished episodes; the same command resumes.
 
-    Example: better export runs/mine --out mine.json
+    Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
 
     Args:
-        run: Folder of the run.
-        to: submission, tensorboard (extra tensorboard) or wandb (extra wandb; what it sends and where is up to its own
-            settings, such as WANDB_MODE=offline).
-        out: File of the submission, NAME.json if not given; or folder of the tracker, RUN/TRACKER.
+        runs: Folder of the run; of several runs for a data set.
+        to: submission; tensorboard or wandb (extras of these names; what wandb sends and where is up to its own
+            settings, such as WANDB_MODE=offline); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with
+            modality.json for GR00T and Being-H) or robomimic (HDF5, extra robomimic).
+        out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER; folder of the data set,
+            or its file for robomimic.
         name: What the policy is called; the name that it declared if not given.
         project: Project of the tracker wandb.
-        check: Submission to compare with the records of the run instead; nothing is written.
+        check: Submission, or data set, to compare with the records of the runs instead; nothing is written.
+        preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
+            gr00t_new_embodiment and for robomimic native.
+        tasks: Tasks of the data set; all of the runs if none is named.
+        variations: Also export successful trials of test variations, which then no longer test a policy.
+        images: How images are stored: video (H.264) or png (without loss, six times larger). robomimic's have no loss.
+        observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
+        quality: Render preset of the images; that of the run if not given.
+        validation: Share of the seeds whose episodes are for validation; they come last.
+        language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
+        vqa: Set of better vqa about the same run, whose questions stand in these columns.
+        workers: Episodes that are drawn at once; one per processor if not given.
         json: Print one JSON document about what was written or checked.
     """
+    if not runs:
+        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
+    if check is not None and (check.is_dir() or check.suffix in (".hdf5", ".h5")):
+        _check_dataset(runs, check, as_json=json)
+        return
+    if to in _PRESETS:
+        options = _DatasetOptions(preset or _PRESETS[to], tasks, variations, observation, workers)
+        written = {
+            "form": images,
+            "quality": quality,
+            "validation": validation,
+            "language": language,
+            "questions": vqa,
+        }
+        _export_dataset(runs, to, out, options, written, as_json=json)
+        return
+    given = {
+        "--preset": preset, "--tasks": tasks, "--variations": variations, "--images": images != "video",
+        "--observation": observation, "--quality": quality, "--validation": validation, "--language": language,
+        "--vqa": vqa,
+    }  # fmt: skip
+    for option, value in given.items():
+        if value:
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
+    _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
+
+
+_PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robomimic": "native"}
+"""The layout of each format, if no other is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class _DatasetOptions:
+    """What decides which frames a data set has, and who makes them."""
+
+    preset: str
+    tasks: tuple[str, ...]
+    variations: bool
+    observation: str | None
+    workers: int | None
+
+
+def _export_dataset(
+    runs: tuple[Path, ...],
+    to: Any,  # noqa: ANN401 - the name of a format
+    out: Path | None,
+    options: _DatasetOptions,
+    written: dict[str, Any],
+    *,
+    as_json: bool,
+) -> None:
+    from betterbench.export import ExportPlan, export_dataset, layout_of, select_demonstrations
+    from betterbench.recording import RunFolder
+
+    if out is None:
+        what = "file, such as demos.hdf5" if to == "robomimic" else "folder of the data set"
+        raise InvalidInputError("--out", "is missing", f"Name the {what}")
+    layout = layout_of(options.preset, options.observation)
+    folders = [RunFolder.open(run) for run in runs]
+    selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
+    plan = ExportPlan(folders, selection, layout, to, out, **written)
+    with progress_bar("export", len(selection.demonstrations)) as (bar, task):
+        done = export_dataset(
+            plan,
+            workers=options.workers or os.cpu_count() or 1,
+            on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
+        )
+    left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
+    if left_out:
+        say(f"left out: {', '.join(left_out)}")
+    if options.variations:
+        say("with test variations: a policy that is trained on these episodes is not tested by the same variations")
+    document = asdict(done) | {"path": str(done.path)}
+    sentence = (
+        f"{done.episodes} episodes, {done.frames} frames, {done.bytes / 1e6:.1f} MB\n"
+        f"written to  {done.path}\nevaluate    {done.evaluate}"
+    )
+    _tell(document, sentence, as_json=as_json)
+
+
+def _check_dataset(runs: tuple[Path, ...], path: Path, *, as_json: bool) -> None:
+    from betterbench.export import check_export
+    from betterbench.recording import RunFolder
+
+    with progress_bar("check", 0) as (bar, task):
+        found = check_export(
+            [RunFolder.open(run) for run in runs],
+            path,
+            on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
+        )
+    sentence = (
+        f"{path}: holds what the records say: {found.episodes} episodes, {found.frames} frames, "
+        f"{found.pictures} pictures drawn again (largest mean error {found.worst_error:.2f} of 255 levels)"
+    )
+    _tell(asdict(found), sentence, as_json=as_json)
+
+
+def _export_outcomes(
+    runs: tuple[Path, ...],
+    to: Any,  # noqa: ANN401 - submission or the name of a tracker
+    out: Path | None,
+    *,
+    name: str | None,
+    project: str,
+    check: Path | None,
+    as_json: bool,
+) -> None:
+    """Write a submission, compare one with the run, or hand the run's metrics to a tracker."""
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of
     from betterbench.comparison.submission import submission_lines
     from betterbench.diagnosis import diagnose_run
     from betterbench.recording import RunFolder
 
-    folder = RunFolder.open(run)
+    if len(runs) > 1:
+        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot and the like")
+    folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)
         require_same(folder, submission)
         _tell(
             {"identical": True, "sha256": submission.sha256},
             f"{check}: identical with what the run proves",
-            as_json=json,
+            as_json=as_json,
         )
         return
     if to != "submission":
-        place = write_metrics(diagnose_run(folder), to, out or run / to, name=name, project=project)
-        _tell({"written": str(place)}, f"written to {place}", as_json=json)
+        place = write_metrics(diagnose_run(folder), to, out or runs[0] / to, name=name, project=project)
+        _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
     submission = submission_of(folder, name=name)
     file = out or Path(f"{re.sub(r'[^A-Za-z0-9.]+', '-', submission.name).strip('-.') or 'submission'}.json")
     _write(file, submission.file_bytes())
     for line in submission_lines(submission):
         say(line)
-    _tell({"written": str(file), "sha256": submission.sha256}, f"written to {file}", as_json=json)
+    _tell({"written": str(file), "sha256": submission.sha256}, f"written to {file}", as_json=as_json)
 
 
 def _tell(document: dict[str, object], sentence: str, *, as_json: bool) -> None:
@@ -74,7 +214,6 @@ def _tell(document: dict[str, object], sentence: str, *, as_json: bool) -> None:
 
 def _write(file: Path, data: bytes) -> None:
     """Write a file, or raise InvalidInputError if its place cannot be written."""
-    from betterbench.errors import InvalidInputError
     from betterbench.recording import write_durably
 
     try:

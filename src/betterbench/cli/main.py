@@ -17,6 +17,7 @@ import tyro
 
 from betterbench.cli.border import guarded
 from betterbench.cli.console import ERR, LONGEST_MESSAGE, say
+from betterbench.cli.help_text import description_of, word_options
 from betterbench.errors import BetterError, printable, system_error_text
 
 LogLevel = Literal["debug", "info", "warning", "error"]
@@ -76,13 +77,16 @@ VERBS: dict[str, Verb] = {
     "certify": Verb("certify:certify_command", "Certify that each trial can be solved with trained motions."),
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
-    "collect": Verb("collect:collect_command", "Collect demonstrations of the expert, given in varied manners."),
+    "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
     "teleop": Verb("teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm."),
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
-    "export": Verb("export:export_command", "Write a run's outcomes for others or a tracker."),
+    "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on."),
+    "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
+    "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
+    "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),
     "replay": Verb("replay:replay_command", "Simulate a record again and compare, or write its video."),
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
@@ -105,7 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if given and given[0] in VERBS:
             verb = VERBS[given[0]]
-            tyro.cli(verb.load(telling), prog=f"better {given[0]}", args=verb.words(given[1:]))
+            function = verb.load(telling)
+            words = verb.words(given[1:])
+            tyro.cli(function, prog=f"better {given[0]}", description=description_of(function), args=words)
         else:
             _show_overview(given)
     except BetterError as error:
@@ -165,12 +171,14 @@ def _with_log_options(function: Callable[..., None], telling: Telling) -> Callab
         telling.begin(log_level, with_traceback=traceback)
         function(*args, **options)
 
-    return _with_options(
+    _with_options(
         verb,
         function,
         log_level="How much is logged on standard error, also by worker processes.",
         traceback="Also print where in the code an error was raised.",
     )
+    word_options(verb)
+    return verb
 
 
 def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:

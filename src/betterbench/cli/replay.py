@@ -48,7 +48,7 @@ def replay_command(
         raise InvalidInputError("--twin", "--check writes no video", "Give one of the two")
     if not check:
         path = (_twin_video if twin else _video)(record, out, camera=camera, size=size)
-        say(f"wrote {path}")
+        say(f"wrote {path}", whole=True)
         return
     result = check_record(record)
     if json:
@@ -66,7 +66,7 @@ def replay_command(
         )
 
 
-def _run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
+def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     """Return the run of a record and what the record says about its trial; RecordError if it is not in its place."""
     from betterbench.recording import RunFolder, read_record
 
@@ -83,7 +83,7 @@ def _run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
 def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
     from betterbench.evaluation import write_video
 
-    run, meta = _run_of(record)
+    run, meta = run_of(record)
     with progress_bar("video", 1) as (bar, task):
         return write_video(
             run,
@@ -103,7 +103,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
     from betterbench.evaluation import FilmLook, write_twin_film
     from betterbench.tasks import TrialId
 
-    run, meta = _run_of(record)
+    run, meta = run_of(record)
     say("diagnosing the run, for the labels")
     trials = {t.key: t for t in diagnose_run(run).trials}
     trial = trials.get(str(TrialId(meta.task, meta.condition, meta.seed)))

@@ -29,4 +29,4 @@ def show_command(
     image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
     out.parent.mkdir(parents=True, exist_ok=True)
     image.save(out)
-    say(f"wrote {out}")
+    say(f"wrote {out}", whole=True)

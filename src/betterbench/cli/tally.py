@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import PolicyService
 from betterbench.recording import JournalEntry, RunFolder
@@ -26,7 +27,8 @@ class RunTally:
     broken: int = 0
 
     def resume(self, run: RunFolder) -> None:
-        """Count the trials that a run holds already."""
+        """Count the trials that a run holds already, and nothing else."""
+        self.judged = self.successes = self.policy_errors = 0
         for entry in run.entries():
             if entry.status == "done":
                 self.add(run, entry)
@@ -36,7 +38,10 @@ class RunTally:
         if entry.status == "error":
             self.broken += 1
             return
-        outcome = run.outcome(entry)
+        try:
+            outcome = run.outcome(entry)
+        except RecordError:  # somebody has removed the record; its trial is run again
+            return
         self.judged += 1
         self.successes += outcome.success
         self.policy_errors += outcome.termination == "policy_error"

@@ -225,7 +225,7 @@ def _coverage_lines(t: TaskAcceptance) -> list[str]:
     for c in t.coverage:
         for f in c.factors:
             lines.append(f"| {c.condition} | {f.factor} | {' '.join(map(str, f.counts))} | {f.evenness:.2f} |")
-    if t.regions:
+    if t.regions and t.attempts.accepted < t.attempts.attempts:
         low = min(t.regions, key=lambda r: (t.regions[r].rate or 0.0, r))
         lines += ["", f"Lowest acceptance of a region: {low} with {t.regions[low]}."]
     return [*lines, ""]

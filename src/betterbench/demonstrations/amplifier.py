@@ -25,7 +25,7 @@ from betterbench.state import WorldState
 from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
-Selection = Literal["random", "nearest_object", "nearest_robot"]
+SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
 """How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
 
 NEAREST = 3
@@ -38,7 +38,7 @@ TURNS_RAD = tuple(sign * step * math.pi / 8.0 for step in (2, 4, 6) for sign in 
 """Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
-STILL_M, STILL_STEPS = 2e-4, 4
+STILL_M, STILL_STEPS = 2e-4, 2
 """Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
 LEAVE_M = 0.10
 """Height by which the tool leaves what it let go of at the end, if the source had not left yet [m]."""
@@ -64,7 +64,7 @@ class AmplifierSettings:
             rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
     """
 
-    select: Selection = "nearest_object"
+    select: SourceChoice = "nearest_object"
     action_noise: float = 0.02
 
 
@@ -356,7 +356,7 @@ class Amplifier:
             width = state.finger_width_m
             state = yield delta_action(state.commanded_pose, goal, 1.0)
             still = still + 1 if abs(state.finger_width_m - width) < STILL_M else 0
-            if still >= 2:
+            if still >= STILL_STEPS:
                 break
         return state
 

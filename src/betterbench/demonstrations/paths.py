@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import colorsys
-import io
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -13,6 +12,7 @@ from betterbench.demonstrations.acceptance import FOLDER
 from betterbench.demonstrations.production import attempts_of
 from betterbench.errors import BetterError
 from betterbench.recording import Record, RunFolder, write_durably
+from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 from betterbench.tasks import TrialId
 
@@ -55,9 +55,7 @@ def _picture(run: RunFolder, trials: Sequence[TrialId], leads: Mapping[TrialId, 
             hue = groups.index(leads.get(trial) or str(trial)) / len(groups)
             color = tuple(round(255 * v) for v in colorsys.hsv_to_rgb(hue, 0.85, 1.0))
             _draw_path(draw, view.project(record.ee_position, "front"), record, color)
-    buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=88)
-    return buffer.getvalue()
+    return jpeg_bytes(image, quality=88)
 
 
 def _draw_path(draw: ImageDraw.ImageDraw, pixels: np.ndarray, record: Record, color: tuple[int, ...]) -> None:

@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.journal import VersionedJournal
 from betterbench.certification.runner import in_workers, versions_in_use
-from betterbench.demonstrations.amplifier import AmplifierSettings, Selection
+from betterbench.demonstrations.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.attempt import (
     AMPLIFIED,
     EXPERT,
@@ -37,10 +37,10 @@ from betterbench.errors import InvalidInputError, RecordError, require_between
 from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.running.lost import reopen_lost
-from betterbench.evaluation.trials.trial import on_disk
 from betterbench.interface.actions import EE_DELTA
 from betterbench.json_form import open_form, read_form, strict_form
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.durable import on_disk
 from betterbench.recording.line_journal import complete_lines
 from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene, engine_version
@@ -99,7 +99,7 @@ class _MethodForm:
     method_version: int
     first_seed: int
     attempts: int
-    select: Selection = "nearest_object"
+    select: SourceChoice = "nearest_object"
     action_noise: float = 0.0
     sources: str = ""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -13,9 +14,17 @@ from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
 from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
+from betterbench.tasks.harm import DISPLACED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.restraint import off_limits
+from betterbench.tasks.thresholds import threshold
+
+DOUBT = threshold(
+    "doubt", 0.03, "m",
+    "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else is, "
+    "for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
+)  # fmt: skip
 
 
 class AttemptTarget(StrEnum):
@@ -99,10 +108,11 @@ class EpisodeAnalysis:
 
     @property
     def idle_from(self) -> int:
-        """The row after the last grasp attempt and what came of it; 0 if there is none."""
-        if not self.steps:
+        """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
+        grasps = [*(step.grasp for step in self.steps), *self.on_nothing]
+        if not grasps:
             return 0
-        last = self.steps[-1].grasp
+        last = max(grasps, key=lambda g: g.start)
         return min(self.trace.rows - 1, last.release if last.object is not None else last.end + 1)
 
     @property
@@ -153,6 +163,12 @@ class EpisodeAnalysis:
     def open_goals(self, row: int) -> tuple[int, ...]:
         """Return the subgoals that are not reached at a row and for which an object is left on the table."""
         return _open_goals(self.trace, self.goals, row)
+
+    def wanted(self, row: int) -> tuple[int, ...]:
+        """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
+        due = self.open_goals(row)
+        now = due[:1] if self.instruction.ordered else due
+        return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
         """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
@@ -228,6 +244,12 @@ class EpisodeAnalysis:
         """Tell whether training put objects of this kind there."""
         where = (self.kind(place.target), place.relation, place.region)
         return where in self.trained.kind_targets.get(self.kind(i), ())
+
+    def slots_in_training(self, i: int) -> tuple[str, ...]:
+        """Return the slots in which training had objects of this kind, apart from where this one stands at first."""
+        info, start = self.trace.info, self.trace.positions[0, i, :2]
+        trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
+        return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
 
     def evidence(
         self,
@@ -374,7 +396,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
     """Return a push or a stay as a step."""
     slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
     grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
-    return replace(_step(trace, instruction, known, grasp), means=means)
+    return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
@@ -432,13 +454,26 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
     return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - PUSHED_IN else set()
 
 
-def _step(trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt) -> Step:
+def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
+    """Return what a gripper that closed on nothing missed: in doubt, what was asked for now."""
+    if grasp.aim is None or grasp.aim in needed:
+        return grasp.aim
+    gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
+    near = [i for i in sorted(needed) if gaps[i] <= gaps[grasp.aim] + DOUBT]
+    return min(near, key=lambda i: float(gaps[i]), default=grasp.aim)
+
+
+def _step(
+    trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
+) -> Step:
+    """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
     row = grasp.start
     due = _open_goals(trace, instruction.subgoals, row)
     now = due[:1] if instruction.ordered else due
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
-    at = grasp.object if grasp.object is not None else grasp.aim
+    if at is None:
+        at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
     open_now = {i for g in due for i in wanted[g]}
     target = _target_of(trace, at, needed=needed, due=open_now, known=known)
     goal = next((g for g in now if at in wanted[g]), due[0] if due else None)

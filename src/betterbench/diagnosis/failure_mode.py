@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -38,6 +39,9 @@ class TrialView:
         return self.record.outcome.termination == "step_limit" and (just_reached or not all_done_once)
 
 
+SHARE_OF_ALL = 0.8
+"""Share of a policy's trials of one mode that have to look alike for its conclusion to say more than the mode does."""
+
 Finder = Callable[[TrialView], Evidence | None]
 """Returns the first evidence of a mode in a trial, or None."""
 
@@ -52,6 +56,7 @@ class FailureMode:
         short: Name of one or two words for a segment of a bar.
         definition: What the record has to show, one sentence (suite, section 5).
         conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
+        sharper: Returns the same sentence about given trials of this mode where they show more, or an empty text.
         finding: Beginning of the sentence that counts such trials; empty if none is said.
         detail: Returns what the trials of one such sentence have in common, to go on with it.
         rule: Kind of rule of the second pass that explains it (see ``ruling``), or None.
@@ -64,6 +69,7 @@ class FailureMode:
     short: str
     definition: str
     conclusion: str = ""
+    sharper: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     finding: str = ""
     detail: Callable[[Sequence[TrialDiagnosis]], str] | None = None
     rule: str | None = None
@@ -91,10 +97,24 @@ class FailureMode:
         """Full name."""
         return self.title or self.label.value.replace("_", " ").capitalize()
 
+    def conclude(self, trials: Sequence[TrialDiagnosis]) -> str:
+        """Return the conclusion about a policy from its trials of this mode."""
+        return (self.sharper(trials) if self.sharper is not None and trials else "") or self.conclusion
+
     @property
     def family(self) -> str:
         """Color family: "right", "reasoning", "execution" or "system"."""
         return "right" if self.label.kind is Kind.NONE else self.label.kind.value
+
+
+def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
+    """Return what gives the sentence of the rule that nearly all trials broke, by the rule of their evidence."""
+
+    def sharper(trials: Sequence[TrialDiagnosis]) -> str:
+        rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]
+        return sentences.get(rule, "") if count >= SHARE_OF_ALL * len(trials) else ""
+
+    return sharper
 
 
 _MODES: dict[Label, FailureMode] = {}

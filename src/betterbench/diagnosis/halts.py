@@ -1,10 +1,10 @@
-"""Halts: the arm stands still although something is left to do, and does so to the end."""
+"""Halts: the arm stands still, or trembles in place, although something is left to do, and does so to the end."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Step
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.motion import Bools
@@ -16,26 +16,45 @@ HALT_RADIUS = threshold(
     "less than 1 cm.",
 )  # fmt: skip
 
+TREMBLE_TIME = threshold(
+    "tremble_time", 8.0, "s",
+    "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
+    "policies of the independent family go on after at most 6.5 s.",
+)  # fmt: skip
+
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
-    A halt lasts for ``halt_time`` with subgoals open and no attempt under way. A pause after which the arm goes on is
-    none: a policy that pauses is slow.
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
+    moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
+    that pauses is slow, and what is shorter than an earlier pause may be one more.
     """
     trace = episode.trace
     still = _still(trace)
+    if not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+        still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
         release = step.grasp.release  # an arm that lets go of something has not halted yet
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
     last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
+    pause = 0
     for start, stop in _runs(still):
         begin = max(start, last + 1)
         if stop - begin >= needed and episode.open_goals(begin + needed - 1) and _stays(trace, begin):
-            return begin, stop - 1
+            return (begin, stop - 1) if stop - begin >= pause else None
+        pause = max(pause, stop - start)
     return None
+
+
+def _in_place_from(trace: Trace) -> int:
+    """Return a row from which the arm moves in place to the end, if it does so long enough, else the number of rows."""
+    for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(0.5)):
+        if _stays(trace, begin):
+            return begin
+    return trace.rows
 
 
 def _stays(trace: Trace, begin: int) -> bool:

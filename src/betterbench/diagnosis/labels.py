@@ -14,6 +14,9 @@ from betterbench.diagnosis.verdict import Evidence
 from betterbench.recording import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
+FIRST_STEP = "most_frequent_first_step"
+"""The rule of evidence that the second pass may reject: other evidence of behavioral inertia is proof by itself."""
+
 
 class LabelEvidence(NamedTuple):
     """One piece of evidence for one label."""
@@ -55,7 +58,8 @@ def _found(view: TrialView, *kinds: Kind) -> tuple[LabelEvidence, ...]:
     return tuple(LabelEvidence(label, evidence) for label, evidence in found if evidence is not None)
 
 
-_OF_ORDER = (Label.ORDER_VIOLATION, Label.CAUSAL_CONFUSION)
+_OF_ORDER = ("attempted_in_wrong_order", "required_step_skipped")
+"""Rules of evidence that a favorite place explains as well."""
 
 
 def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEvidence:
@@ -69,12 +73,12 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     order, waiting = all_labels(), labels_of_second_pass()
     undecided: dict[float, tuple[Label, ...]] = {}
     for f in findings:
-        if _status(f.label, ruling) == "open":
+        if _status(f, ruling) == "open":
             undecided[f.evidence.start_s] = (*undecided.get(f.evidence.start_s, ()), f.label)
     known = {f.evidence.start_s for f in findings if f.label not in waiting}
     kept: list[tuple[float, int, LabelEvidence]] = []
     for finding in findings:
-        (label, evidence), status = finding, _status(finding.label, ruling)
+        (label, evidence), status = finding, _status(finding, ruling)
         if status == "rejected" or (status == "open" and evidence.start_s in known):
             continue  # what is not proven gives way to whatever else is known of the same attempt
         if status == "open":
@@ -83,16 +87,17 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
         elif evidence.start_s in undecided and label not in waiting:
             possible = (*undecided[evidence.start_s], *([] if label is Label.WRONG_OBJECT else [label]))
             evidence = replace(evidence, candidates=_values(possible))
-            label = Label.WRONG_OBJECT if label in _OF_ORDER else label
+            label = Label.WRONG_OBJECT if evidence.rule in _OF_ORDER else label
         kept.append((evidence.start_s, order.index(label), LabelEvidence(label, evidence)))
     if not kept:  # only a rule that was rejected explained the trial
         return LabelEvidence(Label.WRONG_OBJECT, findings[0].evidence)
     return min(kept, key=lambda entry: entry[:2])[2]
 
 
-def _status(label: Label, ruling: Ruling) -> RuleStatus:
-    mode = MODES[label]
-    return ruling.status(mode.rule) if mode.needs_rule and mode.rule is not None else "upheld"
+def _status(finding: LabelEvidence, ruling: Ruling) -> RuleStatus:
+    mode = MODES[finding.label]
+    ruled = mode.needs_rule or finding.evidence.rule == FIRST_STEP
+    return ruling.status(mode.rule) if ruled and mode.rule is not None else "upheld"
 
 
 def _values(labels: Sequence[Label]) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-WORD, HABIT, PLACE, CONFUSION = "word", "habit", "place", "confusion"
+WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confusion"
 """Kinds of rule that can explain a wrong first attempt; confusion is no rule at all."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
@@ -19,16 +19,18 @@ class Ruling:
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.
         place: Whether "always the same place" does; "open" where the run is too small to prove it of any policy.
+        habit: Whether "the most frequent first step" may; one trial shows it, unless the policy is known to begin with
+            later steps.
     """
 
     shortcut: RuleStatus = "open"
     place: RuleStatus = "rejected"
+    habit: RuleStatus = "upheld"
 
     def status(self, rule: str) -> RuleStatus:
-        """Return the status of a kind of rule; the habit needs no ruling, because one trial shows it."""
-        if rule == WORD:
-            return self.shortcut
-        return self.place if rule == PLACE else "upheld"
+        """Return the status of a kind of rule."""
+        known = {WORD: self.shortcut, PLACE: self.place, HABIT: self.habit}
+        return known.get(rule, "upheld")
 
 
 ALONE = Ruling("open", "open")

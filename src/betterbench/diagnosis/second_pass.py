@@ -1,11 +1,12 @@
 """The second pass: which one rule explains the wrong first attempts of a policy in a task.
 
-Three kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
-with the most frequent first step; the *place* is always the same slot. A rule is judged as a policy that follows it
-with an unknown strength ``q`` and is right otherwise, apart from a small share of slips. Its cost is the negative
-log-likelihood of all first attempts at the best ``q``, so a rule that is applied in 30 % of the trials is found as
-well as one that is always applied, and right attempts where the rule predicts a wrong one count against it. A place
-rule pays for the choice of its slot, because the slot is fitted to the trials and the other rules come from training.
+Four kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
+with the most frequent first step; *later* begins with what a later step asks for; the *place* is always the same slot.
+A rule is judged as a policy that follows it with an unknown strength ``q`` and is right otherwise, apart from a small
+share of slips. Its cost is the negative log-likelihood of all first attempts at the best ``q``, so a rule that is
+applied in 30 % of the trials is found as well as one that is always applied, and right attempts where the rule predicts
+a wrong one count against it. A place rule pays for the choice of its slot, because the slot is fitted to the trials and
+the other rules come from training.
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
 
@@ -23,11 +24,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.ruling import CONFUSION, HABIT, PLACE, WORD, RuleStatus, Ruling
+from betterbench.diagnosis.ruling import CONFUSION, HABIT, LATER, PLACE, WORD, RuleStatus, Ruling
 from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
-FAMILIES = (WORD, HABIT, PLACE, CONFUSION)
+FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
+
+OTHER_TASKS = 2
+"""Other tasks in which a rule has to be proven before it counts in a task whose own trials could not prove it."""
 
 _GRID = np.linspace(0.0, 0.99, 100)
 """Strengths that are tried. Above 0.99 no number of trials of a run can tell them apart."""
@@ -38,7 +42,7 @@ class PolicyRule:
     """One rule, judged on all first attempts of a task.
 
     Attributes:
-        name: "word", "habit" or "place:SLOT".
+        name: "word", "habit", "later" or "place:SLOT".
         cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
@@ -62,8 +66,8 @@ class PolicyRule:
 
     @property
     def family(self) -> str:
-        """The kind of rule: "word", "habit" or "place"."""
-        return PLACE if self.slot is not None else self.name
+        """The kind of rule: "word", "habit", "later" or "place"."""
+        return _family(self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +93,16 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
     """Judge the rules on the first attempts of one policy in all tasks."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
     costs = family_costs([alone[task] for task in sorted(alone)])
-    proven = {task for task, found in alone.items() if any(name.startswith("place:") for name in found.upheld)}
+    proven = {
+        family: {task for task, found in alone.items() if any(_family(name) == family for name in found.upheld)}
+        for family in (PLACE, LATER)
+    }
     return {
-        task: judge_rules(mine, costs, places_known=len(proven - {task}) >= 2 and costs[PLACE] == 0.0)
+        task: judge_rules(
+            mine,
+            costs,
+            known=[f for f in proven if len(proven[f] - {task}) >= OTHER_TASKS and costs[f] == 0.0],
+        )
         for task, mine in choices.items()
     }
 
@@ -122,30 +133,34 @@ def _family_row(task: TaskRules) -> list[float] | None:
 
 
 def judge_rules(
-    choices: Mapping[str, Choice], costs: Mapping[str, float] | None = None, *, places_known: bool = False
+    choices: Mapping[str, Choice], costs: Mapping[str, float] | None = None, *, known: Sequence[str] | None = None
 ) -> TaskRules:
     """Judge the rules on the first attempts of one policy in one task.
 
     Args:
         choices: First attempt per trial key.
         costs: What each kind of rule costs to begin with [nats]; nothing if not given.
-        places_known: Whether the policy is known to go by place, by pairs of trials in other tasks. Here it then needs
-            no pair of its own.
+        known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
+            own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
+            None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
     """
     before = dict.fromkeys(FAMILIES, 0.0) | dict(costs or {})
     items = sorted(choices.items())
     all_choices = [c for _, c in items]
     slots = sorted({c.slot for c in all_choices if c.slot is not None})
-    names = [WORD, HABIT, *(f"place:{s}" for s in slots)]
+    names = [WORD, HABIT, LATER, *(f"place:{s}" for s in slots)]
     price = math.log(max((c.places for c in all_choices), default=2))
-    prices = {WORD: before[WORD], HABIT: before[HABIT]}
+    prices = {name: before[name] for name in (WORD, HABIT, LATER)}
     rules = [_judge(name, all_choices, prices.get(name, price + before[PLACE])) for name in names]
     rank = {name: k for k, name in enumerate(names)}
     rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))
     confusion = _confusion(all_choices) + before[CONFUSION]
     proven = {r.name for r in rules if r.cost < confusion - 1e-9}
+    places_known = known is not None and PLACE in known
     if not places_known:
         proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
+    if known is not None and LATER not in known:
+        proven.discard(LATER)
     rulings: dict[str, Ruling] = {}
     undecided = 0
     paid = price + before[PLACE]
@@ -200,9 +215,15 @@ def _rule_on(
             return Ruling("upheld" if told_apart else "open")
         if rule.name == place:
             return Ruling("rejected", place="upheld")
+        if rule.name == LATER:
+            return Ruling("rejected", habit="rejected")
         return Ruling("rejected")
     shortcut: RuleStatus = "open" if fits_word and not told_apart else "rejected"
     return Ruling(shortcut, "open" if place_open else "rejected")
+
+
+def _family(name: str) -> str:
+    return name.partition(":")[0]
 
 
 def _predicted(name: str, choice: Choice) -> frozenset[str]:
@@ -210,6 +231,8 @@ def _predicted(name: str, choice: Choice) -> frozenset[str]:
         return choice.word_slots
     if name == HABIT:
         return choice.habit_slots
+    if name == LATER:
+        return choice.later_slots
     return frozenset((name.removeprefix("place:"),))
 
 
@@ -228,7 +251,8 @@ def _judge(name: str, choices: Sequence[Choice], price: float) -> PolicyRule:
             continue
         fits = _fits(name, choice)
         otherwise = _chance(choice, THRESHOLDS.slip)
-        log += np.log(_GRID * fits + (1.0 - _GRID) * otherwise)
+        share = 1.0 / len(predicted) if name == LATER else 1.0  # it says that the step is a later one, not which
+        log += np.log(_GRID * fits * share + (1.0 - _GRID) * otherwise)
         if predicted & choice.right:
             elsewhere += 1
             errors_elsewhere += not choice.correct and not fits

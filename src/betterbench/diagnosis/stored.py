@@ -115,6 +115,12 @@ class StoredDiagnosis:
             RecordError: If the schema version is another one, or a field is missing or of the wrong type.
         """
         file = read_form(_FILE, raw, where=where, cure=_CURE, raises=RecordError)
+        for what, keys in (
+            ("trials", [t.key for t in file.trials]),
+            ("metrics", [(m.name, m.scope) for m in file.metrics]),
+        ):
+            if len(set(keys)) < len(keys):
+                raise RecordError(f"{where}: {what}: one stands there twice. {_CURE}.")
         return cls(
             package_version=file.package_version,
             thresholds=file.thresholds,

@@ -110,10 +110,11 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
             label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
     left, right, hand = _touches(record, rows, ("left_finger", "right_finger", "hand"))
+    width, command = record.finger_width[:rows], record.gripper_command[:rows]
     return Trace(
         info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
         touched=left | right | hand, tool=record.ee_position[:rows],
-        width=record.finger_width[:rows], closing=closing_of(record.gripper_command[:rows]),
+        width=width, closing=closing_of(command, width, (left | right).any(axis=1)),
         positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
         held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
         meant=meant, targets=targets, drawers=_drawers(info, condition),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from betterbench.diagnosis.collisions import count_collisions
@@ -40,6 +40,7 @@ class Choice:
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word leads by training.
         habit_slots: Slots to which the most frequent first step leads; empty if training has none.
+        later_slots: Slots of what is asked for in later steps; empty where no order is asked for.
         places: Number of slots at which something could be grasped.
     """
 
@@ -49,6 +50,7 @@ class Choice:
     correct: bool
     word_slots: frozenset[str]
     habit_slots: frozenset[str]
+    later_slots: frozenset[str]
     places: int
 
 
@@ -166,8 +168,15 @@ def _choice(episode: EpisodeAnalysis) -> Choice | None:
         layout=frozenset((s, episode.kind(i)) for s, i in standing.items()),
         right=frozenset(place[s] for s in right), slot=None if slot is None else place[slot], correct=correct,
         word_slots=frozenset(place[s] for s in word_slots), habit_slots=frozenset(place[s] for s in habit_slots),
+        later_slots=frozenset(place[s] for s in _slots_of_later_steps(episode, standing)) - {place[s] for s in right},
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
     )  # fmt: skip
+
+
+def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> set[str]:
+    later = episode.open_goals(0)[1:] if episode.instruction.ordered else ()
+    things = {i for g in later for i in episode.meant[g]}
+    return {slot for slot, i in standing.items() if i in things}
 
 
 def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:

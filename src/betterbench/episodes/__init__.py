@@ -3,7 +3,7 @@
 from betterbench.episodes.answers import POLICY_BOUNDARY, AnyPolicy, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import EpisodeResult, Steps, append_row, episode_steps, run_episode
-from betterbench.episodes.observer import Observer
+from betterbench.episodes.observer import Observer, observation_of
 
 __all__ = [
     "POLICY_BOUNDARY",
@@ -18,5 +18,6 @@ __all__ = [
     "append_row",
     "describe",
     "episode_steps",
+    "observation_of",
     "run_episode",
 ]

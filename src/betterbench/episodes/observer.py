@@ -17,6 +17,29 @@ Views = Mapping[str, Images]
 """Images by camera."""
 
 
+def observation_of(
+    state: WorldState,
+    instruction: str,
+    images: Mapping[str, np.ndarray],
+    *,
+    depth: Mapping[str, np.ndarray] | None = None,
+    masks: Mapping[str, np.ndarray] | None = None,
+) -> Observation:
+    """Return what a policy sees of a state, whether it is simulated now or read from a record."""
+    return Observation(
+        instruction=instruction,
+        step=state.step,
+        images=images,
+        joint_positions=np.array(state.joint_positions),
+        joint_velocities=np.array(state.joint_velocities),
+        ee_position=np.array(state.ee_pose.position),
+        ee_quaternion=np.array(state.ee_pose.quaternion),
+        gripper_width=state.finger_width_m,
+        depth=depth or {},
+        masks=masks or {},
+    )
+
+
 class Observer:
     """Makes observations, and keeps the renderers of the last models, because making one takes tens of milliseconds."""
 
@@ -41,15 +64,10 @@ class Observer:
         """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
         if views is None:
             views = self.look(scene)
-        return Observation(
-            instruction=scene.condition.instruction.text,
-            step=state.step,
-            images={name: view.rgb for name, view in views.items() if view.rgb is not None},
-            joint_positions=np.array(state.joint_positions),
-            joint_velocities=np.array(state.joint_velocities),
-            ee_position=np.array(state.ee_pose.position),
-            ee_quaternion=np.array(state.ee_pose.quaternion),
-            gripper_width=state.finger_width_m,
+        return observation_of(
+            state,
+            scene.condition.instruction.text,
+            {name: view.rgb for name, view in views.items() if view.rgb is not None},
             depth={name: view.depth for name, view in views.items() if view.depth is not None},
             masks={name: view.masks for name, view in views.items() if view.masks is not None},
         )

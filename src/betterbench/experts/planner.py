@@ -124,7 +124,7 @@ class Planner:
             if joints is None:
                 reasons.append("out of reach")
                 continue
-            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
+            down = self.check_way(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
             if down is not None:
                 reasons.append(down)
                 continue
@@ -133,7 +133,7 @@ class Planner:
                 reasons.append("no free way there")
                 continue
             way, joints = found
-            down = self._way_is_free(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
+            down = self.check_way(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
             if down is not None:
                 reasons.append(down)
                 continue
@@ -159,7 +159,7 @@ class Planner:
             raise PlanningError(f"the knob of {name} is out of reach")
         # What lies in the drawer comes along with it.
         along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
-        blocked, _ = self._way_is_free(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
+        blocked, _ = self.check_way(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
         if blocked is not None:
             raise PlanningError(f"no free way along the rails of {name}: {blocked}")
         return SlidePlan(pick, end)
@@ -205,7 +205,7 @@ class Planner:
             if joints is None:
                 reasons.append("out of reach")
                 continue
-            blocked, _ = self._way_is_free(
+            blocked, _ = self.check_way(
                 joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
             )
             if blocked is not None:
@@ -216,7 +216,7 @@ class Planner:
                 reasons.append("no free way there")
                 continue
             way, joints = found
-            blocked, _ = self._way_is_free(
+            blocked, _ = self.check_way(
                 joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
             )
             if blocked is not None:
@@ -251,41 +251,6 @@ class Planner:
         """
         self._clearance.load(state)
         return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
-
-    def check_way(
-        self,
-        joints: np.ndarray,
-        way: Sequence[Pose],
-        width_m: float,
-        *,
-        held: str | None = None,
-        T_tcp_object: Pose | None = None,
-        ignore: frozenset[str] = frozenset(),
-        lenient_start: bool = False,
-    ) -> tuple[str | None, np.ndarray]:
-        """Return what blocks a way in the state that was planned in last, and the joints where the check ended [rad].
-
-        Args:
-            joints: (7,) joint angles at its beginning [rad].
-            way: Poses ``T_world_tcp`` of the tool center point, the first one where it is.
-            width_m: Distance of the finger pads [m].
-            held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
-            ignore: Objects that the robot may touch.
-            lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
-
-        Returns:
-            None in place of a text if the way is free.
-        """
-        return self._way_is_free(
-            joints,
-            way,
-            width_m,
-            held=held,
-            T_tcp_object=T_tcp_object,
-            ignore=ignore,
-            lenient_start=lenient_start,
-        )
 
     def asset(self, name: str) -> Asset:
         """Return the asset of an object of the scene."""
@@ -355,14 +320,14 @@ class Planner:
             up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
             over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
             way = (up, over, goal)
-            blocked, end = self._way_is_free(
+            blocked, end = self.check_way(
                 joints, (start, *way), width, held=held, T_tcp_object=T_tcp_object, lenient_start=True
             )
             if blocked is None:
                 return way, end
         return None
 
-    def _way_is_free(
+    def check_way(
         self,
         joints: np.ndarray,
         way: Sequence[Pose],
@@ -373,7 +338,7 @@ class Planner:
         ignore: frozenset[str] = frozenset(),
         lenient_start: bool = False,
     ) -> tuple[str | None, np.ndarray]:
-        """Follow a way in joint space and tell what blocks it.
+        """Follow a way in joint space, in the state that was planned in last, and tell what blocks it.
 
         The joints are followed from one configuration to the next, as the controller will do, so that a way which runs
         into a joint limit or needs another posture of the elbow is not free.

@@ -353,13 +353,25 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     return found
 
 
+def number_array(given: object) -> np.ndarray:
+    """Return an array of what a policy gave; one of objects where lists of it are ragged or hold truths."""
+    try:
+        return np.asarray(None) if _holds_truths(given) else np.asarray(given)
+    except ValueError:
+        return np.asarray(None)
+
+
+def _holds_truths(given: object) -> bool:
+    """Return whether lists hold a truth, which NumPy would take for 0 or 1."""
+    if isinstance(given, list | tuple):
+        return any(isinstance(item, bool | np.bool_) or _holds_truths(item) for item in given)
+    return isinstance(given, np.ndarray) and given.dtype.kind == "b"
+
+
 def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndarray:
     """Return the array under a key as (horizon, width) float64."""
     name, given = "/".join(key), get_entry(reply, key)
-    try:
-        array = np.asarray(given)
-    except ValueError:
-        array = np.asarray(None)
+    array = number_array(given)
     if array.dtype.kind not in "fiu":
         kind = array.dtype if isinstance(given, np.ndarray) else type(given).__name__
         raise PolicyError(f"the reply's {name!r} is not an array of real numbers ({kind}). Send float32 or float64.")

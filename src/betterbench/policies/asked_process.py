@@ -1,67 +1,85 @@
-"""The process of a policy that is not ours: it loads the policy and answers one question after the other over a pipe.
+"""The process of a policy that is not ours: it loads the policy and answers one question after the other over a socket.
 
 Nothing here imports a simulator, so that the process starts fast and the memory is the policy's.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
+import signal
+import socket
 import sys
 import threading
 import traceback
 from collections.abc import Sequence
-from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
-from betterbench.interface import BatchPolicy, Execution, Policy, PolicyInfo
+from betterbench.interface import BatchPolicy, Policy
 from betterbench.policies.plugin import load_plugin, source_of
-
-MAX_ANSWER_BYTES = 64 << 20
-"""Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
+from betterbench.policies.process_link import LENGTH, Declared, ProcessAnswer, answer_frame, plain_array, text_of
 
 MAX_TEXT = 2000
 """Characters of an error that are passed on."""
 
-ERRORS = ("PolicyError", "PolicyUnavailableError", "HandshakeError", "RecordError", "MissingDependencyError")
+ERRORS = (
+    "PolicyError",
+    "PolicyProcessError",
+    "PolicyUnavailableError",
+    "HandshakeError",
+    "RecordError",
+    "MissingDependencyError",
+)
 """Errors of betterbench that keep their class on the way to the run; others of a policy become PolicyError."""
 
+# Bound here, before a policy can put something else into their places.
+_exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
-def main(address: str, pipe: int, life: int) -> None:
-    """Load the policy of an address and answer until the pipe is closed.
 
-    ``pipe`` is the file descriptor of a connection, and ``life`` one that reads an end when the run has ended.
+def main(address: str, link: int, life: int) -> None:
+    """Load the policy of an address and answer until the socket is closed.
+
+    ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
     """
-    os.dup2(2, 1)  # what a policy prints is no output of the run
     threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
-    connection = Connection(pipe)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, it is this process that ends
+    sys.excepthook = lambda *_: _exit(1)
+    run = socket.socket(fileno=link)
     try:
         policy = _load(address)
         source = source_of(address.removeprefix("python:")) if address.startswith("python:") else ""
-        connection.send(("ready", _plain_info(policy.info), isinstance(policy, BatchPolicy), source))
+        run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
-        if not isinstance(problem, BetterError):
+        if not (isinstance(problem, BetterError) or address.startswith("python:")):
             traceback.print_exc()
-        connection.send(_told(problem))
-        os._exit(1)
+        run.sendall(answer_frame(_told(0, problem)))
+        _exit(1)
     try:
-        while (asked := connection.recv()) is not None:
-            connection.send(_answered(policy, *asked))
+        while (asked := _question(run)) is not None:
+            run.sendall(_answered(policy, *asked))
         _close(policy)
     except (EOFError, OSError):
-        os._exit(1)  # the run has ended
+        _exit(1)  # the run has ended
+    except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
+        _say("the process of the policy is broken", problem)
+        _exit(1)
     finally:
-        os._exit(0)  # threads that the policy has left do not keep the process
+        _exit(0)  # threads that the policy has left do not keep the process
 
 
 def _end_with_run(life: int) -> None:
+    """End this process and what it has started as soon as the run has ended."""
     try:
         os.read(life, 1)
     finally:
-        os._exit(1)
+        with contextlib.suppress(BaseException):
+            _killpg(0, signal.SIGKILL)
+        _exit(1)
 
 
 def _load(address: str) -> Policy:
@@ -72,66 +90,76 @@ def _load(address: str) -> Policy:
     return made
 
 
-def _plain_info(info: PolicyInfo) -> PolicyInfo:
-    """Return what a policy declares as a value that the run can read, whatever class the policy made of it."""
-    e = info.execution
-    return PolicyInfo(
-        str(info.name),
-        str(info.action_space),
-        bool(info.needs_images),
-        {str(k): str(v) for k, v in info.metadata.items()},
-        Execution(e.horizon, e.ahead, e.ensemble),
-        bool(info.heavy),
+def _question(run: socket.socket) -> tuple[int, str, tuple[Any, ...], dict[str, Any]] | None:
+    """Return the next question of the run, or None if there is none any more; EOFError if the run has ended."""
+    (size,) = LENGTH.unpack(_read(run, LENGTH.size))
+    asked: tuple[int, str, tuple[Any, ...], dict[str, Any]] | None = _loads(_read(run, size))
+    return asked
+
+
+def _read(run: socket.socket, size: int) -> bytearray:
+    got = bytearray(size)
+    view = memoryview(got)
+    while view:
+        count = run.recv_into(view)
+        if not count:
+            raise EOFError
+        view = view[count:]
+    return got
+
+
+def _declared(policy: Policy, source: str) -> Declared:
+    """Return what a policy declares as plain values, whatever class the policy made of it."""
+    info, e = policy.info, policy.info.execution
+    return Declared(
+        name=text_of(info.name),
+        action_space=text_of(info.action_space),
+        needs_images=bool(info.needs_images),
+        metadata={text_of(k): text_of(v) for k, v in info.metadata.items()},
+        horizon=None if e.horizon is None else int(e.horizon),
+        ahead=int(e.ahead),
+        ensemble=None if e.ensemble is None else float(e.ensemble),
+        heavy=bool(info.heavy),
+        batches=isinstance(policy, BatchPolicy),
+        source=source,
     )
 
 
-def _answered(policy: Policy, method: str, args: tuple[Any, ...], options: dict[str, Any]) -> tuple[Any, ...]:
-    """Return what a method gave, as plain arrays, or what it raised."""
+def _answered(policy: Policy, number: int, method: str, args: tuple[Any, ...], options: dict[str, Any]) -> bytes:
+    """Return the frame of what a method gave, as plain arrays, or of what it raised."""
     try:
         given = getattr(policy, method)(*args, **options)
-        if method == "act":
-            return "ok", _plain(given)
-        if method == "act_batch":
-            return "ok", [_plain(array) for array in given]
+        answers = [given] if method == "act" else list(given) if method == "act_batch" else []
+        forms = [plain_array(answer) for answer in answers]
+        return answer_frame(ProcessAnswer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
     except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
-        return _told(problem)
-    return "ok", None
+        return answer_frame(_told(number, problem))
 
 
-Plain = tuple[str, tuple[int, ...], bytes]
-"""An array as the text of its type, its shape and its bytes; the bytes are empty where it holds Python objects."""
-
-
-def _plain(answer: object) -> Plain:
-    array = np.asarray(answer)
-    if array.nbytes > MAX_ANSWER_BYTES:
-        raise ValueError(f"an answer of {array.nbytes} bytes is no chunk of actions")
-    return array.dtype.str, array.shape, b"" if array.dtype.hasobject else array.tobytes()
-
-
-def array_of(plain: Plain) -> np.ndarray:
-    """Return the array that a process has sent; ValueError or TypeError if it has sent none."""
-    kind, shape, data = plain
-    dtype = np.dtype(kind)
-    return np.empty(shape, dtype) if dtype.hasobject else np.frombuffer(bytearray(data), dtype).reshape(shape)
-
-
-def _told(problem: BaseException) -> tuple[str, str, Sequence[str]]:
+def _told(number: int, problem: BaseException) -> ProcessAnswer:
     """Return the class of an error and its texts, without the objects that it may hold."""
     if isinstance(problem, UnknownNameError):
-        return "error", "UnknownNameError", (problem.kind, problem.name, *problem.known)
+        return _error(number, "UnknownNameError", (problem.kind, problem.name, *problem.known))
     if isinstance(problem, InvalidInputError):
-        return "error", "InvalidInputError", (problem.where, problem.problem, problem.cure)
+        return _error(number, "InvalidInputError", (problem.where, problem.problem, problem.cure))
     known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
     known = known if isinstance(problem, BetterError) else ""
-    try:
-        text = str(problem) if known else described(problem)
-    except BaseException:  # noqa: BLE001 - an error that cannot be shown is an error all the same
-        text = f"{type(problem).__name__}: it cannot be shown as text"
+    text = kind = type(problem).__name__
+    for shown in (
+        str if known else described,
+        lambda p: f"{kind}: {p}",
+        lambda _: f"{kind}: it cannot be shown as text",
+    ):
+        with contextlib.suppress(BaseException):  # an error that cannot be shown is an error all the same
+            text = text_of(shown(problem))
+            break
     if len(text) > MAX_TEXT:
         text = text[:MAX_TEXT] + " ..."
-    text = text.encode("utf-8", "backslashreplace").decode()
-    return "error", known, (text,)
+    return _error(number, known, (text,))
+
+
+def _error(number: int, kind: str, texts: Sequence[object]) -> ProcessAnswer:
+    return ProcessAnswer(number, error=kind, texts=tuple(text_of(text) for text in texts))
 
 
 def _close(policy: Policy) -> None:
@@ -139,6 +167,11 @@ def _close(policy: Policy) -> None:
     if callable(close):
         try:
             close()
-        except BaseException:  # noqa: BLE001 - the run is over
-            traceback.print_exc()
-    sys.stderr.flush()
+        except BaseException as problem:  # noqa: BLE001 - the run is over
+            _say("the policy could not be closed", problem)
+
+
+def _say(what: str, problem: BaseException) -> None:
+    """Write one line to standard error, if that is still possible."""
+    with contextlib.suppress(BaseException):
+        _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

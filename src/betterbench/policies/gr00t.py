@@ -157,6 +157,8 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                     f"{self._where}: the action {name!r} has shape {value.shape}. "
                     f"Send ({count}, horizon, size), one chunk for each environment asked about."
                 )
+            if name in arrays:
+                raise PolicyError(f"{self._where}: the action {name!r} is given twice. Send it once.")
             arrays[name] = array
         return arrays
 

@@ -22,6 +22,7 @@ import numpy as np
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import Observation
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.answers import number_array
 from betterbench.policies.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
 from betterbench.policies.presets import X_VLA, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
@@ -170,7 +171,7 @@ def _stacked(reply: object) -> object:
     """Return a list of arrays as one array; anything else as it is."""
     if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
         try:
-            return np.stack([np.asarray(row) for row in reply])
+            return np.stack([number_array(row) for row in reply])
         except ValueError:
             return reply
     return reply

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.json_form import unique_keys
 from betterbench.policies.wire import read_array
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
@@ -54,16 +55,17 @@ def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
     try:
         if len(data) > MAX_BODY_BYTES:
             raise ValueError(f"it has more than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
-        value = json.loads(data, object_hook=_read_map)
+        value = json.loads(data, object_pairs_hook=_read_map)
         if isinstance(value, str) and value[:1] in ("{", "["):
-            value = json.loads(value, object_hook=_read_map)
-    except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError) as error:
+            value = json.loads(value, object_pairs_hook=_read_map)
+    except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError, InvalidInputError) as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"JSON of {len(data)} bytes: it cannot be read ({problem}).") from error
     return value
 
 
-def _read_map(form: dict[str, Any]) -> object:
+def _read_map(pairs: list[tuple[str, Any]]) -> object:
+    form = unique_keys(pairs)
     if "__numpy__" not in form:
         return form
     data = form["__numpy__"]

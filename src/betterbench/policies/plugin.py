@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any
 from urllib.parse import unquote
 
-from betterbench.errors import BetterError, InvalidInputError, described
+from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy, PolicyInfo
 
 
@@ -103,8 +103,7 @@ def _instance(address: str, name: str, made: Callable[..., Policy], arguments: d
     except BetterError:
         raise
     except (Exception, SystemExit) as error:
-        problem = f"{name} cannot be made: {described(error)}"
-        raise InvalidInputError(f"policy python:{address}", problem, "Correct it") from error
+        raise PolicyProcessError(f"policy python:{address}: {name} cannot be made: {described(error)}") from error
 
 
 def _load_module(name: str) -> ModuleType:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
+import time
+import uuid
 from collections.abc import Sequence
-from multiprocessing import Pipe
+from multiprocessing.reduction import ForkingPickler
 from typing import Any
 
 import numpy as np
@@ -18,16 +22,24 @@ import numpy as np
 from betterbench import errors
 from betterbench.errors import (
     BetterError,
+    HandshakeError,
     InvalidInputError,
     PolicyError,
     PolicyKilledError,
     PolicyProcessError,
+    PolicyUnavailableError,
     UnknownNameError,
 )
-from betterbench.interface import EpisodeStart, Observation, PolicyInfo
-from betterbench.policies.asked_process import ERRORS, array_of
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.asked_process import ERRORS
+from betterbench.policies.leftovers import end_leftovers
+from betterbench.policies.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer, read_answer
+from betterbench.policies.process_output import ProcessOutput
 
 logger = logging.getLogger(__name__)
+
+LOAD_S = 3000.0
+"""How long a policy may take to load [s], unless told otherwise."""
 
 CLOSE_S = 5.0
 """How long a policy may take to close [s]; then its process is ended."""
@@ -37,15 +49,20 @@ MAX_KILLS = 3
 
 _POLL_S = 0.2
 _LEAVE_S = 0.5
+_PIECE = 1 << 20
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
 _START = "import sys; sys.path[:] = {path!r}; from betterbench.policies.asked_process import main; main({arguments})"
+
+MARK = "BETTERBENCH_POLICY_PROCESS"
+"""Environment variable by which what a process has started is found when it has ended."""
 
 
 class PolicyProcess:
     """A policy in a process of its own, as the run asks it.
 
-    When it is asked after its process has ended, another one is started, with a policy that is made anew. The process
-    leads a session, so that no signal to the group of the run reaches it, nor one of its own the run.
+    When it is asked after its process has ended, another one is started, with a policy that is made anew. So is it for
+    the episode after one in which it failed, unless it holds weights: what it did then to its process is nobody else's.
+    The process leads a session, so that no signal to the group of the run reaches it, nor one of its own the run.
 
     Attributes:
         info: What the policy says about itself.
@@ -53,22 +70,37 @@ class PolicyProcess:
         takes_batches: Whether it answers several observations at once.
     """
 
-    def __init__(self, address: str, started: _Started | None = None) -> None:
+    def __init__(
+        self, address: str, *, load_s: float = LOAD_S, started: tuple[_Started, Declared] | None = None
+    ) -> None:
         """Start the process and wait until it has loaded the policy, unless it was started already.
 
         Raises:
             BetterError: What the policy's loading raised, if it is an error of betterbench.
-            PolicyProcessError: If it raised something else, or the process ended.
+            PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
         """
-        self._address = address
-        self._asking = threading.Lock()
-        self._closed = False
-        self._running: _Started | None = started or _Started(address)
-        self.info, self.takes_batches, self.source = self._running.info, self._running.batches, self._running.source
+        self._address, self._load_s = address, load_s
+        self._asking, self._closing = threading.Lock(), threading.Lock()
+        self._closed = self._failed = self._used = False
+        running, declared = started or _loaded(address, load_s)
+        self._running: _Started | None = running
+        self.info, self.takes_batches, self.source = declared.info, declared.batches, declared.source
 
     def reset(self, start: EpisodeStart) -> None:
-        """Tell the policy that an episode begins; raises what :meth:`act` raises."""
-        self._ask("reset", start)
+        """Tell the policy that an episode begins; raises what :meth:`act` raises.
+
+        If it fails in a process that has seen other episodes, it is told again in another one.
+        """
+        try:
+            self._ask("reset", start)
+        except (PolicyUnavailableError, HandshakeError):
+            raise
+        except BetterError:
+            if self._closed or not self._used:
+                raise
+            self._failed = True
+            self._ask("reset", start)
+        self._used = True
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the policy's answer to an observation.
@@ -79,19 +111,23 @@ class PolicyProcess:
             PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
             HandshakeError: If the policy raised it, because it has become another one.
         """
-        return array_of(self._ask("act", observation))
+        return self._ask("act", observation, answers=1)[0]
 
-    def check(self, **conventions: object) -> None:
+    def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
         """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
         if self._address.startswith("lerobot:"):
-            self._ask("check", **conventions)
+            self._ask("check", options=conventions)
 
     def close(self) -> None:
-        """Let the policy close, and end its process; at once where the policy is just being asked."""
-        self._closed = True
+        """Let the policy close, and end its process; at once where the policy is just being asked.
+
+        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        """
+        with self._closing:
+            first, self._closed = not self._closed, True
         if not self._asking.acquire(blocking=False):
             running = self._running
-            if running is not None:
+            if first and running is not None:
                 running.kill()  # whoever is asking sees that it has ended
             return
         try:
@@ -101,23 +137,60 @@ class PolicyProcess:
         finally:
             self._asking.release()
 
-    def _ask(self, method: str, *args: object, **options: object) -> Any:  # noqa: ANN401 - what the method returns
+    def _ask(
+        self, method: str, *args: object, answers: int = 0, options: dict[str, object] | None = None
+    ) -> list[np.ndarray]:
         with self._asking:
             if self._closed:
                 raise PolicyError("the policy is closed")
-            if self._running is None:
-                self._running = _Started(self._address)
+            self._prepare(begins=method == "reset")
+            running = self._running
+            if running is None:
+                raise AssertionError("it was just prepared")
             try:
-                self._running.connection.send((method, args, options))
-                message = self._running.receive()
-                if message[0] == "ok":
-                    return message[1]
-                problem = _error(*message[1:])
+                answer, arrays = running.ask(method, args, options or {})
+                if answer.error is None and len(arrays) != answers:
+                    raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
             except Exception as error:
-                status, self._running = self._running.end(), None
+                status, self._running = running.end(), None
+                if isinstance(error, PolicyError):
+                    raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
                 kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
                 raise kind(f"the process of the policy ended while it was asked ({status})") from error
-            raise problem
+            if answer.error is None:
+                return arrays
+            self._failed = not self.info.heavy
+            raise _error(answer.error, answer.texts)
+
+    def _prepare(self, *, begins: bool) -> None:
+        """See to it that there is a process: for an episode that begins one in which nothing has gone wrong."""
+        running = self._running
+        if running is not None and not (begins and (self._failed or not running.waits)):
+            return
+        if running is not None and not running.waits:
+            running.end()
+            running = None
+        self._failed = self._used = False
+        self._running = _Started(self._address)
+        try:
+            self._require_unchanged(self._running.loaded(self._load_s))
+        except BaseException as problem:
+            self._running.end()
+            self._running = running
+            if running is None:
+                raise
+            if self._closed or not isinstance(problem, BetterError):
+                self._running = None
+                running.end()
+                raise
+            logger.warning("%s It goes on in the process in which it failed.", problem)
+        else:
+            if running is not None:
+                running.close()
+
+    def _require_unchanged(self, declared: Declared) -> None:
+        if declared.source != self.source:
+            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore it.")
 
 
 class BatchPolicyProcess(PolicyProcess):
@@ -130,7 +203,7 @@ class BatchPolicyProcess(PolicyProcess):
         """
         for left in reversed(range(MAX_KILLS)):
             try:
-                return [array_of(plain) for plain in self._ask("act_batch", list(observations))]
+                return self._ask("act_batch", list(observations), answers=len(observations))
             except PolicyKilledError as error:
                 if not left:
                     raise
@@ -138,64 +211,142 @@ class BatchPolicyProcess(PolicyProcess):
         raise AssertionError("the last attempt returns or raises")
 
 
-def start_policy(address: str) -> PolicyProcess:
+def start_policy(address: str, *, load_s: float = LOAD_S) -> PolicyProcess:
     """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
+    started = _loaded(address, load_s)
+    kind = BatchPolicyProcess if started[1].batches else PolicyProcess
+    return kind(address, load_s=load_s, started=started)
+
+
+def _loaded(address: str, load_s: float) -> tuple[_Started, Declared]:
+    """Return a process that has loaded its policy, and what that declares."""
     started = _Started(address)
-    return (BatchPolicyProcess if started.batches else PolicyProcess)(address, started)
+    try:
+        return started, started.loaded(load_s)
+    except BaseException:
+        started.end()
+        raise
 
 
 class _Started:
-    """A process that has loaded its policy."""
+    """A process that loads its policy and then answers."""
 
     def __init__(self, address: str) -> None:
-        self.connection, theirs = Pipe()
+        self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
+        self._link, theirs = socket.socketpair()
+        self._link.settimeout(_POLL_S)
         life, self._life = os.pipe()
         arguments = f"{address!r}, {theirs.fileno()}, {life}"
+        self._output = ProcessOutput()
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
                 [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
                 stdin=subprocess.DEVNULL,
+                stdout=self._output.theirs,  # what a policy prints is no output of the run
+                stderr=self._output.theirs,
                 pass_fds=(theirs.fileno(), life),
                 start_new_session=True,
+                env={**os.environ, MARK: self._mark},
             )
         finally:
             theirs.close()
             os.close(life)
+            self._output.begin()
+
+    def loaded(self, timeout_s: float) -> Declared:
+        """Wait until the policy is loaded, and return what it declares; raises what :class:`PolicyProcess` raises."""
         try:
-            message = self.receive()
-            _require_loaded(address, message)
-            self.info: PolicyInfo = message[1]
-            self.batches, self.source = bool(message[2]), str(message[3])
-        except (EOFError, OSError) as error:
+            answer, _ = self._receive(time.monotonic() + timeout_s)
+        except TimeoutError as error:
             raise PolicyProcessError(
-                f"{address}: its process ended while loading ({self.end()}); what it wrote stands above. Load it in a "
-                "Python shell to see why"
+                f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
+                "ten times as long as an answer."
             ) from error
-        except BaseException:
-            self.kill()
-            self.end()
-            raise
+        except (EOFError, OSError, PolicyError) as error:
+            raise PolicyProcessError(
+                f"{self._address}: its process ended while loading ({self.end()}); what it wrote stands above. Load it "
+                "in a Python shell to see why"
+            ) from error
+        if answer.error is None and answer.declared is not None:
+            return answer.declared
+        raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
+        if type(raised) is not PolicyError:
+            raise raised  # errors of betterbench say enough
+        raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
 
-    def receive(self) -> tuple[Any, ...]:
-        """Return what the process has sent; EOFError if it has ended.
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for a question: it has not ended, and has said nothing that nobody asked for."""
+        try:
+            said = bool(select.select([self._link], [], [], 0.0)[0])
+        except (OSError, ValueError):
+            return False
+        return not said and self._process.poll() is None
 
-        A child of the process may hold its end of the pipe open.
+    def ask(
+        self, method: str, args: Sequence[object], options: dict[str, object]
+    ) -> tuple[ProcessAnswer, list[np.ndarray]]:
+        """Return the answer to a question.
+
+        Raises:
+            EOFError: If the process has ended.
+            PolicyError: If it sends what is no answer.
         """
-        while not self.connection.poll(_POLL_S):
-            if self._process.poll() is not None and not self.connection.poll(0.0):
+        self._number += 1
+        self._send((self._number, method, args, options))
+        while True:
+            answer, arrays = self._receive()
+            if answer.number == self._number:
+                return answer, arrays
+            if answer.number > self._number:
+                raise PolicyError("it answers what nobody has asked yet")
+            # Otherwise an answer was sent twice.
+
+    def _send(self, message: object) -> None:
+        data = ForkingPickler.dumps(message)
+        view = memoryview(LENGTH.pack(len(data)) + bytes(data))
+        while view:
+            try:
+                view = view[self._link.send(view[:_PIECE]) :]
+            except TimeoutError:
+                if self._process.poll() is not None:
+                    raise EOFError from None
+
+    def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
+        """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
+        (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
+        if size > MAX_LINK_BYTES:
+            raise PolicyError(f"a frame of {size} bytes")
+        return read_answer(self._read(size, until))
+
+    def _read(self, size: int, until: float | None) -> bytes:
+        got, ended = bytearray(), False
+        while len(got) < size:
+            try:
+                piece = self._link.recv(min(size - len(got), _PIECE))
+            except TimeoutError:
+                if ended:  # a child of the process may hold its end open
+                    raise EOFError from None
+                ended = self._process.poll() is not None
+                if until is not None and time.monotonic() > until:
+                    raise
+                continue
+            if not piece:
                 raise EOFError
-        message: tuple[Any, ...] = self.connection.recv()
-        return message
+            got += piece
+        return bytes(got)
 
     def kill(self) -> None:
-        """End the process and what it has started, at once."""
+        """End the process and what it has started, at once; whoever waits for it sees that it has ended."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Let the policy close, and end the process."""
-        with contextlib.suppress(OSError):
-            self.connection.send(None)
+        with contextlib.suppress(OSError, EOFError):
+            self._send(None)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(CLOSE_S)
         self.end()
@@ -208,31 +359,23 @@ class _Started:
         self.kill()
         self._process.wait()
         if self._life >= 0:
-            self.connection.close()
+            self._link.close()
             os.close(self._life)
             self._life = -1
+            end_leftovers(MARK, self._mark, self._process.pid)
+            self._output.end()
         return how
 
 
 def _error(kind: str, texts: Sequence[str]) -> BetterError:
     """Return the error that a process has told."""
-    if kind == "UnknownNameError":
+    if kind == "UnknownNameError" and len(texts) > 1:
         return UnknownNameError(texts[0], texts[1], texts[2:])
-    if kind == "InvalidInputError":
+    if kind == "InvalidInputError" and len(texts) == 3:
         return InvalidInputError(*texts)
     made = getattr(errors, kind) if kind in ERRORS else PolicyError
-    error: BetterError = made(texts[0])
+    error: BetterError = made(texts[0] if texts else "it does not say what failed")
     return error
-
-
-def _require_loaded(address: str, message: tuple[Any, ...]) -> None:
-    """Raise what a process has told instead of that it has loaded its policy; errors of betterbench say enough."""
-    if message[0] == "ready":
-        return
-    problem = _error(*message[1:])
-    if type(problem) is not PolicyError:
-        raise problem
-    raise PolicyProcessError(f"{address}: it cannot be loaded ({problem}). Its traceback stands above.")
 
 
 def exit_text(status: int | None) -> str:

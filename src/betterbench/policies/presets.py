@@ -325,6 +325,21 @@ has to be given: ``send.domain_id=3``. Its own client sends the pose that was la
 one; this one sends what is measured.
 """
 
+LEROBOT = Adapter(
+    "lerobot",
+    views=(
+        ImageRule(("observation.images.front",), "front", 256, 256),
+        ImageRule(("observation.images.wrist",), "wrist", 256, 256),
+    ),
+    states=(StateRule(("observation.state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("task",)),
+    answer=AnswerRule("ee_delta", _twist("action")),
+)
+"""LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
+
+The state is that of our LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+"""
+
 _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (OPENPI_LIBERO, "openpi_libero", "close_positive"),
     (BEING_H_LIBERO, "being_h_libero", "open_fraction"),
@@ -338,7 +353,7 @@ _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
 
 _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
-    *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA),
+    *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
 )
 
 PRESETS: dict[str, Adapter] = {

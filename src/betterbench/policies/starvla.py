@@ -21,6 +21,7 @@ from betterbench.errors import PolicyError, last_line, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import set_entry
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.answers import number_array
 from betterbench.policies.presets import STARVLA, adapter_of
 from betterbench.policies.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
@@ -124,10 +125,7 @@ class StarVlaClient(ServerClient[WebSocket]):
             if name not in data:
                 there = ", ".join(sorted(one_line(key, most=40) for key in data)[:20]) or "nothing"
                 raise PolicyError(f"{self._where}: the reply has no {name!r}. It has: {there}.")
-            try:
-                array = np.asarray(data[name])
-            except ValueError:
-                array = np.zeros(0)
+            array = number_array(data[name])
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(
                     f"{self._where}: {name!r} has shape {array.shape}. "

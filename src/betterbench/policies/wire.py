@@ -23,6 +23,7 @@ import numpy as np
 from PIL import Image
 
 from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.json_form import unique_keys
 
 MAX_FRAME_BYTES = 256 * 1024 * 1024
 """Largest frame that is read [byte]: some 1,300 images of 256 x 256."""
@@ -47,6 +48,7 @@ _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
 
 _UNREADABLE = (
+    InvalidInputError,
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, MemoryError, EOFError),
     *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
     *(Image.DecompressionBombError, Image.DecompressionBombWarning),
@@ -241,7 +243,7 @@ def _modality(form: object) -> ModalityConfig:
     if isinstance(form, str):  # N1.5 sends the JSON text, N1.6 the map
         if len(form) > _MAX_JSON:
             raise ValueError("a modality config is too long")
-        form = json.loads(form)
+        form = json.loads(form, object_pairs_hook=unique_keys)
     if not isinstance(form, Mapping):
         raise TypeError(f"a modality config is a {type(form).__name__}")
     steps, keys = form.get("delta_indices"), form.get("modality_keys")
@@ -278,7 +280,13 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
     try:
         _survey(data)
         # Map keys must be text or bytes: nothing else is needed, and lists of colliding numbers would be slow to hash.
-        return msgpack.unpackb(data, object_hook=hook, raw=False, strict_map_key=True, ext_hook=_no_extension)
+        return msgpack.unpackb(
+            data,
+            object_pairs_hook=lambda pairs: hook(unique_keys(pairs)),
+            raw=False,
+            strict_map_key=True,
+            ext_hook=_no_extension,
+        )
     except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"{dialect} frame of {len(data)} bytes: it cannot be read ({problem}).") from error

@@ -2,36 +2,82 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.errors import StorageError
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; what carries it after a crash can be deleted."""
 
 
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a file beside its final place, force it to disk and rename it.
+class DurableFile:
+    """A file that is written bit by bit beside its final place, and is there when it is finished and not before.
 
-    A reader sees the old file or the new one, never a part. Missing folders are made.
+    A context manager, which removes what is not finished. A reader sees the old file or the new one, never a part.
+    Missing folders are made. Raises OSError if the disk is full or the place cannot be written.
+
+    Attributes:
+        file: What is written to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
+        self._part, self.file = Path(name), os.fdopen(handle, "wb")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with contextlib.suppress(OSError):  # of a full disk, raised before
+            self.file.close()
+        self._part.unlink(missing_ok=True)
+
+    def finish(self) -> None:
+        """Force the file to disk and put it at its place."""
+        self.file.flush()
+        os.fchmod(self.file.fileno(), 0o644)
+        os.fsync(self.file.fileno())
+        self.file.close()
+        self._part.replace(self._path)
+        sync_folder(self._path.parent)
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a whole file as :class:`DurableFile` does.
 
     Raises:
         OSError: If the disk is full or the place cannot be written; nothing is left behind then.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
-    part = Path(name)
+    with DurableFile(path) as written:
+        written.file.write(data)
+        written.finish()
+
+
+_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})
+
+
+@contextlib.contextmanager
+def on_disk(path: Path) -> Iterator[None]:
+    """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fchmod(stream.fileno(), 0o644)
-            os.fsync(stream.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+        yield
+    except OSError as problem:
+        if problem.errno not in _LASTING:
+            raise
+        raise StorageError(
+            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
+        ) from problem
 
 
 def sync_folder(folder: Path) -> None:

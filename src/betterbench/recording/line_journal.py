@@ -10,7 +10,7 @@ from typing import Self
 
 from betterbench.errors import RecordError
 from betterbench.json_form import read_bounded
-from betterbench.recording.durable import sync_folder
+from betterbench.recording.durable import sync_folder, write_durably
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import dump_json
 
@@ -28,7 +28,8 @@ class LineJournal:
 
     Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
     :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
-    disk when :meth:`_append_line` returns.
+    disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
+    again.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,8 +38,9 @@ class LineJournal:
         self._handle: int | None = None
         try:
             lines, self._length = complete_lines(path)
+            self._content = bytearray(b"".join(line + b"\n" for line in lines))
             self._take_in(lines)
-            self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
             if os.fstat(self._handle).st_size > self._length:
                 logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
                 os.ftruncate(self._handle, self._length)
@@ -62,6 +64,8 @@ class LineJournal:
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
+        if not self._stands_there(self._handle):
+            self._write_again(self._handle)
         line = dump_json(form) + b"\n"
         try:
             written = 0
@@ -72,6 +76,29 @@ class LineJournal:
             os.ftruncate(self._handle, self._length)
             raise
         self._length += len(line)
+        self._content += line
+
+    def restore(self) -> None:
+        """Write the file again if somebody else has removed, replaced or changed it since it was opened."""
+        if self._handle is None:
+            return
+        if not self._stands_there(self._handle) or os.pread(self._handle, self._length, 0) != self._content:
+            self._write_again(self._handle)
+
+    def _stands_there(self, handle: int) -> bool:
+        """Tell whether the open file is still the one at its path, and as long as it was written."""
+        ours = os.fstat(handle)
+        try:
+            there = os.lstat(self._path)
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        return (there.st_dev, there.st_ino, there.st_size) == (ours.st_dev, ours.st_ino, self._length)
+
+    def _write_again(self, handle: int) -> None:
+        logger.warning("%s was removed or changed by somebody else and is written again", self._path)
+        write_durably(self._path, bytes(self._content))
+        self._handle = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
+        os.close(handle)
 
     def close(self) -> None:
         """Close the file and release the lock; harmless when closed."""

@@ -44,7 +44,7 @@ MAX_UNPACKED_BYTES = 2 << 30
 
 _CURE = "Record the trial again"
 
-AGAIN = "The same better eval command records the trial of a damaged or missing record again"
+AGAIN = "The command that made the run records the trial again"
 """What to do about a record of a run that cannot be read."""
 
 
@@ -158,7 +158,7 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
     SHA-256 of the file is not ``digest``, where that is known.
     """
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
-        document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE)
+        document = read_form(_DOCUMENT, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
         _check_columns(file, arrow_schema(document.widths))
         arrays, contacts = from_table(file.read(use_threads=False), document.widths, len(document.bodies))
         columns = cast("dict[str, Any]", arrays)
@@ -177,7 +177,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
     """Read of which trial a record is, and how its episode ended; raises what :func:`read_outcome` raises."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
-        return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE)
+        return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 
 
 def file_digest(path: Path) -> str:
@@ -218,7 +218,7 @@ def _document_bytes(file: pq.ParquetFile) -> bytes:
         raise RecordError(
             "is a Parquet file but no record: it lacks the metadata 'betterbench'; choose a file of a run"
         )
-    version = read_form(_VERSION, raw, where="metadata", cure=_CURE).metadata.schema_version
+    version = read_form(_VERSION, raw, where="metadata", cure=_CURE, sealed=True).metadata.schema_version
     if version != SCHEMA_VERSION:
         raise RecordError(
             f"schema version {version} is not {SCHEMA_VERSION}, the one this version of betterbench reads; "

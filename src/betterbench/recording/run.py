@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
+import logging
 import os
 import re
 import time
@@ -15,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording.durable import PART_SUFFIX, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
@@ -27,6 +29,8 @@ from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
+
+logger = logging.getLogger(__name__)
 
 RUN_SCHEMA_VERSION = 1
 """Version of ``run.json`` and of the layout of the folder."""
@@ -153,6 +157,16 @@ class RunFolder:
             write_durably(self.path / "run.json", _run_json(form))
         return RunFolder(self.path, form["plan"], form["context"])
 
+    def restore(self) -> None:
+        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened."""
+        form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": dict(self.context)}
+        path = self.path / "run.json"
+        with contextlib.suppress(OSError, ValueError):
+            if json.loads(path.read_bytes()) == form:
+                return
+        logger.warning("%s was removed or changed by somebody else and is written again", path)
+        write_durably(path, _run_json(form))
+
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
         """Write a plan that holds this one and more, and return the run."""
         done = sum(entry.status == "done" for entry in self.entries())
@@ -197,10 +211,12 @@ class RunFolder:
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
             trial = planned.get(key)  # type: ignore[union-attr] # looked at above
             if trial is None or trial.get("variation") != entry.variation:
-                problem = "is not planned" if trial is None else f"is not planned as a trial of {entry.variation}"
+                problem = (
+                    "is not planned" if trial is None else f"is not planned as a trial of {one_line(entry.variation)}"
+                )
                 raise RecordError(
-                    f"{self.journal_path}: {entry.key} {problem}, so the journal or run.json is of another run. "
-                    "Restore both from a copy, or evaluate into a new folder."
+                    f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json is of another "
+                    "run. Restore both from a copy, or evaluate into a new folder."
                 )
 
     def record_path(self, task: str, condition: str, seed: int) -> Path:
@@ -266,15 +282,18 @@ class RunFolder:
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
         if self._planned is not None:
             if trial not in self._planned:
-                raise RecordError(f"{path}: {trial} is not planned in this run. Name a record of a planned trial.")
+                raise RecordError(
+                    f"{path}: {one_line(trial)} is not planned in this run. Name a record of a planned trial."
+                )
             wanted["variation"] = self._planned[trial].get("variation")
             wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
         for name, value in wanted.items():
             there = getattr(found, name)
             if there != value:
                 raise RecordError(
-                    f"{path}: is the record of {found.task}/{found.condition} seed {found.seed} of {found.policy}: its "
-                    f"{name} is {there!r} where the run plans {value!r}. {AGAIN}."
+                    f"{path}: is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
+                    f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} where the run plans "
+                    f"{one_line(repr(value), most=80)}. {AGAIN}."
                 )
 
     def records(self) -> Iterator[Record]:

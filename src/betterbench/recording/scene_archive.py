@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import read_bounded
 from betterbench.recording.durable import write_durably
 
@@ -20,7 +20,7 @@ MAX_SCENE_FILES = 10_000
 
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
 _READ_BLOCK = 1 << 20
-_AGAIN = "The same better eval command stores it again"
+_AGAIN = "The command that made the run stores it again"
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
@@ -61,7 +61,7 @@ def read_scene(path: Path) -> dict[str, bytes]:
             raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
         raise
     except Exception as error:  # what decompressors raise about a damaged archive
-        said = (str(error).splitlines() or [type(error).__name__])[0]
+        said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
 
 

@@ -54,6 +54,7 @@ def write_calibration_page(
         calibration=calibration,
         what=WHAT_IT_IS[family],
         summary=calibration_summary(calibration),
+        policies=rates_by_policy(calibration),
         strips={key: data_uri(image, "image/jpeg") for key, image in (strips or {}).items()},
         matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
@@ -80,7 +81,7 @@ def confusion_figure(calibration: Calibration) -> Figure:
                 if count:
                     wrong = row != column
                     dark = shares[row][column] > 0.55
-                    color = "#b3261e" if wrong else "white" if dark else "#1b1b1b"
+                    color = ("#ffc9c3" if dark else "#b3261e") if wrong else "white" if dark else "#1b1b1b"
                     axes.text(
                         column,
                         row,
@@ -118,8 +119,18 @@ def calibration_markdown(calibration: Calibration) -> str:
         for s in calibration.scores()
     ]
     lines += ["", "| policy | right |", "|---|---|"]
-    lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in calibration.policies.items()]
+    lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration).items()]
     return "\n".join(lines) + "\n"
+
+
+def rates_by_policy(calibration: Calibration) -> dict[str, Rate]:
+    """Return the right trials of each policy; those of a habit of the independent family count together."""
+    rates: dict[str, Rate] = {}
+    for address, rate in calibration.policies.items():
+        name = address.rpartition("-")[0] if address.startswith("independent:") else address
+        before = rates.get(name, Rate(0, 0))
+        rates[name] = Rate(before.k + rate.k, before.n + rate.n)
+    return rates
 
 
 def calibration_summary(calibration: Calibration) -> str:

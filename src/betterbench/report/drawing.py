@@ -236,7 +236,7 @@ class _Pen:
         bars = any(isinstance(group, BarGroup) for group in chart.groups)
         if bars:
             for value in chart.scale.values:
-                self.text(self._x(chart.scale, value), self.y + 10, _tick(value), "tick")
+                self._tick(chart.scale, value)
             self.y += 16
         for group in chart.groups:
             if group.title:
@@ -250,13 +250,22 @@ class _Pen:
                     self._stack(row)
             self.y += 5
 
+    def _tick(self, scale: Scale, value: float) -> None:
+        """Write a value of the scale; where the drawing ends with the scale, the words end there too."""
+        x, text = self._x(scale, value), _tick(value)
+        half = len(text) * _CHARACTER_PX / 2
+        side = " begin" if x < half else " end" if x + half > self.width else ""
+        self.text({" begin": 0.0, " end": self.width}.get(side, x), self.y + 10, text, f"tick{side}")
+
     def _x(self, scale: Scale, value: float) -> float:
         return self.left + scale.share(value) * (self.right - self.left)
 
     def _bar(self, scale: Scale, row: Bar) -> None:
         figure, words = row.figure, reading(row.figure)
         if self.narrow:
-            self.text(0, self.y + 12, fitted(row.name, self.width - len(words) * _CHARACTER_PX - 14), "soft", row.name)
+            self.text(0, self.y + 12, fitted(row.name, self.width), "soft", row.name)
+            if (len(row.name) + len(words)) * _CHARACTER_PX + 14 > self.width:
+                self.y += 15
             self.text(self.width, self.y + 12, words, "reading end")
             self.y += 17
         else:
@@ -296,7 +305,7 @@ class _Pen:
             left, right = 0.0, float(self.width)
         else:
             self.text(0, self.y + 14, fitted(row.name, self.left - 8), "soft", row.name)
-            left, right = self.left, self.width - 62.0
+            left, right = self.left, self.width - 76.0
             self.text(right + 10, self.y + 14, total, "soft")
         for family, x, width, count in _segments(row, left, right):
             self.box(x, width - 1, 19, family)

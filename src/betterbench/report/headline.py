@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import one_line
 from betterbench.report.legend import LEGEND
 from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure
@@ -21,6 +22,9 @@ WEAK_SHARE = 0.5
 by its success; what it attempts first can still be judged."""
 
 
+LONGEST_REASON = 300
+"""Most characters of the reason of a breakdown on the first screen."""
+
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 """Labels of rules that send the gripper to a slot, whatever stands there."""
 
@@ -29,7 +33,7 @@ SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
 class Failure:
     """The leading failure mode of some trials: how many of the failures and of all trials ended with its label.
 
-    ``look_alikes`` counts those that its rule took from a trained slot, where there are more of them than of its own.
+    ``look_alikes`` counts those that its rule took from a trained slot, if there are no fewer of them than of its own.
     """
 
     label: Label
@@ -46,7 +50,7 @@ class Failure:
     @property
     def share(self) -> str:
         """Its share of the failures with the counts ("80 % of all failures (40/50), 40/240 variation trials")."""
-        more = f"; its rule also took {plural(self.look_alikes, 'look-alike')} from a trained slot"
+        more = f"; the same rule explains {plural(self.look_alikes, 'look-alike')} taken from a trained slot"
         percent = Figure(self.count / self.failures, None, None, self.count, self.failures).with_unit()
         text = f"{percent} of all failures ({self.count}/{self.failures}), {self.count}/{self.trials} variation trials"
         return text + (more if self.look_alikes else "")
@@ -67,6 +71,7 @@ class Headline:
         family: Color family of the main failure, "right" if there is none.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
+        breakdown: How most trials ended where the policy itself failed to run.
     """
 
     policy: str
@@ -81,6 +86,7 @@ class Headline:
     needless: Figure
     failure: Failure | None
     segments: tuple[Segment, ...]
+    breakdown: str = ""
 
 
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
@@ -95,7 +101,8 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     intention = Figure.of(diagnosis.metric("intention_accuracy", "overall"))
     varied = [trial for trial in diagnosis.trials if trial.variation is not None]
     conclusion, family = _conclusion(varied, training)
-    sentences = [_numbers(training, variations, gap), _failures(varied, diagnosis.findings)]
+    breakdown = _breakdown(varied)
+    sentences = [_numbers(training, variations, gap), _failures(varied, diagnosis.findings), breakdown]
     return Headline(
         diagnosis.policy,
         conclusion,
@@ -109,6 +116,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         Figure.of(diagnosis.metric("success_with_a_needless_step", "overall")),
         leading_failure(varied),
         segments_of([trial for trial in diagnosis.even_trials if trial.variation is not None]),
+        breakdown,
     )
 
 
@@ -131,9 +139,9 @@ def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
 
 
 def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> int:
-    """Return how many look-alikes the rule of a label explains where they outnumber its own trials, else 0."""
+    """Return how many look-alikes the rule of a label explains if they are no fewer than its own trials, else 0."""
     taken = [trial for trial in failed if trial.label is Label.SEMANTIC_FEATURE_COLLAPSE]
-    if label not in SLOT_RULES or len(taken) <= count:
+    if label not in SLOT_RULES or len(taken) < count:
         return 0
     return sum("slot" in trial.evidence.shared for trial in taken)
 
@@ -177,9 +185,10 @@ def _conclusion(varied: list[TrialDiagnosis], training: Figure) -> tuple[str, st
     if rare:
         return f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed.", "right"
     entry = LEGEND[main]
+    text = entry.conclude([trial for trial in failed if trial.label is main])
     if weak and main.kind is not Kind.SYSTEM:
-        return f"It has not learned the training conditions. {entry.conclusion}", entry.family
-    return entry.conclusion, entry.family
+        return f"It has not learned the training conditions. {text}", entry.family
+    return text, entry.family
 
 
 def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
@@ -217,3 +226,11 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     failure = leading_failure(varied)
     lead = "most often" if failure is None else failure.lead.lower()
     return f"{text}; {lead}: {LEGEND[main].name.lower()} ({same} times, in {shown})."
+
+
+def _breakdown(varied: list[TrialDiagnosis]) -> str:
+    """Return how most trials broke down, where the policy itself failed to run."""
+    if main_failure(varied) is not Label.POLICY_ERROR:
+        return ""
+    texts = Counter(trial.evidence.text for trial in varied if trial.label is Label.POLICY_ERROR)
+    return one_line(texts.most_common(1)[0][0], most=LONGEST_REASON)

@@ -44,7 +44,7 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,
-        "replay": {d.policy: media.replay_start(d.policy) for d in diagnoses},
+        "replay": {printable(d.policy, most=LONGEST_TEXT): media.replay_start(d.policy) for d in diagnoses},
         "options": media.options,
         "paths": {key: b64encode(image).decode("ascii") for key, image in media.paths.items()},
     }

@@ -19,6 +19,7 @@ from betterbench.report.exports import Export, exports_of
 from betterbench.report.film import Film, Frame
 from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
 from betterbench.report.html import asset, data_uri, environment, write
+from betterbench.report.knowledge import knowledge_view
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
@@ -29,6 +30,7 @@ from betterbench.report.task_views import task_views
 from betterbench.report.wording import Figure
 from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
+from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
 """Frames of the strip on the first screen: the reach, the moment of the evidence and what follows."""
@@ -93,13 +95,14 @@ def write_report(
     media: Media = NO_MEDIA,
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
+    knowledge: Sequence[Knowledge] = (),
 ) -> Path:
     """Write the report of one policy, or of several side by side, and return the path of ``index.html``.
 
     The page needs no network and no other file. The same tables are written beside it as ``tables/NAME.csv`` and, if
     wanted, ``tables/NAME.tex``, the charts as ``figures/NAME.svg``. The page keeps the order of the diagnoses.
     ``films`` are those of ``media`` if not given; ``machine`` and ``trust`` are texts by name
-    ("processor", "Calibration").
+    ("processor", "Calibration"). ``knowledge`` is what models know of what these policies do.
 
     Raises:
         InvalidInputError: If there is no diagnosis, two have the same policy, or a film belongs to no trial.
@@ -115,7 +118,10 @@ def write_report(
     tables = (coffee_table(diagnoses), composition_table(diagnoses))
     exports = exports_of(diagnoses, tables)
     charts = _shown_charts(charts_of([d.even() for d in diagnoses]))
-    page = render_page(diagnoses, exports, charts, films=shown, media=media, latex=latex, machine=machine, trust=trust)
+    page = render_page(
+        diagnoses, exports, charts, films=shown, media=media, latex=latex, machine=machine, trust=trust,
+        knowledge=knowledge,
+    )  # fmt: skip
     folder, figures = out / "tables", out / "figures"
     for shown_chart in charts:
         write(figures / f"{shown_chart.chart.name}.svg", shown_chart.file)
@@ -136,11 +142,11 @@ def render_page(
     latex: bool = True,
     machine: Mapping[str, str] | None = None,
     trust: Mapping[str, str] | None = None,
+    knowledge: Sequence[Knowledge] = (),
 ) -> str:
     """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
     pages = environment()
     pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural, group=_grouped, along=_along)
-    script = asset("page.js")
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
     numbers = {shown.film.key: shown.number for shown in films}
@@ -165,6 +171,7 @@ def render_page(
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
         training_note=_training_note(diagnoses, headlines),
         trust=dict(trust or {}),
+        knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
         unfilled=unfilled,
         legend=list(LEGEND.values()),
@@ -181,11 +188,19 @@ def render_page(
         seeds=_seeds(trials),
         rare=round(100 * RARE_SHARE),
         weak=round(100 * WEAK_SHARE),
-        style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
-        script=Markup(script),  # noqa: S704 - our own file
-        script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        **_style_and_script(),
         data=Markup(script_json(listing_of(diagnoses, numbers, media))),  # noqa: S704 - made safe for a script element
     )
+
+
+def _style_and_script() -> dict[str, str]:
+    """Return the page's own style and script, and the digest by which the page allows the script."""
+    script = asset("page.js")
+    return {
+        "style": Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
+        "script": Markup(script),  # noqa: S704 - our own file
+        "script_hash": b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+    }
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
@@ -338,7 +353,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
     names = sorted({name for mapping in values for name in mapping})
     settings = []
     for name in names:
-        found = tuple(str(mapping.get(name, "–")) for mapping in values)
+        found = tuple("–" if (value := mapping.get(name)) in (None, "None") else str(value) for mapping in values)
         settings.append(ReportSetting(name, found[:1] if len(set(found)) == 1 else found))
     return tuple(settings)
 

@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 import platformdirs
-import trimesh
 
 from betterbench.errors import MissingDependencyError
 from betterbench.robots.decimation import creased, decimated, welded
@@ -122,6 +121,8 @@ def _prepare(
     sources: dict[str, bytes], shares: dict[str, float], paint: PaintRule, budget: int, progress: Progress | None
 ) -> tuple[MeshPart, ...]:
     """Split, sort and decimate all sources so that all parts together keep within the budget."""
+    import trimesh  # noqa: PLC0415 - takes 0.6 s, which only the first process of a machine needs
+
     painted: dict[tuple[str, str], tuple[np.ndarray, np.ndarray]] = {}
     for done, (link, data) in enumerate(sources.items()):
         if progress is not None:

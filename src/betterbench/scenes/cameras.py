@@ -112,10 +112,8 @@ def camera_matrices(
     Raises UnknownNameError if the model has no such camera, InvalidInputError if the size is out of range.
     """
     check_size(width, height)
-    number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
-    if number < 0:
-        raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
-    focal = 0.5 * height / math.tan(0.5 * math.radians(float(model.cam_fovy[number])))
+    number = camera_number(model, camera)
+    focal = focal_length_px(float(model.cam_fovy[number]), height)
     K = np.array([[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]])
     # MuJoCo's camera looks along its -z with y up; OpenCV's looks along z with y down: half a turn about x.
     R_world_camera = data.cam_xmat[number].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
@@ -123,6 +121,19 @@ def camera_matrices(
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R_world_camera).ravel())
     x, y, z = (float(value) for value in data.cam_xpos[number])
     return CameraMatrices(K, Pose((x, y, z), normalize(quaternion.tolist())), width, height)
+
+
+def camera_number(model: mujoco.MjModel, camera: str) -> int:
+    """Return the number of a camera; raise UnknownNameError if the model has no such camera."""
+    number = int(mujoco.mj_name2id(model, int(mujoco.mjtObj.mjOBJ_CAMERA), camera))
+    if number < 0:
+        raise UnknownNameError("camera", camera, (model.camera(other).name for other in range(model.ncam)))
+    return number
+
+
+def focal_length_px(fovy_deg: float, height: int) -> float:
+    """Return the focal length [pixel] of images of a height [pixel] with a vertical field of view [degree]."""
+    return 0.5 * height / math.tan(0.5 * math.radians(fovy_deg))
 
 
 def check_size(width: int, height: int) -> None:

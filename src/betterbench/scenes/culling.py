@@ -38,7 +38,7 @@ class Culling:
         self._riding = (model.cam_bodyid != 0).tolist()
         meshes = np.flatnonzero(model.geom_type == _MESH)
         self._worthwhile = frozenset(meshes[model.mesh_facenum[model.geom_dataid[meshes]] >= _WORTH_FACES].tolist())
-        self._angles: dict[tuple[int, float], tuple[float, float]] = {}
+        self._angles: dict[tuple[float, float], tuple[float, float]] = {}
         self._learn()
 
     def cull(self, data: mujoco.MjData, camera: int, aspect: float, *, geoms: bool) -> bool:
@@ -50,10 +50,11 @@ class Culling:
         """
         if self._scene.ngeom != self._filled:
             self._learn()
-        angles = self._angles.get((camera, aspect))
+        fovy_deg = float(self._model.cam_fovy[camera])
+        angles = self._angles.get((fovy_deg, aspect))
         if angles is None:
-            up = 0.5 * math.radians(float(self._model.cam_fovy[camera]))
-            angles = self._angles[camera, aspect] = (math.atan(math.tan(up) * aspect), up)
+            up = 0.5 * math.radians(fovy_deg)
+            angles = self._angles[fovy_deg, aspect] = (math.atan(math.tan(up) * aspect), up)
         # Plain numbers: between two images nothing of NumPy is in the processor's caches, and a product of two small
         # arrays takes longer than all of this.
         axes = data.cam_xmat[camera].tolist()

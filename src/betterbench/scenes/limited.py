@@ -7,6 +7,7 @@ memory and time. What comes back from it is pixels or a text, and never an objec
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import os
 import resource
@@ -16,37 +17,68 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import Annotated, Any, BinaryIO, Self
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
+from betterbench.geometry import Vector
+from betterbench.json_form import read_form, strict_form
+from betterbench.recording import Record, RunFolder
+from betterbench.recording.modalities.spec import ViewSpec
+from betterbench.scenes.gl_context import renderer_fingerprint
+from betterbench.scenes.sights import ModelFacts, StoredSights, sight_type
 from betterbench.scenes.stage import quality_preset
 from betterbench.scenes.stored import StoredView, load_model
 from betterbench.state import ViewJitter
 
 MAX_MEMORY_BYTES = 16 * 1024**3
 """Address space of the process; the software renderer maps 4 GB of it."""
-REQUEST_S = 60.0
-"""Longest time for a scene to be opened, or an image to be drawn [s]; the first one includes the start."""
+REQUEST_CPU_S = 60.0
+"""Most processor time for a scene to be opened, or an image to be drawn [s]."""
+REQUEST_S = 900.0
+"""Longest time for the same [s], with the start for the first: much more, because a busy machine is slow."""
 
 _PIXELS, _BROKEN, _MISSING = range(3)
 _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
+_CRASHED = "its process crashed, or took too much memory or time"
 _BLOCK = 1 << 16
+_PIPE_BYTES = 1 << 20
+"""Size of the pipe through which images come, the largest that Linux gives everybody."""
+_MOST_FACTS_BYTES = 1 << 22
+
+_Number = Annotated[int, Field(ge=0, le=0xFFFF)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """The JSON form of :class:`~betterbench.scenes.sights.ModelFacts`, and the renderer of the process."""
+
+    instances: list[_Number]
+    object_bodies: list[_Number]
+    boxes: list[tuple[Vector, Vector]]
+    focal_px: list[Annotated[float, Field(gt=0.0)]]
+    renderer: dict[str, str]
+
+
+_Wanted = tuple[tuple[ViewSpec, ...], tuple[str, ...], bool]
+_FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
 class LimitedView:
     """Draws recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
-    def __init__(self, *, quality: str, size: int) -> None:
-        """Start the process; ``size`` is the side of the images [pixel]."""
+    def __init__(self, *, quality: str, size: int = 256) -> None:
+        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel]."""
         self._size = size
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
         self._process = subprocess.Popen(  # noqa: S603 - our own module
@@ -58,6 +90,11 @@ class LimitedView:
             env={**os.environ, "PYTHONPATH": paths},
         )
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
+        with contextlib.suppress(OSError):  # more than this user may have
+            fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        self._types: list[np.dtype[np.void]] = []
+        self._opened = ""
+        self._prepared: tuple[_Wanted, tuple[ModelFacts, dict[str, str]]] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -79,7 +116,15 @@ class LimitedView:
             RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
+        self._opened, self._prepared = "", None
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
+
+    def open_of(self, run: RunFolder, record: Record) -> None:
+        """Open the stored scene of a record of a run, unless it is open; raises what :meth:`open` raises."""
+        scene = record.metadata.scene_hash
+        if scene != self._opened:
+            self.open(run.load_scene(scene))
+            self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
         """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
@@ -100,56 +145,140 @@ class LimitedView:
             raise self._refused("it gave another number of points")
         return np.frombuffer(found).reshape(-1, 2)
 
+    def prepare(
+        self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
+    ) -> tuple[ModelFacts, dict[str, str]]:
+        """Get ready to draw sights of the open scene; return what they have in common, and OpenGL's fingerprint.
+
+        ``gripper`` is that of :class:`~betterbench.scenes.sights.Sights`. What was prepared last for the same scene is
+        not prepared again. Raises what :meth:`open` raises.
+        """
+        wanted = (tuple(views), tuple(modalities), gripper)
+        if self._prepared is None or self._prepared[0] != wanted:
+            self._prepared = None
+            self._prepared = wanted, self._prepare(views, modalities, gripper=gripper)
+        return self._prepared[1]
+
+    def _prepare(
+        self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool
+    ) -> tuple[ModelFacts, dict[str, str]]:
+        request = {"views": json.loads(_VIEWS.dump_json(list(views))), "modalities": list(modalities)}
+        answer = self._ask({**request, "gripper": gripper}, b"", most=_MOST_FACTS_BYTES)
+        told = read_form(_FACTS, bytes(answer), where="stored scene", cure="Run the trial again", raises=RecordError)
+        facts = ModelFacts(
+            np.array(told.instances, np.uint16),
+            np.array(told.object_bodies, np.int64),
+            np.array(told.boxes, np.float64).reshape(-1, 2, 3),
+            tuple(told.focal_px),
+        )
+        known = bool((facts.object_bodies < len(facts.instances)).all())
+        if not known or len(facts.boxes) != len(facts.object_bodies) or len(facts.focal_px) != len(views):
+            raise self._refused("it gave other views")
+        sizes = {"bodies": len(facts.instances), "objects": len(facts.object_bodies)}
+        self._types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in views]
+        return facts, told.renderer
+
+    def sights(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
+        """Yield for each row of (T, nq) recorded states the sights of all views, as ``StoredSights.draw`` gives them.
+
+        Rows are drawn ahead, as far as the pipe holds them. Read all of them, or close the view. Raises what
+        :meth:`open` raises.
+        """
+        numbers = np.ascontiguousarray(qpos, dtype=np.float64).tobytes()
+        self._send({"sights": len(qpos), "jitter": jitter.to_json()}, numbers)
+        for _ in range(len(qpos)):
+            row = []
+            for kind in self._types:
+                answer = self._receive(max(kind.itemsize, 4 * _LONGEST_REASON))
+                if len(answer) != kind.itemsize:
+                    raise self._refused("it gave an image of another size")
+                row.append(np.frombuffer(answer, kind)[0])
+            yield row
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of the sights of one row."""
+        return sum(kind.itemsize for kind in self._types)
+
+    @property
+    def process_id(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the process has ended."""
+        return self._process.poll() is not None
+
+    def stop(self) -> None:
+        """End the process from another thread: the one that waits for an answer gets a RecordError."""
+        self._process.kill()
+
     def close(self) -> None:
         """End the process."""
-        self._process.kill()
+        self.stop()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
 
-    def _ask(self, request: Mapping[str, object], data: bytes) -> bytes:
-        end = time.monotonic() + REQUEST_S
+    def _ask(self, request: Mapping[str, object], data: bytes, *, most: int = 0) -> bytes | bytearray:
+        self._send(request, data)
+        return self._receive(max(3 * self._size**2, 4 * _LONGEST_REASON, len(data), most))
+
+    def _send(self, request: Mapping[str, object], data: bytes) -> None:
         text = json.dumps(request).encode()
         try:
-            self._write(_QUESTION.pack(len(text), len(data)) + text + data, end)
+            self._write(_QUESTION.pack(len(text), len(data)) + text + data)
+        except (OSError, EOFError):
+            raise self._refused(_CRASHED) from None
+
+    def _receive(self, most: int) -> bytes | bytearray:
+        """Return an answer of at most so many bytes; RecordError or MissingDependencyError if it is a reason."""
+        try:
+            end = time.monotonic() + REQUEST_S
             kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
-            if size > max(3 * self._size**2, 4 * _LONGEST_REASON, len(data)):
+            if size > most:
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
-            raise self._refused("its process crashed, or took too much memory") from None
+            raise self._refused(_CRASHED) from None
         if kind == _PIXELS:
             return answer
         reason = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
         raise (MissingDependencyError if kind == _MISSING else RecordError)(reason)
 
-    def _write(self, data: bytes, end: float) -> None:
-        pipe, left = _opened(self._process.stdin), memoryview(data)
+    def _write(self, data: bytes) -> None:
+        pipe, left, end = _opened(self._process.stdin), memoryview(data), time.monotonic() + REQUEST_S
         while left:
-            self._check_time(select.select([], [pipe], [], max(0.0, end - time.monotonic()))[1])
+            self._wait(end, to_write=True)
             left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
 
-    def _check_time(self, ready: Sequence[object]) -> None:
-        if not ready:
-            raise self._refused(f"nothing came of it within {REQUEST_S:g} s")
+    def _wait(self, end: float, *, to_write: bool) -> None:
+        """Wait until the pipe takes or holds something, until a time of the monotonic clock at most."""
+        pipe = _opened(self._process.stdin if to_write else self._process.stdout)
+        ready = select.select(
+            [] if to_write else [pipe], [pipe] if to_write else [], [], max(0.0, end - time.monotonic())
+        )
+        if not (ready[0] or ready[1]):
+            raise self._refused(f"nothing came of it within {REQUEST_S:g} s", "The machine is too busy, or its file")
 
-    def _read(self, count: int, end: float) -> bytes:
-        pipe, blocks = _opened(self._process.stdout), []
-        while count:
-            self._check_time(select.select([pipe], [], [], max(0.0, end - time.monotonic()))[0])
-            block = os.read(pipe.fileno(), count)
-            if not block:
+    def _read(self, count: int, end: float) -> bytearray:
+        pipe, answer = _opened(self._process.stdout), bytearray(count)
+        left = memoryview(answer)
+        while left:
+            self._wait(end, to_write=False)
+            got = os.readv(pipe.fileno(), [left])
+            if not got:
                 raise EOFError
-            blocks.append(block)
-            count -= len(block)
-        return b"".join(blocks)
+            left = left[got:]
+        return answer
 
-    def _refused(self, what: str) -> RecordError:
+    def _refused(self, what: str, whose: str = "Its file") -> RecordError:
         self.close()
         return RecordError(
-            f"stored scene: {what}. Its file is damaged or forged; run the trial again to store it, or leave films out."
+            f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave films out."
         )
 
 
@@ -159,43 +288,106 @@ def _opened(pipe: object) -> BinaryIO:
     return pipe  # type: ignore[return-value]
 
 
+class _Drawer:
+    """What the process holds between two requests: a scene, a view of it, and what draws its sights."""
+
+    def __init__(self, quality: str, size: int) -> None:
+        self._quality, self._size = quality_preset(quality), size
+        self._model: Any = None
+        self._view: StoredView | None = None
+        self._sights: StoredSights | None = None
+
+    def answers(self, request: Mapping[str, Any], data: bytes) -> Iterator[bytes]:
+        """Yield the answers to a request."""
+        if "files" in request:
+            self._close()
+            self._model = load_model(_split(request["files"], data))
+            yield b""
+            return
+        if self._model is None:
+            raise RecordError("stored scene: none is open. Run the trial again to store it.")
+        if "views" in request:
+            yield self._prepare(request["views"], request["modalities"], gripper=request["gripper"])
+        elif "sights" in request:
+            yield from self._draw_all(np.frombuffer(data).reshape(request["sights"], -1), _jitter_of(request))
+        elif "project" in request:
+            pixels = self._opened_view().project(np.frombuffer(data).reshape(-1, 3), request["project"])
+            yield np.ascontiguousarray(pixels, dtype=np.float64).tobytes()
+        else:
+            yield _pixels(self._opened_view(), np.frombuffer(data), request["camera"], _jitter_of(request))
+
+    def _opened_view(self) -> StoredView:
+        if self._view is None:
+            self._view = StoredView(self._model, self._quality, width=self._size, height=self._size)
+        return self._view
+
+    def _prepare(self, views: list[dict[str, Any]], modalities: list[str], *, gripper: bool) -> bytes:
+        if self._sights is not None:
+            self._sights.close()
+        wanted = _VIEWS.validate_json(json.dumps(views))
+        self._sights = StoredSights(self._model, self._quality, wanted, modalities, gripper=gripper)
+        facts = self._sights.facts()
+        form = _Facts(
+            facts.instances.tolist(),
+            facts.object_bodies.tolist(),
+            [((x, y, z), (a, b, c)) for (x, y, z), (a, b, c) in facts.boxes.tolist()],
+            list(facts.focal_px),
+            renderer_fingerprint(),
+        )
+        return _FACTS.dump_json(form)
+
+    def _draw_all(self, rows: np.ndarray, jitter: ViewJitter) -> Iterator[bytes]:
+        if self._sights is None:
+            raise RecordError("stored scene: no view is prepared. Run the command again.")
+        for qpos in rows:
+            for sight in self._sights.draw(qpos, jitter=jitter):
+                yield sight.tobytes()
+
+    def _close(self) -> None:
+        for open_one in (self._view, self._sights):
+            if open_one is not None:
+                open_one.close()
+        self._model = self._view = self._sights = None
+
+
 def draw_for_parent(quality: str, size: int) -> None:
     """Answer on standard output what comes on standard input, until that ends; the main function of the process."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what else is printed must not stand among the answers
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    view: StoredView | None = None
+    drawer = _Drawer(quality, size)
     asked = sys.stdin.buffer
     while header := asked.read(_QUESTION.size):
         text, data = (asked.read(size) for size in _QUESTION.unpack(header))
-        request: dict[str, Any] = json.loads(text)
-        used = time.process_time()
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used + REQUEST_S) + 1, resource.RLIM_INFINITY))
+        reason, kind = "", _BROKEN
         try:
-            if "files" in request:
-                if view is not None:
-                    view.close()
-                model = load_model(_split(request["files"], data))
-                view = StoredView(model, quality_preset(quality), width=size, height=size)
-                kind, answer = _PIXELS, b""
-            elif view is None:
-                kind, answer = _BROKEN, b"stored scene: none is open. Run the trial again to store it."
-            elif "project" in request:
-                pixels = view.project(np.frombuffer(data).reshape(-1, 3), request["project"])
-                kind, answer = _PIXELS, np.ascontiguousarray(pixels, dtype=np.float64).tobytes()
-            else:
-                jitter = _JITTER.validate_json(json.dumps(request["jitter"]))
-                kind, answer = _PIXELS, _pixels(view, np.frombuffer(data), request["camera"], jitter)
+            _limit_time()
+            for answer in drawer.answers(json.loads(text), data):
+                answers.write(_HEADER.pack(_PIXELS, len(answer)))
+                answers.write(answer)
+                answers.flush()
+                _limit_time()
         except MissingDependencyError as problem:
-            kind, answer = _MISSING, str(problem).encode()
+            reason, kind = str(problem), _MISSING
         except BetterError as problem:
-            kind, answer = _BROKEN, str(problem).encode()
+            reason = str(problem)
         except Exception as problem:  # noqa: BLE001 - whatever a forged scene breaks is told to the parent
-            kind, answer = _BROKEN, f"stored scene: it cannot be drawn ({type(problem).__name__}: {problem})".encode()
-        answer = answer if kind == _PIXELS else answer[:_LONGEST_REASON]
-        answers.write(_HEADER.pack(kind, len(answer)) + answer)
-        answers.flush()
+            reason = f"stored scene: it cannot be drawn ({type(problem).__name__}: {problem})"
+        if reason:
+            said = reason.encode()[:_LONGEST_REASON]
+            answers.write(_HEADER.pack(kind, len(said)) + said)
+            answers.flush()
+
+
+def _limit_time() -> None:
+    """Give the next answer its share of processor time."""
+    used = time.process_time()
+    resource.setrlimit(resource.RLIMIT_CPU, (int(used + REQUEST_CPU_S) + 1, resource.RLIM_INFINITY))
+
+
+def _jitter_of(request: Mapping[str, Any]) -> ViewJitter:
+    return _JITTER.validate_json(json.dumps(request["jitter"]))
 
 
 def _split(sizes: Mapping[str, int], data: bytes) -> dict[str, bytes]:

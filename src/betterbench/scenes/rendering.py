@@ -34,6 +34,9 @@ NO_BODY = -1
 
 # Room for everything that a scene draws besides its geoms; nothing is drawn besides them, so a small margin is enough.
 _SPARE_GEOMS = 16
+_HIDDEN_GROUP = 3  # this group and those after it are never shown
+_ALONE_GROUP = 5
+"""Group of geoms that no image shows, into which those that are drawn alone are put for that time."""
 _SKY = int(mujoco.mjtRndFlag.mjRND_SKYBOX)
 _EVERYTHING = int(mujoco.mjtCatBit.mjCAT_ALL)
 # The smallest font that MuJoCo offers: no text is ever drawn, and a larger one takes longer to upload.
@@ -89,6 +92,7 @@ class Renderer:
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._option = _visible_groups()
+        self._alone: tuple[mujoco.MjvScene, mujoco.MjvOption] | None = None
         self._camera_ids = {model.camera(number).name: number for number in range(model.ncam)}
         self.body_names: tuple[str, ...] = tuple(model.body(number).name for number in range(model.nbody))
         """Names of the bodies by the number that masks hold."""
@@ -187,11 +191,52 @@ class Renderer:
             if not CONTEXT.from_top:
                 rgb_out = rgb_out[::-1].copy()
         if geometry_pass:
+            if rgb and self.quality.shadows:
+                self._culling.cull(data, number, columns / rows, geoms=True)  # what is drawn from here on casts nothing
             self._draw(context, view, geometry=True)
             mujoco.mjr_readPixels(colors if masks else None, distances if depth else None, view, context)
             if masks:
                 masks_out = self._bodies(colors)
         return Images(rgb_out, self._meters(distances) if depth else None, masks_out)
+
+    def draw_alone(
+        self, data: mujoco.MjData, camera: str, bodies: Sequence[int], *, width: int, height: int
+    ) -> np.ndarray:
+        """Return the mask that :meth:`render` would give if nothing but the visible geoms of some bodies was there.
+
+        It is (height, width) int32. Raises what :meth:`render_views` raises.
+        """
+        if self._context is None:
+            raise InvalidInputError("renderer", "it is closed", "Create a new Renderer")
+        make_current()
+        self._bound = False
+        self._fit(self._context, width, height)
+        if camera not in self._camera_ids:
+            raise UnknownNameError("camera", camera, self._camera_ids)
+        self._camera.fixedcamid = self._camera_ids[camera]
+        if self._alone is None:
+            option = _visible_groups()
+            option.geomgroup[:] = 0
+            option.geomgroup[_ALONE_GROUP] = 1
+            self._alone = mujoco.MjvScene(self.model, maxgeom=self.model.ngeom + _SPARE_GEOMS), option
+        scene, option = self._alone
+        groups = self.model.geom_group
+        kept = groups.copy()
+        try:
+            shown = np.isin(self.model.geom_bodyid, bodies) & (kept < _HIDDEN_GROUP)
+            groups[:] = np.where(shown, _ALONE_GROUP, 0)
+            mujoco.mjv_updateScene(self.model, data, option, None, self._camera, _EVERYTHING, scene)
+        finally:
+            groups[:] = kept
+        if self._geometry is not True:
+            self._prepare(self._context, geometry=True)
+        scene.flags[:] = self._scene.flags
+        scene.flags[_SKY] = 0
+        view, colors, _ = self._buffers(width, height)
+        mujoco.mjr_restoreBuffer(self._context)
+        mujoco.mjr_render(view, scene, self._context)
+        mujoco.mjr_readPixels(colors, None, view, self._context)
+        return np.asarray(self._bodies_of(scene)[_segments(colors, scene.ngeom)])
 
     def close(self) -> None:
         """Free the buffers; the renderer cannot be used afterward. Closing twice does nothing."""
@@ -262,12 +307,7 @@ class Renderer:
 
     def _bodies(self, colors: np.ndarray) -> np.ndarray:
         """Return upright (height, width) int32 body numbers of a geometry pass: segments plus one, low byte first."""
-        upright = as_upright(colors)
-        segments = upright[:, :, 0].astype(np.int32)
-        if self._scene.ngeom >= 0xFF:
-            segments |= upright[:, :, 1].astype(np.int32) << 8
-            segments |= upright[:, :, 2].astype(np.int32) << 16
-        return np.asarray(self._segment_table()[segments])
+        return np.asarray(self._segment_table()[_segments(colors, self._scene.ngeom)])
 
     def _segment_table(self) -> np.ndarray:
         """Return the (n,) int32 body number by segment number plus one; entry 0 is the background.
@@ -280,12 +320,17 @@ class Renderer:
         key += model.geom_matid.tobytes()
         table = self._body_of_segment.get(key)
         if table is None:
-            table = np.full(self._scene.ngeom + 1, NO_BODY, np.int32)
-            geom_type = int(mujoco.mjtObj.mjOBJ_GEOM)
-            for geom in self._scene.geoms[: self._scene.ngeom]:
-                if int(geom.objtype) == geom_type and geom.segid >= 0:
-                    table[geom.segid + 1] = model.geom_bodyid[geom.objid]
+            table = self._bodies_of(self._scene)
             self._body_of_segment = {key: table}
+        return table
+
+    def _bodies_of(self, scene: mujoco.MjvScene) -> np.ndarray:
+        """Return the (n,) int32 body number by segment number plus one of a filled scene."""
+        table = np.full(scene.ngeom + 1, NO_BODY, np.int32)
+        geom_type = int(mujoco.mjtObj.mjOBJ_GEOM)
+        for geom in scene.geoms[: scene.ngeom]:
+            if int(geom.objtype) == geom_type and geom.segid >= 0:
+                table[geom.segid + 1] = self.model.geom_bodyid[geom.objid]
         return table
 
     def _meters(self, raw: np.ndarray) -> np.ndarray:
@@ -297,6 +342,16 @@ class Renderer:
         np.divide(np.float32(near * far), distances, out=distances)
         distances[upright <= 0.0] = np.inf
         return distances
+
+
+def _segments(colors: np.ndarray, geoms: int) -> np.ndarray:
+    """Return the upright (height, width) segment numbers plus one of a geometry pass that drew so many geoms."""
+    upright = as_upright(colors)
+    segments = upright[:, :, 0].astype(np.int32)
+    if geoms >= 0xFF:
+        segments |= upright[:, :, 1].astype(np.int32) << 8
+        segments |= upright[:, :, 2].astype(np.int32) << 16
+    return segments
 
 
 def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) -> mujoco.MjrContext:

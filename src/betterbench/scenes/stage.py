@@ -22,7 +22,7 @@ and light only and a quality changes only what the renderer does, so a policy me
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
@@ -124,6 +124,14 @@ HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
 
 QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
 """The presets by name."""
+
+
+def require_cameras(names: Iterable[str]) -> None:
+    """Raise UnknownNameError if scenes have no camera of one of these names."""
+    known = (*CAMERAS, WRIST_CAMERA)
+    unknown = next((name for name in names if name not in known), None)
+    if unknown is not None:
+        raise UnknownNameError("camera", unknown, known)
 
 
 def quality_preset(name: str) -> Quality:

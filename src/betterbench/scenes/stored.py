@@ -49,14 +49,36 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
         raise RecordError(f"stored scene: MuJoCo cannot read it ({error}). Run the trial again to store it.") from error
 
 
+class StoredState:
+    """The recorded state that a stored scene is in: bodies, cameras and lights."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model, self.data = model, mujoco.MjData(model)
+        self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
+
+    def take(self, qpos: np.ndarray, jitter: ViewJitter) -> None:
+        """Take a recorded state, (nq,), with the record's jitter of cameras and light.
+
+        Raises RecordError if the record belongs to another model.
+        """
+        if qpos.shape != (self.model.nq,):
+            raise RecordError(
+                f"record: {qpos.shape[0]} positions do not fit a scene of {self.model.nq}; the scene is another one."
+            )
+        self.data.qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        if jitter != self._jitter:
+            self._jitter, self._placement = jitter, ViewPlacement(self.model, jitter)
+        self._placement.apply(self.data)
+
+
 class StoredView:
     """Draws recorded states of one stored scene."""
 
     def __init__(self, model: mujoco.MjModel, quality: Quality, *, width: int, height: int) -> None:
         """Prepare a renderer for a model; sizes in pixels."""
-        self._model = model
-        self._data = mujoco.MjData(model)
-        self._jitter, self._placement = NO_JITTER, ViewPlacement(model, NO_JITTER)
+        self._state = StoredState(model)
         self._renderer = Renderer(model, width=width, height=height, quality=quality)
 
     def draw(
@@ -66,22 +88,13 @@ class StoredView:
 
         Raises RecordError if the record belongs to another model.
         """
-        if qpos.shape != (self._model.nq,):
-            raise RecordError(
-                f"record: {qpos.shape[0]} positions do not fit a scene of {self._model.nq}; the scene is another one."
-            )
-        self._data.qpos[:] = qpos
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        if jitter != self._jitter:
-            self._jitter, self._placement = jitter, ViewPlacement(self._model, jitter)
-        self._placement.apply(self._data)
-        return self._renderer.render(self._data, camera, depth=depth, masks=masks)
+        self._state.take(qpos, jitter)
+        return self._renderer.render(self._state.data, camera, depth=depth, masks=masks)
 
     def project(self, points: np.ndarray, camera: str) -> np.ndarray:
         """Return the pixels (n, 2) of world points (n, 3) [m] in the view drawn last; NaN behind the camera."""
         size = {"width": self._renderer.width, "height": self._renderer.height}
-        return camera_matrices(self._model, self._data, camera, **size).project(points)[0]
+        return camera_matrices(self._state.model, self._state.data, camera, **size).project(points)[0]
 
     def close(self) -> None:
         """Free the renderer."""

@@ -1,19 +1,26 @@
 """The privileged state of a scene, which no policy under test ever sees."""
 
 from betterbench.state.info import ObjectInfo, Region, SceneInfo, SlotInfo
+from betterbench.state.seen import GRIPPER, Box, FrameView, SeenObject, in_runs, inner_pixel
 from betterbench.state.view_jitter import NO_JITTER, CameraOffset, ViewJitter
 from betterbench.state.world import GRIPPER_BODIES, Contact, PrivilegedPolicy, WorldState
 
 __all__ = [
+    "GRIPPER",
     "GRIPPER_BODIES",
     "NO_JITTER",
+    "Box",
     "CameraOffset",
     "Contact",
+    "FrameView",
     "ObjectInfo",
     "PrivilegedPolicy",
     "Region",
     "SceneInfo",
+    "SeenObject",
     "SlotInfo",
     "ViewJitter",
     "WorldState",
+    "in_runs",
+    "inner_pixel",
 ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from scipy import stats
-
 from betterbench.statistics.interval import check_fraction
 from betterbench.statistics.rate import Rate
 
@@ -20,5 +18,7 @@ def chance_p(rate: Rate, *, chance: float) -> float:
     Returns:
         The p-value, 1.0 without trials.
     """
+    from scipy import stats  # noqa: PLC0415 - takes 0.5 s, which the workers of a run do not need
+
     check_fraction("chance", chance)
     return float(stats.binomtest(rate.k, rate.n, chance).pvalue) if rate.n else 1.0

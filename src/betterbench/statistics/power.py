@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from betterbench.errors import InvalidInputError
 from betterbench.statistics.interval import check_fraction
@@ -63,6 +63,8 @@ def paired_power(n: int, difference: float, *, opposite: float = 0.0, alpha: flo
         The probability of a p-value of at most ``alpha``, summed exactly over all outcomes but those that together
         have a probability below 1e-12.
     """
+    from scipy import stats  # noqa: PLC0415 - takes 0.5 s, which the workers of a run do not need
+
     _check_plan(n, alpha)
     discordant_share = difference + 2.0 * opposite
     if difference < 0.0 or opposite < 0.0 or discordant_share > 1.0 + 1e-12:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special, stats
+from scipy import special
 
 from betterbench.statistics.rate import Rate
 
@@ -44,6 +44,8 @@ def boschloo_p(first: Rate, second: Rate) -> float:
     """
     if _uninformative(first, second):
         return 1.0
+    from scipy import stats  # noqa: PLC0415 - takes 0.5 s, which the workers of a run do not need
+
     i, j = np.arange(first.n + 1)[:, None], np.arange(second.n + 1)[None, :]
     total = first.n + second.n
     fewer = stats.hypergeom.cdf(i, total, i + j, first.n)
@@ -60,6 +62,8 @@ def fisher_p(first: Rate, second: Rate) -> float:
     """
     if _uninformative(first, second):
         return 1.0
+    from scipy import stats  # noqa: PLC0415 - takes 0.5 s, which the workers of a run do not need
+
     table = [[first.k, second.k], [first.n - first.k, second.n - second.k]]
     return min(1.0, float(stats.fisher_exact(table).pvalue))
 

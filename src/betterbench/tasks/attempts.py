@@ -58,12 +58,15 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     found = []
     for start, stop in _closings(motion):
         before, travel = start - 1, _finger_travel(motion, start, stop)
-        if motion.held[before] >= 0 or travel is None:
+        if motion.held[before] >= 0 or travel is None or _unresolved(motion, start, travel.limit):
             continue
         touched = bool((motion.left | motion.right)[start : travel.limit].any())
         shut = float(motion.width[before : travel.limit].min()) <= THRESHOLDS.closed_width
         if touched or not shut or not _low_and_away(motion, before, travel.settled):
             continue
+        near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
+        if (near & motion.there[before]).any():
+            continue  # beside what is at its target, as after letting go of it
         if _resolve(motion, start, stop) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
@@ -130,9 +133,15 @@ def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
             slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
-    if limit == motion.rows and (limit - start < motion.steps(THRESHOLDS.stop_time) or _still_closing(motion, limit)):
-        return None  # the episode ended before the fingers could reach anything
+    if _unresolved(motion, start, limit):
+        return None
     return _air_grasp(motion, before, settled, stop)
+
+
+def _unresolved(motion: Motion, start: int, limit: int) -> bool:
+    """Tell whether the episode ended before the fingers could reach anything."""
+    short = limit - start < motion.steps(THRESHOLDS.stop_time)
+    return limit == motion.rows and (short or _still_closing(motion, limit))
 
 
 def _still_closing(motion: Motion, limit: int) -> bool:
@@ -151,7 +160,7 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
     free[list(motion.items)] = True
     free &= ~motion.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
     stopped = (
-        limit - start >= motion.steps(THRESHOLDS.stop_time)
+        limit - settled >= motion.steps(THRESHOLDS.stop_time)
         and motion.width[limit - 1] > THRESHOLDS.closed_width
         and not _still_closing(motion, limit)
     )

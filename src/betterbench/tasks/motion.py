@@ -23,7 +23,7 @@ class Motion:
     Attributes:
         tool: (T, 3) tool center point.
         width: (T,) distance of the finger pads.
-        closing: (T,) whether the gripper is commanded to close; a command of zero keeps the last one.
+        closing: (T,) whether the gripper is commanded to close, or is kept closed.
         positions: (T, n, 3) object positions (center of the bottom face).
         quaternions: (T, n, 4) object rotations (w, x, y, z).
         left: (T, n) whether the left finger touches the object.
@@ -142,10 +142,23 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
     return near
 
 
-def closing_of(command: Floats) -> Bools:
-    """Return whether the gripper is commanded to close, keeping the last command through zeros; shapes (T,)."""
+def closing_of(command: Floats, width: Floats, touching: Bools) -> Bools:
+    """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
+
+    Fingers that are kept half open and touch nothing have not closed: they were brought to the width of something.
+
+    Args:
+        command: Command of the gripper, above 0 to close, below to open.
+        width: Distance of the finger pads [m].
+        touching: Whether a finger touches an object.
+    """
     last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
-    closing: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    told: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    closing: Bools = told & ((command != 0.0) | touching | (width <= THRESHOLDS.closed_width))
+    starts, stops = (np.flatnonzero(np.diff(closing, prepend=False, append=False))[k::2] for k in (0, 1))
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        if stop < len(told) and told[stop]:
+            closing[start:stop] = False
     return closing
 
 
@@ -174,10 +187,11 @@ class MotionBuilder:
                     if finger in fingers and thing in number:
                         fingers[finger][row, number[thing]] = True
         held = [-1 if s.held is None else number[s.held] for s in states]
+        width, command = (np.array([getattr(s, f) for s in states]) for f in ("finger_width_m", "gripper_command"))
+        touching: Bools = np.any(left | right, axis=1)
         return Motion(
-            info=self._info, rate_hz=self._rate_hz, tool=np.array([s.ee_pose.position for s in states]),
-            width=np.array([s.finger_width_m for s in states]),
-            closing=closing_of(np.array([s.gripper_command for s in states])),
+            info=self._info, rate_hz=self._rate_hz, tool=np.array([s.ee_pose.position for s in states]), width=width,
+            closing=closing_of(command, width, touching),
             positions=np.array([s.positions for s in states]).reshape(len(states), n, 3),
             quaternions=np.array([s.quaternions for s in states]).reshape(len(states), n, 4), left=left, right=right,
             held=np.array(held, dtype=np.int16), there=np.array(self._there, dtype=np.bool_).reshape(len(states), n),

@@ -289,10 +289,11 @@ class Station:
             return "out of steps", "bad"
         if asked.driver is None:
             return "paused: no page is open", "wait"
-        if self._is_waiting:
-            return ("ready: drag the gizmo or press a key" if not session.steps else "waiting for you"), "wait"
         held = session.state.held
-        return (f"recording · holds {held.replace('_', ' ')}" if held else "recording"), "go"
+        holds = f" · holds {held.replace('_', ' ')}" if held else ""
+        if not self._is_waiting:
+            return f"recording{holds}", "go"
+        return (f"waiting for you{holds}" if session.steps else "ready: drag the gizmo or press a key"), "wait"
 
 
 def _all_saved(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:

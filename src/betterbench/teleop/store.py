@@ -17,9 +17,9 @@ from betterbench.errors import InvalidInputError
 from betterbench.evaluation.planning.manifest import run_context
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.running.lost import reopen_lost
-from betterbench.evaluation.trials.trial import on_disk
 from betterbench.interface.actions import EE_DELTA
 from betterbench.recording import Journal, JournalEntry, RunFolder
+from betterbench.recording.durable import on_disk
 from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset

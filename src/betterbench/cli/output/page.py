@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from betterbench.cli.console import ERR, progress_bar, say
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
-from betterbench.errors import MissingDependencyError
+from betterbench.errors import MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
@@ -21,6 +21,7 @@ from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.statistics.wording import plural
 from betterbench.tasks.user_files import options_for
+from betterbench.vqa.knowing import read_knowledge
 
 THUMBNAIL_PX = 200
 """Side of the images on the cards of variations [px]."""
@@ -52,11 +53,15 @@ def build_report(
     if films > 0:
         try:
             media = _media(runs, diagnoses, films)
-        except MissingDependencyError as error:
+        except (MissingDependencyError, RecordError) as error:
             say(f"no films: {error}")
     media = replace(media, folders={d.policy: str(run.path) for d, run in zip(diagnoses, runs, strict=True)})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
-    page = write_report(diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses))
+    stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
+    knowledge = [replace(known, policy=name) for known, name in stored if known is not None]
+    page = write_report(
+        diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
+    )
     return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
 
 
@@ -81,10 +86,10 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
     failed = {d.policy: failures_in_question(d) for d in diagnoses}
     filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
     more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
-    rest = f", and the start of {more} more failures with the path of the gripper" if more else ""
+    rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(
         f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "
-        f"{f'--films {count} films every failure, ' if more else ''}--films 0 renders nothing."
+        f"{f'--films {count} makes a film of every failure, ' if more else ''}--films 0 renders nothing."
     )
     shown: dict[str, Film] = {}
     paths: dict[str, bytes] = {}
@@ -120,7 +125,7 @@ def _sides(showing: Showing) -> list[tuple[str, str]]:
 def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
     """Return the side of a twin film that shows a trial."""
     place = trial.variation or trial.condition
-    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name)
+    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
 
 
 def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis]) -> dict[str, bytes]:

@@ -31,9 +31,9 @@ def print_standings(policies: Sequence[str], standings: Sequence[Standing]) -> N
         shown = [row for row in lines if row in lines[:SHOWN_LINES] or row in near]
         head = ["policy or pretender", *map(_short, columns), *(["alike"] if alone else [])]
         rows = [[row.name, *row.cells, *([row.likeness] if alone else [])] for row in (*mine, *shown)]
-        print_table(head, rows, title="reference lines: success, %")
+        print_table(head, rows, title="pretenders: success, %")
         if len(lines) > len(shown):
-            OUT.print(f"  and {len(lines) - len(shown)} pretenders more; --json lists all", markup=False, style="dim")
+            OUT.print(f"  and {len(lines) - len(shown)} more pretenders; --json lists all", markup=False, style="dim")
     for policy, standing in zip(policies, standings, strict=True):
         prefix = "" if len(policies) == 1 else f"{policy}: "
         for sentence in standing.sentences():

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.tasks import Expected
+from betterbench.geometry import from_yaw, multiply
+from betterbench.state import WorldState
+from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
+from betterbench.tasks.relations import relation
 from betterbench.tasks.restraint import first_hover
+from betterbench.tasks.thresholds import threshold
+
+MEMORIZED_SPOT = threshold(
+    "memorized_spot", 0.04, "m",
+    "Distance from where a target would have taken something, if it stood where training had it, up to which that was "
+    "put there; slots vary by 15 mm a side and placements by as much.",
+)  # fmt: skip
 
 
 def _exposed(x: Exposure) -> bool:
@@ -43,18 +55,30 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.BEHAVIORAL_INERTIA,
     short="inertia",
-    definition="A step that is frequent in training is started without being instructed; the step that followed "
-    "in training is executed without being instructed or at an empty slot; or the right object is "
-    "placed where its kind was placed in training. Where something is to be left alone: the open gripper stays "
-    "over it.",
+    definition="A step that is frequent in training is started without being instructed; the step that followed in "
+    "training is executed without being instructed or at an empty slot; or the right object is placed where its kind "
+    "was placed in training, also if the target has gone from there. Where something is to be left alone: the open "
+    "gripper stays over it.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
+    sharper=sharper_by_rule(
+        {
+            "most_frequent_first_step": "It begins with the step that most demonstrations began with, whether or not "
+            "it was asked for.",
+            "memorized_next_step": "It goes on with the step that came next in training, whether or not it was asked "
+            "for.",
+            "memorized_place": "It brings things where training brought them, whatever the instruction says.",
+            "air_grasp_at_memorized_slot": "It grasps at empty slots, where training picked something.",
+        }
+    ),
     finding="Plays a step of training that was not asked for",
     rule=HABIT,
     exposed_by=_exposed,
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of inertia, or of one that was begun where something was to be left alone."""
-    return next(inertia_in(trial.episode), None) or _approach(trial.episode)
+    found = [e for step in trial.episode.steps if (e := _memorized_spot(trial, step)) is not None]
+    found += itertools.islice(inertia_in(trial.episode), 1)
+    return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
 
 
 def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
@@ -123,6 +147,53 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     where = f"the {target}" + (f" ({place.region.replace('_', ' ')})" if place.region else "")
     text = f"The {kind} is brought to {where}, as in training, although it was asked for elsewhere."
     return episode.evidence("memorized_place", text, rows=(gone, rest), objects=(step.at, place.target))
+
+
+def _memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
+    """Return evidence if the right object is put where it would be right if its target stood where training had it."""
+    episode, i = trial.episode, step.grasp.object
+    if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:
+        return None
+    rows = episode.let_go(step)
+    if rows is None or episode.completed_after(step.goal, step.grasp.end) or episode.slipped(step):
+        return None
+    gone, rest = rows
+    fall = episode.trace.positions[gone, i, 2] - episode.trace.positions[rest, i, 2]
+    if episode.trace.placed(rest, i) is not None or fall > THRESHOLDS.fall_height:
+        return None
+    target = episode.trace.targets[step.goal]
+    for slot in episode.slots_in_training(target):
+        state = _as_if_at(trial.record.state(rest), target, slot)
+        if _is_right(state, episode, i, step.goal):
+            text = (
+                f"The {episode.kind(i)} is put where the {episode.kind(target)} would take it if that stood at slot "
+                f"{slot!r}, as in training; it stands elsewhere."
+            )
+            return episode.evidence("memorized_spot", text, rows=(gone, rest), objects=(i, target))
+    return None
+
+
+def _as_if_at(state: WorldState, i: int, slot: str) -> WorldState:
+    """Return a state with one object moved into a slot, turned with it."""
+    there, own = state.info.slot(slot), state.info.objects[i].slot
+    turn = there.yaw - (0.0 if own is None else state.info.slot(own).yaw)
+    positions, quaternions = list(state.positions), list(state.quaternions)
+    positions[i] = (there.position[0], there.position[1], positions[i][2])
+    quaternions[i] = multiply(from_yaw(turn), quaternions[i])
+    return replace(state, positions=tuple(positions), quaternions=tuple(quaternions))
+
+
+def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) -> bool:
+    """Tell whether an object is where a subgoal wants it, or over the middle of that place where contacts decide."""
+    wanted = episode.goals[goal]
+    kind, name = relation(wanted.relation), episode.name(i)
+    target = state.info.objects[episode.trace.targets[goal]]
+    if kind.anyhow(state, name, target.name) == wanted.region:
+        return True
+    if kind.surface is None:
+        return False
+    x, y, _ = state.pose(target.name).apply(kind.middle(target, wanted.region))
+    return math.dist(state.positions[i][:2], (x, y)) <= MEMORIZED_SPOT
 
 
 def _memorized_drawer(episode: EpisodeAnalysis, step: Step) -> Evidence | None:

@@ -6,7 +6,7 @@ from collections import Counter
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 from betterbench.tasks.training_distribution import on_table
@@ -28,6 +28,12 @@ def _exposed(x: Exposure) -> bool:
     short="causal",
     definition="A required step whose object is present is skipped for a later step, or a finished step is repeated.",
     conclusion="It loses track of what has been done: it skips steps that are open or repeats finished ones.",
+    sharper=sharper_by_rule(
+        {
+            "finished_step_repeated": "It does finished steps again: it loses track of what has been done.",
+            "required_step_skipped": "It skips steps that are still open: it loses track of what has been done.",
+        }
+    ),
     finding="Skips a required step or repeats a finished one",
     exposed_by=_exposed,
 )

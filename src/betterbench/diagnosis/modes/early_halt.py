@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.training_distribution import pairing
@@ -20,11 +22,20 @@ def _exposed(x: Exposure) -> bool:
     return x.test.expected is Expected.SUCCEED and not x.test.mid_task_look and pairing(x.test) not in met
 
 
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return whether nearly all trials ended before the first grasp attempt, or after one."""
+    never = sum(not trial.attempts for trial in trials)
+    if never >= SHARE_OF_ALL * len(trials):
+        return "It stops before its first grasp."
+    return "It stops in the middle of its work." if never <= (1 - SHARE_OF_ALL) * len(trials) else ""
+
+
 @FailureMode(
     Label.EARLY_HALT,
     short="halt",
     definition="The arm stands still for 3 s or more, to the end, while steps are open and no attempt is under way.",
     conclusion="It stops before the work is done.",
+    sharper=_sharper,
     finding="Stops for good with something left to do",
     exposed_by=_exposed,
 )

@@ -7,7 +7,7 @@ import numpy as np
 from betterbench.diagnosis.approaches import find_stays, to_and_fro
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
@@ -25,6 +25,13 @@ def _exposed(x: Exposure) -> bool:
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
     "empty gripper goes to and fro until the end and settles on nothing.",
     conclusion="It cannot tell which step is due: it freezes in half-finished scenes, or goes to and fro.",
+    sharper=sharper_by_rule(
+        {
+            "freeze_in_mid_task_scene": "It freezes before its first grasp where the scene looks half finished: it "
+            "cannot tell which step is due.",
+            "to_and_fro": "It goes to and fro without a grasp: it cannot tell which step is due.",
+        }
+    ),
     finding="Freezes in a scene that looks half finished, or goes to and fro without an attempt",
     exposed_by=_exposed,
 )

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
 
 
@@ -17,7 +18,22 @@ def _shared_by(trials: Sequence[TrialDiagnosis]) -> str:
     """Return what the wrongly chosen objects share with the targets, the most frequent combination."""
     counts = Counter(t.evidence.shared for t in trials)
     shared = min(counts, key=lambda s: (-counts[s], s))
-    return f" that shares the target's {', '.join(shared)}" if shared else " that shares nothing with the target"
+    return f", {_likeness(shared)}" if shared else ", nothing like the target"
+
+
+def _likeness(shared: Sequence[str]) -> str:
+    """Return in words what an object shares with the target ("of the target's color and shape, in its slot")."""
+    looks = [feature for feature in shared if feature != "slot"]
+    if not looks:
+        return "in the slot where the target was picked in training"
+    return f"of the target's {listed(looks)}{', in its trained slot' if 'slot' in shared else ''}"
+
+
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return what nearly all of the wrongly chosen objects share with the targets."""
+    counts = Counter(feature for trial in trials for feature in trial.evidence.shared)
+    shared = [feature for feature in ("color", "shape", "slot") if counts[feature] >= SHARE_OF_ALL * len(trials)]
+    return f"It takes look-alikes for the real thing: objects {_likeness(shared)}." if shared else ""
 
 
 def _exposed(x: Exposure) -> bool:
@@ -38,7 +54,8 @@ def _exposed(x: Exposure) -> bool:
     short="look-alike",
     definition="The attempt is at an object that no instruction of the task refers to.",
     conclusion="It takes look-alikes for the real thing.",
-    finding="Goes for an object that no instruction means",
+    sharper=_sharper,
+    finding="Goes for an object that no instruction names",
     detail=_shared_by,
     exposed_by=_exposed,
 )
@@ -48,9 +65,9 @@ def _find(trial: TrialView) -> Evidence | None:
     for step in episode.decisions:
         if step.target is AttemptTarget.FOREIGN:
             shared = shares(episode, step)
-            common = f"the target's {', '.join(shared)}" if shared else "nothing with the target"
+            common = f"the target's {listed(shared)}" if shared else "nothing with the target"
             text = (
-                f"It goes for {episode.describe(step)}, which no instruction of this task means, although "
+                f"It goes for {episode.describe(step)}, which no instruction of this task names, although "
                 f"{_asked_for(episode, step)}; it shares {common}."
             )
             return episode.at_step("object_that_no_instruction_means", text, step, shared=shared)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import av
 import numpy as np
-from PIL import Image
 
 from betterbench.errors import InvalidInputError
 from betterbench.recording import Record, RunFolder
+from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 
 
@@ -55,7 +55,7 @@ def render_shots(
                 record = records[shot.task, shot.condition, shot.seed]
                 if record.metadata.scene_hash != scene_hash:
                     continue
-                images[shot] = _jpeg(_image(view, record, camera, shot.time_s))
+                images[shot] = jpeg_bytes(_image(view, record, camera, shot.time_s), quality=82)
                 if on_progress is not None:
                     on_progress(len(images), len(shots))
     return images
@@ -133,9 +133,3 @@ def probe_encoder() -> str:
 def _image(view: LimitedView, record: Record, camera: str, time_s: float) -> np.ndarray:
     row = int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
     return view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
-
-
-def _jpeg(rgb: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(rgb).save(buffer, "JPEG", quality=82)
-    return buffer.getvalue()

@@ -36,6 +36,7 @@ class Panel:
     Attributes:
         heading: What it is ("this trial, fast_food/T1/3").
         ended: Its outcome ("Semantic feature collapse").
+        right: Whether that is no failure, and is written in blue.
     """
 
     task: str
@@ -43,6 +44,7 @@ class Panel:
     seed: int
     heading: str
     ended: str
+    right: bool = False
 
     @property
     def trial(self) -> tuple[str, str, int]:
@@ -288,7 +290,7 @@ class _Layout:
             for j, line in enumerate(lines, 1):
                 pen.text((x, self._pad + j * self._row), line, fill=_INK, font=self._font)
             sheet.paste(image, (x, self._top))
-            pen.text((x, self._ends), panel.ended, fill=CLOSED, font=self._font)
+            pen.text((x, self._ends), panel.ended, fill=OPEN if panel.right else CLOSED, font=self._font)
             wide = self._small.getlength(clock)
             pen.rectangle((x, self._top, x + wide + self._pad, self._top + self._row), fill=_PAPER)
             pen.text((x + self._pad // 2, self._top + 1), clock, fill=_INK, font=self._small)

@@ -38,10 +38,10 @@ def what_trials_show(plan: Plan) -> str:
     sentences = []
     if best:
         shown = [points for points in usual if points]
-        of_what = f"of {_listed(shown)} points" if shown else "they show none"
+        needed = f"the drop has to be {_listed(shown)} points" if shown else "they show no drop"
         sentences.append(
             f"With 80 % power they show a drop against the twins, or against another policy, of {_listed(best)}. "
-            f"Where {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {of_what}."
+            f"If {100 * USUAL_OPPOSITE:.0f} % of the pairs differ the other way, {needed}."
         )
     if hidden:
         sentences.append(f"They are too few to show any drop {_listed(hidden)}; give more --trials.")

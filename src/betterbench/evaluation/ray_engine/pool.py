@@ -29,9 +29,10 @@ from betterbench.evaluation.ray_engine.session import (
     kill,
     loss_errors,
 )
-from betterbench.evaluation.trials.trial import RunSettings, broken_entry, on_disk
+from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.worker import even_share
 from betterbench.recording import JournalEntry, RetryLedger, RunFolder, write_durably
+from betterbench.recording.durable import on_disk
 
 logger = logging.getLogger(__name__)
 

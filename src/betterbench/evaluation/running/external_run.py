@@ -19,9 +19,10 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
-from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps, on_disk
+from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference
+from betterbench.recording.durable import on_disk
 from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0

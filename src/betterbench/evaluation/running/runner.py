@@ -21,12 +21,13 @@ from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require
 from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread
-from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings, on_disk
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import Journal, JournalEntry, RunFolder
+from betterbench.recording.durable import on_disk
 from betterbench.statistics import Decisions
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ Engine = Literal["local", "ray"]
 """What runs the workers: processes of this machine, or actors of a Ray cluster."""
 
 MAX_WORKERS = 256
+
+MAX_PASSES = 3
+"""How often a run goes through its trials while their records disappear."""
 
 _TURN_S = 1.0
 
@@ -131,10 +135,21 @@ def evaluate(
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
             reopen_lost(run, journal)
-        schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
-        entries = _entries(run, settings, schedule, count, asked=asked, session=session)
-        _record(schedule, journal, out, stack.enter_context(closing(entries)), began=began, on_progress=on_progress)
+        for left in reversed(range(MAX_PASSES)):
+            schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
+            with closing(_entries(run, settings, schedule, count, asked=asked, session=session)) as entries:
+                _record(schedule, journal, out, entries, began=began, on_progress=on_progress)
+            if not (_restored(run, journal, plan.policy) and left):
+                break
     return run
+
+
+def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
+    """Write again what a policy in a process of this machine may have removed, and return whether trials are lost."""
+    with on_disk(run.path):
+        run.restore()
+        journal.restore()
+        return runs_apart(policy) and reopen_lost(run, journal) > 0
 
 
 def _record(
@@ -184,7 +199,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     address = plan.policy
     if alone or needs_no_thread(address) or is_remote(address):
-        policies = PolicyFactory(address, apart=True)
+        policies = PolicyFactory(address, apart=True, timeout_s=timeout_s)
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
     with ExitStack() as own:
@@ -193,7 +208,7 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
         host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
-            return _Asked(info, envs, PolicyFactory(address, apart=True))
+            return _Asked(info, envs, PolicyFactory(address, apart=True, timeout_s=timeout_s))
         one_worker = not host.takes_batches
         if engine == "ray":
             return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)

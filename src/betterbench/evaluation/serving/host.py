@@ -160,7 +160,7 @@ def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, pipe: 
     that prevents it; the process ends when the other end is closed.
     """
     prepare_process()
-    with _errors_sent(pipe), PolicyFactory(policy, apart=True) as policies:
+    with _errors_sent(pipe), PolicyFactory(policy, apart=True, timeout_s=timeout_s) as policies:
         info, batches = policies.check(*run), policies.takes_batches
         deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)

@@ -34,16 +34,14 @@ PREFIXES = {
 CONNECTED = {
     "openpi": PolicyEntry("openpi://HOST:PORT", "A server of openpi, or of better serve.", privileged=False),
     "gr00t": PolicyEntry("gr00t://HOST:PORT", "An inference server of Isaac GR00T.", privileged=False),
-    "vla-eval": PolicyEntry(
-        "vla-eval://HOST:PORT", "A model server of vla-evaluation-harness, some twenty families.", privileged=False
-    ),
+    "vla-eval": PolicyEntry("vla-eval://HOST:PORT", "A model server of vla-evaluation-harness.", privileged=False),
     "being-h": PolicyEntry("being-h://HOST:PORT", "An inference server of Being-H.", privileged=False),
     "starvla": PolicyEntry("starvla://HOST:PORT", "A websocket server of starVLA.", privileged=False),
     "http": PolicyEntry(
         "http://HOST:PORT/act", "A server of OpenVLA, OpenVLA-OFT or X-VLA (POST /act).", privileged=False
     ),
     "https": PolicyEntry("https://HOST/act", "The same over an encrypted connection.", privileged=False),
-    "lerobot": PolicyEntry("lerobot:CHECKPOINT", "A policy of LeRobot, in this process.", privileged=False),
+    "lerobot": PolicyEntry("lerobot:CHECKPOINT", "A policy of LeRobot, in a process of its own.", privileged=False),
 }
 REFUSED = ("grpc",)
 """Schemes of addresses that are read only to say why such a server is not spoken to."""

@@ -17,7 +17,7 @@ from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
-from betterbench.policies.policy_process import PolicyProcess, start_policy
+from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 
@@ -84,13 +84,17 @@ def needs_no_thread(address: str) -> bool:
 class PolicyFactory:
     """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
-    def __init__(self, address: str, *, apart: bool = False, known: PolicyInfo | None = None) -> None:
+    def __init__(
+        self, address: str, *, apart: bool = False, known: PolicyInfo | None = None, timeout_s: float | None = None
+    ) -> None:
         """Prepare; nothing is loaded and no server is asked yet.
 
-        With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`). ``known`` is
-        what the server of the policy said when the run began, or None: its clients compare themselves.
+        With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`), within ten
+        times the ``timeout_s`` of an answer [s]. ``known`` is what the server of the policy said when the run began, or
+        None: its clients compare themselves.
         """
         self.address = address
+        self._load_s = LOAD_S if timeout_s is None else 10.0 * timeout_s
         self._apart = apart and runs_apart(address)
         self._known = known
         self._made: Policy | None = None
@@ -162,7 +166,7 @@ class PolicyFactory:
 
     def _make(self) -> Policy:
         """Return a new instance; HandshakeError if a server has become another one since the first one was made."""
-        made = start_policy(self.address) if self._apart else make_policy(self.address)
+        made = start_policy(self.address, load_s=self._load_s) if self._apart else make_policy(self.address)
         if is_remote(self.address):
             known, self._known = self._known or made.info, self._known or made.info
             there, here = (describe_policy(self.address, info) for info in (known, made.info))

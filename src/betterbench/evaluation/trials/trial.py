@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import time
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -27,6 +25,7 @@ from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_po
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
+from betterbench.recording.durable import on_disk
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
@@ -98,11 +97,13 @@ class TrialRunner:
     """What the trials of one worker share."""
 
     def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Open the run, and ask the policy what it needs; BetterError if one of them fails."""
+        """Ask the policy what it needs; raises a BetterError if that fails."""
         self.settings = settings
         load_sources(settings.task_files)
-        self.run = RunFolder.open(Path(settings.run))
-        self.policies = policies or PolicyFactory(settings.asked, apart=True, known=settings.known)
+        self.run = RunFolder(Path(settings.run), {}, {})
+        self.policies = policies or PolicyFactory(
+            settings.asked, apart=True, known=settings.known, timeout_s=settings.policy_timeout_s
+        )
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
@@ -218,19 +219,3 @@ class TrialRunner:
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
     """Return the journal entry of a trial that broke down with its worker."""
     return JournalEntry(trial.task, trial.condition, trial.variation, trial.seed, "error", reason, {})
-
-
-@contextmanager
-def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError; further trials would fail alike."""
-    try:
-        yield
-    except OSError as problem:
-        if problem.errno not in _LASTING:
-            raise
-        raise StorageError(
-            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
-        ) from problem
-
-
-_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})

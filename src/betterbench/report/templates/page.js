@@ -104,6 +104,8 @@
   const list = document.getElementById("list");
   const count = document.getElementById("count");
   const CHUNK = 60;
+  const several = new Set(trials.map((t) => t.policy)).size > 1;
+  list.classList.toggle("one", !several);
   let found = [];
   let drawn = 0;
 
@@ -142,8 +144,11 @@
     outcome.append(swatch(family), make("span", "", name));
     const first = t.first === null ? "no attempt at an object" : `first grasp ${t.first}`;
     const asked = t.intended === null ? "" : `, asked ${t.intended}`;
-    button.append(make("span", "arrow", "›"), make("span", "cell policy", t.policy), make("span", "cell", t.key),
-      outcome, make("span", "cell first", first + asked + (t.film >= 0 ? " · film" : "")));
+    const said = t.kind === "right" ? first + asked : t.why;
+    button.append(make("span", "arrow", "›"));
+    if (several) button.append(make("span", "cell policy", t.policy));
+    button.append(make("span", "cell key", t.key), outcome,
+      make("span", "cell first", (t.film >= 0 ? "Film. " : "") + said));
     button.addEventListener("click", () => {
       const open = row.toggleAttribute("data-open");
       button.setAttribute("aria-expanded", String(open));

@@ -1,0 +1,68 @@
+"""How the help of a verb is worded: wrapped to the terminal, and without defaults that its sentences say already."""
+
+from __future__ import annotations
+
+import inspect
+import shutil
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import NoneType
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+import tyro
+
+VALUES: dict[type, str] = {str: "TEXT", int: "INT", float: "FLOAT", Path: "PATH"}
+"""What stands for the value of an option."""
+
+WIDEST = 100
+"""Longest line of a description [characters]."""
+
+INDENT = "  "
+"""What later lines of a paragraph begin with; tyro joins lines that begin with a letter."""
+
+
+def description_of(function: object) -> str:
+    """Return the description of a function, without its arguments, wrapped to the width of the terminal."""
+    text = inspect.getdoc(function) or ""
+    width = min(shutil.get_terminal_size().columns, WIDEST)
+    paragraphs = text.partition("\n\nArgs:")[0].split("\n\n")
+    layout = textwrap.TextWrapper(width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)
+    return "\n\n".join(map(layout.fill, paragraphs))
+
+
+def word_options(function: Callable[..., None]) -> None:
+    """Give the options of a verb the words that its help shows for their values and defaults."""
+    parameters = inspect.signature(function).parameters
+    hints = function.__annotations__
+    function.__annotations__ = hints | {
+        name: _worded(name, hints[name], parameter.default) for name, parameter in parameters.items() if name in hints
+    }
+
+
+def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a type hint
+    bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    if not is_dataclass(bare):
+        said = default in (None, False, (), inspect.Parameter.empty)  # by the sentence of the option, or nothing to say
+        value = _value(name, bare, _marks(hint))
+        return Annotated[hint, tyro.conf.arg(metavar=value, help_behavior_hint="" if said else None)]
+    hints = get_type_hints(bare, include_extras=True)  # each field is an option of its own
+    bare.__annotations__ = {field.name: _worded(field.name, hints[field.name], field.default) for field in fields(bare)}
+    return hint
+
+
+def _value(name: str, bare: Any, marks: Sequence[object]) -> str | None:  # noqa: ANN401 - a type hint
+    """Return what stands for the value of an option, or None for what tyro takes."""
+    several = get_origin(bare) is tuple
+    kinds = [kind for kind in get_args(bare) if kind not in (NoneType, Ellipsis)] or [bare]
+    value = VALUES.get(kinds[0]) if len(kinds) == 1 else None
+    if tyro.conf.Positional in marks and value:
+        value = name.upper().removesuffix("S")
+    if several and value and tyro.conf.UseAppendAction not in marks:
+        value = f"{value} [{value} ...]"
+    return value
+
+
+def _marks(hint: Any) -> Sequence[object]:  # noqa: ANN401 - a type hint
+    return hint.__metadata__ if get_origin(hint) is Annotated else ()

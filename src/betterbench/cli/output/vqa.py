@@ -1,0 +1,79 @@
+"""A set of questions, scores of answers to it, and what a model knows of a policy's deeds, as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.cli.console import OUT, print_table
+from betterbench.statistics import Rate, percent
+from betterbench.vqa.asking import Score
+from betterbench.vqa.blind import TARGET_POINTS
+from betterbench.vqa.dataset import QuestionSet
+from betterbench.vqa.knowing import Knowledge, KnowledgeStanding
+
+
+def print_set(made: QuestionSet) -> None:
+    """Print how many questions of each type a set has, and what of them can be answered without the images."""
+    images = len({q.image for q in made.questions})
+    title = f"{len(made.questions)} questions about {images} images, for {made.purpose}"
+    rows = [
+        [
+            b.name,
+            str(b.n),
+            f"{100 * b.chance:.1f}",
+            percent_of(b.majority, b.n),
+            percent_of(b.blind, b.n),
+            f"{b.excess_points:+.1f}",
+        ]
+        for b in made.baselines
+    ]
+    columns = ["type", "questions", "chance %", "majority %", "blind %", "blind − chance"]
+    print_table(columns, rows, title=title)
+    over = [b.name for b in made.baselines if b.excess_points > TARGET_POINTS]
+    if over:
+        text = f"The words alone give away more than {TARGET_POINTS:g} points of: {', '.join(over)}."
+        OUT.print(f"{text} More trials, variations and cameras balance it better.", markup=False)
+
+
+def print_scores(scores: Sequence[Score]) -> None:
+    """Print the scores of a model by type."""
+    rows = [
+        [
+            s.name,
+            f"{s.rate.k}/{s.rate.n}",
+            percent_of(s.rate.k, s.rate.n),
+            interval(s.rate),
+            f"{100 * s.chance:.1f}",
+            f"{100 * s.blind:.1f}",
+            f"{s.read}/{s.rate.n}",
+        ]
+        for s in scores
+    ]
+    print_table(["part", "right", "%", "95 % interval", "chance %", "blind %", "readable"], rows, title="answers")
+
+
+def print_knowledge(known: Knowledge) -> None:
+    """Print what a model knows of what a policy did, by label."""
+    columns = ["label", "trials", "knows", "by guessing", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
+    rows = [
+        [
+            x.label,
+            str(x.n),
+            f"{x.knows.k}/{x.knows.n} ({interval(x.knows)})",
+            f"{100 * x.chance:.1f} %",
+            *(str(x.counts[s.value]) for s in KnowledgeStanding),
+        ]
+        for x in known.labels
+    ]
+    print_table(columns, rows, title=f"what {known.model} knows of what {known.policy} does")
+    OUT.print(known.sentence, markup=False)
+
+
+def percent_of(k: int, n: int) -> str:
+    """Return a share in percent."""
+    return str(percent(k, n)) if n else "–"
+
+
+def interval(rate: Rate) -> str:
+    """Return the interval of a rate in percent."""
+    return f"{100 * rate.low:.0f} to {100 * rate.high:.0f} %"

@@ -1,0 +1,140 @@
+"""What cameras show of recorded states, with the image: computed by drawing the stored scene again.
+
+This is one source of :class:`~betterbench.state.FrameView`; materialized masks can be another.
+"""
+
+from __future__ import annotations
+
+import itertools
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from betterbench.errors import RecordError
+from betterbench.geometry import Pose
+from betterbench.recording import Record, RunFolder
+from betterbench.recording.modalities.spec import ViewSpec
+from betterbench.scenes.cameras import CameraMatrices
+from betterbench.scenes.image_files import jpeg_bytes
+from betterbench.scenes.limited import LimitedView
+from betterbench.scenes.sights import GRIPPER_INSTANCES, ModelFacts
+from betterbench.state import GRIPPER, FrameView, ObjectInfo, SeenObject
+
+JPEG_QUALITY = 92
+"""Quality of the images; colors are stored at full resolution, since many objects are a few pixels wide."""
+
+_ACROSS, _UP = (-0.5, -0.25, 0.0, 0.25, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
+_GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
+"""Points of a bounding box as shares of its size, from the middle of its bottom face."""
+
+
+class CameraPhoto(NamedTuple):
+    """One image (JPEG) and what it shows."""
+
+    jpeg: bytes
+    view: FrameView
+
+
+class ViewRenderer:
+    """Draws recorded states of one run with what they show. A context manager, which ends the drawing process."""
+
+    def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
+        """Start the process; ``size`` is the side of the images [pixel]."""
+        self._run, self._limited, self._size = run, LimitedView(quality=quality), size
+        self._cameras: tuple[str, ...] = ()
+        self._row: tuple[Record, int] | None = None
+        self._photos: dict[str, CameraPhoto] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._limited.close()
+
+    def stop(self) -> None:
+        """End the process from another thread: the one that draws gets a RecordError."""
+        self._limited.stop()
+
+    def photo(self, record: Record, row: int, camera: str) -> CameraPhoto:
+        """Return the image of a camera at a row of a record of the run, and what it shows.
+
+        Raises:
+            RecordError: If the stored scene is missing, damaged or another one, or has no such camera.
+            MissingDependencyError: If no off-screen OpenGL works here.
+        """
+        if self._row is None or self._row[0] is not record or self._row[1] != row or camera not in self._photos:
+            self._draw(record, row, camera)
+        return self._photos[camera]
+
+    def _draw(self, record: Record, row: int, camera: str) -> None:
+        """Draw a row from every camera that was asked for so far: whoever asks for one asks for the others next."""
+        self._row = None
+        self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
+        views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
+        self._limited.open_of(self._run, record)
+        facts, _ = self._limited.prepare(views, ("rgb", "boxes"), gripper=True)
+        if len(facts.object_bodies) != len(record.metadata.scene.objects):
+            raise RecordError("stored scene: it has other objects than the record; they are of different trials.")
+        ((*sights,),) = self._limited.sights(record.qpos[row : row + 1], jitter=record.metadata.view_jitter)
+        photos = {}
+        for name, sight, focal_px in zip(self._cameras, sights, facts.focal_px, strict=True):
+            matrices = _matrices(sight["camera"], focal_px, self._size)
+            seen = _seen_objects(record, row, facts, sight, matrices)
+            view = FrameView(name, self._size, self._size, matrices.T_world_camera, focal_px, seen)
+            photos[name] = CameraPhoto(jpeg_bytes(sight["rgb"], quality=JPEG_QUALITY, whole_colors=True), view)
+        self._row, self._photos = (record, row), photos
+
+
+def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
+    """Return the camera of a sight from its position and quaternion; see ``sight_type``."""
+    x, y, z, qw, qx, qy, qz = placed.tolist()
+    half = 0.5 * (size - 1)
+    K = np.array([[focal_px, 0.0, half], [0.0, focal_px, half], [0.0, 0.0, 1.0]])
+    return CameraMatrices(K, Pose((x, y, z), (qw, qx, qy, qz)), size, size)
+
+
+def _seen_objects(
+    record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
+) -> dict[str, SeenObject]:
+    """Return what a sight shows of each object, and of the gripper."""
+    numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # of objects, by body number plus one
+    numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
+    numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
+    shown, seen = numbers[sight["bodies"]], dict[str, SeenObject]()
+    full = [*sight["full_pixels"].tolist(), int(sight["gripper_pixels"][1])]
+    for i, (info, alone) in enumerate(zip([*record.metadata.scene.objects, None], full, strict=True)):
+        mask = shown == i
+        if alone > 0 and mask.any():
+            whole = 1.0 if info is None else _share_inside(record, row, info, camera)
+            seen[GRIPPER if info is None else info.name] = seen_object(
+                mask, min(1.0, float(mask.sum()) / alone) * whole
+            )
+    return seen
+
+
+def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
+    """Return what a (height, width) bool mask with at least one pixel says about an object."""
+    rows, columns = np.nonzero(mask)
+    box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+    flat = np.concatenate(([False], mask.ravel(), [False]))
+    edges = np.flatnonzero(flat[1:] != flat[:-1])
+    runs = np.diff(np.concatenate(([0], edges)))
+    return SeenObject(
+        box, fraction, len(rows), (float(columns.mean()), float(rows.mean())), tuple(int(length) for length in runs)
+    )
+
+
+def _share_inside(record: Record, row: int, info: ObjectInfo, camera: CameraMatrices) -> float:
+    """Return the share of an object's bounding box that the image does not cut off, from a grid of points in it."""
+    number = record.metadata.scene.index(info.name)
+    local = _GRID * np.asarray(info.size_m)
+    w, axis = record.object_quaternions[row, number, 0], record.object_quaternions[row, number, 1:]
+    twice = 2.0 * np.cross(axis, local)
+    points = record.object_positions[row, number] + local + w * twice + np.cross(axis, twice)
+    pixels, depth = camera.project(points)
+    inside = (depth > 0.0) & (pixels[:, 0] >= -0.5) & (pixels[:, 0] <= camera.width - 0.5)
+    inside &= (pixels[:, 1] >= -0.5) & (pixels[:, 1] <= camera.height - 0.5)
+    return float(inside.mean())

@@ -1,0 +1,40 @@
+"""Export: demonstrations of runs as the data sets that people train policies on, in the layout of a policy's preset."""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from betterbench.export.check import check_export
+    from betterbench.export.job import Exported, ExportPlan, export_dataset
+    from betterbench.export.layout import DatasetLayout, layout_of
+    from betterbench.export.selection import Selection, select_demonstrations
+
+__all__ = [
+    "DatasetLayout",
+    "ExportPlan",
+    "Exported",
+    "Selection",
+    "check_export",
+    "export_dataset",
+    "layout_of",
+    "select_demonstrations",
+]
+
+_MODULES = {
+    "check_export": "check",
+    "ExportPlan": "job",
+    "Exported": "job",
+    "export_dataset": "job",
+    "DatasetLayout": "layout",
+    "layout_of": "layout",
+    "Selection": "selection",
+    "select_demonstrations": "selection",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a public name when it is first used."""
+    if name not in _MODULES:
+        msg = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(msg)
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,0 +1,177 @@
+"""One exported episode on disk, before the data set is put together: it is complete or it is made again."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from PIL import Image
+
+from betterbench.export.frames import frame_numbers, shown_images
+from betterbench.export.layout import DatasetLayout
+from betterbench.export.numbers import color_counts, sampled_rows
+from betterbench.export.video import VideoWriter
+from betterbench.recording import Record, write_durably
+from betterbench.recording.metadata import dump_json
+
+ImageForm = Literal["video", "png"]
+
+PNG_LEVEL = 3
+"""Effort of the lossless compression of pictures, 0 to 9."""
+
+_INDEX, _NUMBERS = "part.json", "numbers.parquet"
+_SUBGOAL = "subgoal"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """An episode as the formats share it.
+
+    Attributes:
+        vectors: (N, size) by column.
+        videos: Bytes by column of images, for the form "video".
+        pngs: N files by column of images, for the form "png".
+        levels: (3, 256) counts of the levels of the sampled pictures, by column of images.
+        sampled: How many pictures were sampled.
+        about: What the record says about the episode.
+    """
+
+    vectors: Mapping[str, np.ndarray]
+    subgoals: tuple[str, ...]
+    videos: Mapping[str, bytes]
+    pngs: Mapping[str, tuple[bytes, ...]]
+    levels: Mapping[str, np.ndarray]
+    sampled: int
+    about: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.subgoals)
+
+
+def write_part(
+    folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
+) -> None:
+    """Compute an episode and write it into a folder; the file that says it is complete comes last.
+
+    Raises what :func:`~betterbench.export.frames.frame_numbers` and the pictures raise, and OSError.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    numbers = frame_numbers(record, layout)
+    rate = round(record.metadata.control_rate_hz)
+    columns: dict[str, pa.Array] = {name: _fixed_lists(values) for name, values in numbers.vectors.items()}
+    columns[_SUBGOAL] = pa.array(numbers.subgoals, pa.string())
+    names = [column.name for column in layout.images]
+    videos = {name: VideoWriter(rate_hz=rate) for name in names if form == "video"}
+    pngs = {name: list[bytes]() for name in names if form == "png"}
+    levels = {name: np.zeros((3, 256), np.int64) for name in names}
+    sampled = sampled_rows(record.n_steps)
+    for row, images in enumerate(shown_images(record, layout, pictures) if names else ()):
+        for name in names:
+            if form == "video":
+                videos[name].add(images[name])
+            else:
+                pngs[name].append(png(images[name]))
+            if row in sampled:
+                levels[name] += color_counts(images[name])
+    columns |= {name: pa.array(images, pa.binary()) for name, images in pngs.items()}
+    files = {f"{names.index(name)}.mp4": video.finish() for name, video in videos.items()}
+    files[_NUMBERS] = parquet_bytes(pa.table(columns))
+    for name, data in files.items():
+        write_durably(folder / name, data)
+    index = {
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+        "images": {name: {"levels": levels[name].tolist()} for name in names},
+        "sampled": len(sampled),
+        "about": about(record, numbers.subgoals),
+    }
+    write_durably(folder / _INDEX, dump_json(index))
+
+
+def read_index(folder: Path) -> dict[str, Any] | None:
+    """Return what a part says about itself, or None if it is not complete or damaged."""
+    try:
+        index: dict[str, Any] = json.loads((folder / _INDEX).read_bytes())
+        for name, digest in index["files"].items():
+            with (folder / name).open("rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != digest:
+                    return None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return index
+
+
+def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
+    """Return an episode that was written before, or None if it is not complete or damaged."""
+    index = read_index(folder)
+    if index is None:
+        return None
+    files = {name: (folder / name).read_bytes() for name in index["files"]}
+    table = pq.read_table(io.BytesIO(files[_NUMBERS]), use_threads=False)
+    vectors = {}
+    for column in (*layout.states, layout.action):
+        flat = table.column(column.name).combine_chunks().flatten()
+        vectors[column.name] = flat.to_numpy().reshape(-1, column.size)
+    videos = {c.name: files[f"{n}.mp4"] for n, c in enumerate(layout.images) if f"{n}.mp4" in files}
+    pngs = {c.name: tuple(table.column(c.name).to_pylist()) for c in layout.images if c.name in table.column_names}
+    return Part(
+        vectors,
+        tuple(table.column(_SUBGOAL).to_pylist()),
+        videos | {name: videos[other] for name, other in layout.copies.items() if other in videos},
+        pngs | {name: pngs[other] for name, other in layout.copies.items() if other in pngs},
+        _repeated({name: np.array(found["levels"]) for name, found in index["images"].items()}, layout),
+        index["sampled"],
+        index["about"],
+    )
+
+
+def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
+    """Return what a data set says about an episode beside its frames."""
+    m = record.metadata
+    return {
+        "task": m.task,
+        "task_version": m.task_version,
+        "suite_version": m.suite_version,
+        "condition": m.condition,
+        "variation": m.variation,
+        "seed": m.seed,
+        "policy": m.policy,
+        "instruction": m.instruction,
+        "recorded_action_space": m.action_space,
+        "control_rate_hz": m.control_rate_hz,
+        "looks": m.looks,
+        "room": m.room,
+        "scene": m.scene_hash,
+        "rows": record.n_steps,
+        "subgoals": list(dict.fromkeys(subgoals)),
+    }
+
+
+def png(picture: np.ndarray) -> bytes:
+    """Return a picture as a PNG file."""
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG", compress_level=PNG_LEVEL)
+    return buffer.getvalue()
+
+
+def parquet_bytes(table: pa.Table) -> bytes:
+    """Return a table as a Parquet file of one row group; the same table gives the same bytes on one installation."""
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)
+    return buffer.getvalue()
+
+
+def _fixed_lists(values: np.ndarray) -> pa.Array:
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), values.shape[1])
+
+
+def _repeated(levels: dict[str, np.ndarray], layout: DatasetLayout) -> dict[str, np.ndarray]:
+    return levels | {name: levels[other] for name, other in layout.copies.items()}

@@ -1,0 +1,92 @@
+"""Which records of which runs are demonstrations."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.recording import JournalEntry, RunFolder
+from betterbench.recording.parquet import file_digest
+from betterbench.tasks import TrialId
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenTrial:
+    """One record that is exported.
+
+    Attributes:
+        run: Position of its run among those that were given.
+        digest: SHA-256 of the record's file.
+        scene_hash: Name of the stored scene that its images are drawn from.
+    """
+
+    trial: TrialId
+    run: int
+    digest: str
+    scene_hash: str
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The demonstrations in the order of the data set, and how many trials were left out for which reason."""
+
+    demonstrations: tuple[ChosenTrial, ...]
+    left_out: Mapping[str, int]
+
+
+def select_demonstrations(
+    runs: Sequence[RunFolder], *, tasks: Collection[str] = (), variations: bool = False
+) -> Selection:
+    """Return the successful trials of some runs, sorted by task, condition, seed and run.
+
+    Test variations are left out unless they are asked for: a policy that was trained on them is not tested by them.
+
+    Raises:
+        RecordError: If a record is missing, damaged or another one than its journal lists.
+        UnknownNameError: If no run has a task that is asked for.
+        InvalidInputError: If nothing is left.
+    """
+    found: list[ChosenTrial] = []
+    left_out: Counter[str] = Counter()
+    present: set[str] = set()
+    for number, run in enumerate(runs):
+        for entry in run.entries():
+            present.add(entry.task)
+            reason = _left_out(entry, tasks, variations=variations)
+            if not reason:
+                brief = run.read_brief(entry.key, entry=entry)
+                if brief.outcome.success:
+                    found.append(ChosenTrial(entry.key, number, digest_of(run, entry), brief.metadata.scene_hash))
+                    continue
+                reason = "not successful"
+            left_out[reason] += 1
+    for task in tasks:
+        if task not in present:
+            raise UnknownNameError("task of the run", task, present)
+    if not found:
+        listed = ", ".join(f"{count} {reason}" for reason, count in sorted(left_out.items())) or "it is empty"
+        where = ", ".join(str(run.path) for run in runs)
+        raise InvalidInputError(
+            where,
+            f"holds no demonstration to export ({listed})",
+            "Give a run with successful trials of training conditions, or --variations for those of test variations",
+        )
+    return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
+
+
+def digest_of(run: RunFolder, entry: JournalEntry) -> str:
+    """Return the SHA-256 of a trial's record, which journals of older versions do not hold."""
+    return entry.record or file_digest(run.record_path(entry.task, entry.condition, entry.seed))
+
+
+def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
+    """Return why a trial is not exported, as far as its journal tells, or an empty text."""
+    if entry.status != "done":
+        return "not finished"
+    if tasks and entry.task not in tasks:
+        return "of other tasks"
+    if entry.variation is not None and not variations:
+        return "of test variations"
+    return ""

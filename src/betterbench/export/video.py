@@ -1,0 +1,128 @@
+"""Videos of data sets: H.264 in MP4, one picture per control step, the same bytes for the same pictures."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any
+
+import av
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+
+CODEC, PIXEL_FORMAT = "h264", "yuv420p"
+
+QUALITY = 18
+"""Constant rate factor of x264."""
+
+EFFORT = "veryfast"
+"""Preset of x264."""
+
+GROUP = 2
+"""Pictures from one key picture to the next: LeRobot's own setting, so that a random frame is decoded quickly."""
+
+VIDEO_SETTINGS = {
+    "codec": CODEC,
+    "pixel_format": PIXEL_FORMAT,
+    "quality": QUALITY,
+    "effort": EFFORT,
+    "group": GROUP,
+}
+"""What videos are encoded with; stored with the data set."""
+
+_BITEXACT = {"fflags": "+bitexact"}  # no version of a library in the file
+
+
+class VideoWriter:
+    """Encodes pictures of one size, (height, width, 3) uint8 with even sides, as they come.
+
+    The encoder runs in one thread, on whose number its output would depend otherwise.
+    """
+
+    def __init__(self, *, rate_hz: int) -> None:
+        self._rate_hz, self._count = rate_hz, 0
+        self._buffer = io.BytesIO()
+        self._container = av.open(self._buffer, "w", format="mp4", options=_BITEXACT)
+        self._stream: Any = None
+
+    def add(self, picture: np.ndarray) -> None:
+        """Append a picture; raise InvalidInputError if a side is odd."""
+        if self._stream is None:
+            self._stream = self._begin(*picture.shape[:2])
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+        frame.pts, frame.time_base = self._count, Fraction(1, self._rate_hz)
+        self._count += 1
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> bytes:
+        """Return the file; raise InvalidInputError if there was no picture."""
+        if self._stream is None:
+            raise InvalidInputError("video", "it has no pictures", "Leave the episode out")
+        self._container.mux(self._stream.encode(None))
+        self._container.close()
+        return self._buffer.getvalue()
+
+    def _begin(self, height: int, width: int) -> Any:  # noqa: ANN401 - PyAV's stream
+        require_even(width, height)
+        stream: Any = self._container.add_stream("libx264", rate=self._rate_hz)
+        stream.width, stream.height, stream.pix_fmt = width, height, PIXEL_FORMAT
+        context = stream.codec_context
+        stream.time_base = context.time_base = Fraction(1, self._rate_hz)
+        context.gop_size, context.max_b_frames, context.thread_count = GROUP, 0, 1
+        stream.options = {"crf": str(QUALITY), "preset": EFFORT, "threads": "1", "flags": "+bitexact"}
+        return stream
+
+
+def require_even(width: int, height: int) -> None:
+    """Raise InvalidInputError if a side of a picture is odd, which the pixel format cannot hold."""
+    if width % 2 or height % 2:
+        raise InvalidInputError("--images", f"a video cannot hold {width} x {height} pixels", "Give --images png")
+
+
+def join(videos: Sequence[bytes], *, rate_hz: int) -> bytes:
+    """Return one video with the pictures of several, one after the other, without encoding anything anew.
+
+    All have to come from :class:`VideoWriter`, with pictures of one size.
+    """
+    buffer = io.BytesIO()
+    with av.open(buffer, "w", format="mp4", options=_BITEXACT) as container:
+        stream: Any = None
+        begun = Fraction(0)
+        for data in videos:
+            with av.open(io.BytesIO(data), "r") as source:
+                given: Any = source.streams.video[0]
+                if stream is None:
+                    stream = container.add_stream_from_template(given)
+                    stream.time_base = given.time_base
+                packets: Iterator[Any] = source.demux(given)
+                for packet in packets:
+                    if packet.dts is None:
+                        continue
+                    offset = round(begun / given.time_base)
+                    packet.pts, packet.dts = packet.pts + offset, packet.dts + offset
+                    packet.stream = stream
+                    container.mux(packet)
+                begun += Fraction(given.frames, rate_hz)
+    return buffer.getvalue()
+
+
+def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield number and picture, (height, width, 3) uint8, of each frame of a video from one on.
+
+    Raises InvalidInputError if it cannot be read.
+    """
+    name = source if isinstance(source, str) else "video"
+    try:
+        with av.open(source, "r") as container:
+            stream: Any = container.streams.video[0]
+            rate, base = stream.average_rate, stream.time_base
+            container.seek(round(first / rate / base), stream=stream)
+            for frame in container.decode(stream):
+                number = round((frame.pts or 0) * base * rate)
+                if number >= first:
+                    yield number, frame.to_ndarray(format="rgb24")
+    except (av.FFmpegError, OSError, ValueError, IndexError, TypeError) as error:
+        said = " ".join(str(getattr(error, "strerror", None) or error).split())
+        raise InvalidInputError(name, f"the video cannot be read ({said})", "Export it again") from error

@@ -1,0 +1,175 @@
+"""One question to a model behind ``POST URL/chat/completions``: vLLM, SGLang, llama.cpp, Ollama, OpenAI and their like.
+
+Only the standard library is used, one connection per request, so that many threads may ask at the same time.
+"""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import json
+import os
+import ssl
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+
+from betterbench.errors import InvalidInputError, ModelError, one_line
+
+Message = Mapping[str, Any]
+"""One message of a conversation: its role and its content."""
+
+MAX_REPLY_BYTES = 4 * 1024 * 1024
+_PASSING = (408, 409, 425, 429, 500, 502, 503, 504)
+_LONGEST_PAUSE_S = 30.0
+
+
+class RefusedError(ModelError):
+    """The model refuses this one request (HTTP 400 or 422), for example because of its image; others may work."""
+
+
+class Chat(Protocol):
+    """Something that answers messages with a text."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model."""
+
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
+        """Return the answer.
+
+        Raises:
+            RefusedError: If this request is refused.
+            ModelError: If no answer can be had.
+        """
+
+
+class ChatEndpoint:
+    """A model behind the chat protocol of OpenAI; safe to use from several threads."""
+
+    def __init__(
+        self,
+        url: str,
+        model: str,
+        *,
+        key_variable: str = "OPENAI_API_KEY",
+        timeout_s: float = 120.0,
+        tries: int = 4,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Take note of the address; nothing is sent.
+
+        Args:
+            url: Base address, such as ``http://localhost:8000/v1``; ``/chat/completions`` is added.
+            model: Name of the model at that address.
+            key_variable: Environment variable that holds the key, if it is set.
+            timeout_s: Time within which an answer has to begin, and to go on [s].
+            tries: How often a request is sent that fails for a passing reason.
+            sleep: Waits between tries [s]; tests do not.
+
+        Raises:
+            InvalidInputError: If the address is no HTTP address.
+        """
+        try:
+            parts = urlsplit(url)
+            host, port = parts.hostname, parts.port
+        except ValueError as error:
+            raise InvalidInputError("URL", f"{one_line(url)!r}: {error}", "Give http://HOST:PORT/v1") from error
+        if parts.scheme not in ("http", "https") or not host:
+            raise InvalidInputError("URL", f"{one_line(url)!r} is no HTTP address", "Give http://HOST:PORT/v1")
+        self.name, self._host, self._port, self._tls = model, host, port, parts.scheme == "https"
+        path = parts.path.rstrip("/").removesuffix("/chat/completions")
+        self._path = f"{path}/chat/completions"
+        self._where = f"{parts.scheme}://{host}{f':{port}' if port else ''}{self._path}"
+        self._key_variable, self._timeout_s, self._tries, self._sleep = key_variable, timeout_s, tries, sleep
+
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
+        """Return the answer at temperature 0; see :class:`Chat`."""
+        form = {"model": self.name, "messages": list(messages), "temperature": 0, "max_tokens": max_tokens}
+        body = json.dumps(form).encode()
+        problem = ""
+        for attempt in range(self._tries):
+            if attempt:
+                self._sleep(min(_LONGEST_PAUSE_S, 2.0 ** (attempt - 1)))
+            try:
+                status, reply = self._post(body)
+            except (OSError, http.client.HTTPException) as error:
+                problem = one_line(error) or type(error).__name__
+                continue
+            if status == http.client.OK:
+                return self._text(reply)
+            problem = f"HTTP {status}: {_told(reply)}"
+            if status not in _PASSING:
+                raise self._refusal(status, problem)
+        cure = "Check that it runs there and give the same command again to go on"
+        raise ModelError(f"{self._where}: no answer after {self._tries} tries ({problem}). {cure}.")
+
+    def _post(self, body: bytes) -> tuple[int, bytes]:
+        headers = {"Content-Type": "application/json", "Accept": "application/json", "Connection": "close"}
+        key = os.environ.get(self._key_variable)
+        if key:
+            headers["Authorization"] = f"Bearer {key}"
+        connection: http.client.HTTPConnection
+        if self._tls:
+            context = ssl.create_default_context()
+            connection = http.client.HTTPSConnection(self._host, self._port, timeout=self._timeout_s, context=context)
+        else:
+            connection = http.client.HTTPConnection(self._host, self._port, timeout=self._timeout_s)
+        try:
+            connection.request("POST", self._path, body, headers)
+            answer = connection.getresponse()
+            reply = answer.read(MAX_REPLY_BYTES + 1)
+        finally:
+            connection.close()
+        if len(reply) > MAX_REPLY_BYTES:
+            raise ModelError(f"{self._where}: answers with more than {MAX_REPLY_BYTES} bytes. Is it a chat endpoint?")
+        return answer.status, reply
+
+    def _text(self, reply: bytes) -> str:
+        try:
+            text = json.loads(reply)["choices"][0]["message"]["content"]
+        except (ValueError, LookupError, TypeError) as error:
+            raise ModelError(
+                f"{self._where}: its answer has no choices[0].message.content. Give the address of a chat endpoint."
+            ) from error
+        return text if isinstance(text, str) else ""
+
+    def _refusal(self, status: int, problem: str) -> ModelError:
+        if status in (400, 413, 422):
+            return RefusedError(f"{self._where}: {problem}")
+        if status in (401, 403):
+            return ModelError(f"{self._where}: {problem}. Put the key into the variable {self._key_variable}.")
+        return ModelError(f"{self._where}: {problem}. Check the address and the name of the model, {self.name!r}.")
+
+
+class ScriptedChat:
+    """Answers with what a function says of the messages: for tests and for models in one's own process."""
+
+    def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
+        self.name, self._answer = name, answer
+
+    def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
+        """Return what the function says."""
+        return self._answer(messages)[: 8 * max_tokens]
+
+
+def user_message(text: str, *images: bytes) -> Message:
+    """Return a message of the user: images (JPEG) before the text."""
+    shown = [
+        {"type": "image_url", "image_url": {"url": f"data:image/jpeg;base64,{base64.b64encode(image).decode()}"}}
+        for image in images
+    ]
+    return {"role": "user", "content": [*shown, {"type": "text", "text": text}]}
+
+
+def _told(reply: bytes) -> str:
+    """Return what a server says about an error."""
+    text = reply[:4000].decode("utf-8", "replace")
+    try:
+        said = json.loads(text)
+        error = said.get("error", said) if isinstance(said, dict) else said
+        text = str(error.get("message", error)) if isinstance(error, dict) else str(error)
+    except ValueError:
+        pass
+    return one_line(text, most=300) or "no text"

@@ -1,0 +1,67 @@
+"""Taking from an iterator in a thread, so that whoever makes its items and whoever uses them work at the same time."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Generic, TypeVar
+
+ItemT = TypeVar("ItemT")
+
+_PATIENCE_S = 0.2
+
+
+class _End:
+    """What stands in the queue after the last item: the error that ended the iterator, or None."""
+
+    def __init__(self, error: BaseException | None) -> None:
+        self.error = error
+
+
+class _Ahead(Generic[ItemT]):
+    def __init__(self, items: Iterator[ItemT], most: int) -> None:
+        self._items, self._queue = items, queue.Queue[ItemT | _End](most)
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._take, daemon=True)
+        self._thread.start()
+
+    def _take(self) -> None:
+        error: BaseException | None = None
+        try:
+            for item in self._items:
+                if not self._put(item):
+                    return
+        except BaseException as problem:  # noqa: BLE001 - it is raised where the items are used
+            error = problem
+        self._put(_End(error))
+
+    def _put(self, item: ItemT | _End) -> bool:
+        while not self._stopped.is_set():
+            try:
+                self._queue.put(item, timeout=_PATIENCE_S)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+    def __iter__(self) -> Iterator[ItemT]:
+        while not isinstance(item := self._queue.get(), _End):
+            yield item
+        if item.error is not None:
+            raise item.error
+
+    def close(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+
+
+@contextmanager
+def ahead(items: Iterator[ItemT], most: int) -> Iterator[Iterator[ItemT]]:
+    """Give the items of an iterator, which a thread takes up to so many ahead; what it raises is raised here.
+
+    The thread ends with the context, after the item that it is waiting for.
+    """
+    with closing(_Ahead(items, max(1, most))) as taken:
+        yield iter(taken)

@@ -1,0 +1,163 @@
+"""A recorded trial as a file of Rerun: film, masks, boxes, depth, contacts and subgoals on one time line."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import MissingDependencyError
+from betterbench.materialization.pictures import LEAST_SEEN
+from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
+from betterbench.recording import Record, RunFolder
+from betterbench.recording.modalities.header import instance_of_object, stage_ids
+from betterbench.recording.modalities.spec import ViewSpec
+
+_TIME, _ROW = "time", "row"
+_JPEG_QUALITY = 90
+
+
+def write_rerun(
+    run: RunFolder,
+    record: Record,
+    views: tuple[ViewSpec, ...],
+    path: Path,
+    *,
+    quality: str,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write a trial to an ``.rrd`` file and return its path; ``on_progress`` gets the rows done and planned.
+
+    Raises:
+        MissingDependencyError: If Rerun is not installed, or no off-screen OpenGL works here.
+        RecordError: If the scene cannot be opened.
+    """
+    rerun, blueprint = _rerun()
+    meta = record.metadata
+    stream = rerun.RecordingStream(
+        "betterbench", recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}"
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.part")
+    lanes = lanes_of(record)
+    try:
+        stream.save(str(part), default_blueprint=_layout(blueprint, views))
+        _log_names(rerun, stream, record)
+        for shown in shown_rows(run, record, views, quality=quality):
+            if shown.row == 0:
+                _log_cameras(rerun, stream, views, shown.focal_px)
+            stream.set_time(_TIME, duration=shown.time_s)
+            stream.set_time(_ROW, sequence=shown.row)
+            _log_row(rerun, stream, record, views, shown)
+            _log_lanes(rerun, stream, lanes, shown.row)
+            if on_progress is not None:
+                on_progress(shown.row + 1, len(record))
+        stream.flush()
+        stream.disconnect()
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _rerun() -> tuple[Any, Any]:
+    """Return Rerun and its blueprints; it is imported here, for it is an extra."""
+    try:
+        modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Rerun is not installed. Run: pip install 'betterbench[view]', or write a page with --out x.html."
+        ) from error
+    return modules[0], modules[1]
+
+
+def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401 - Rerun is an extra
+    images = [blueprint.Spatial2DView(origin=f"world/{view.camera}", name=view.name) for view in views]
+    return blueprint.Blueprint(
+        blueprint.Vertical(
+            blueprint.Horizontal(*images, blueprint.Spatial3DView(origin="world", name="3-D")),
+            blueprint.Horizontal(
+                blueprint.StateTimelineView(origin="happens", name="subgoals and contacts"),
+                blueprint.TextDocumentView(origin="trial", name="trial"),
+                column_shares=[3, 1],
+            ),
+            row_shares=[3, 2],
+        ),
+        collapse_panels=True,
+    )
+
+
+def _log_names(rerun: Any, stream: Any, record: Record) -> None:  # noqa: ANN401
+    """Log what does not change: the names of instances, and what the trial is."""
+    meta = record.metadata
+    names = {0: "nothing"} | {number: name for name, number in stage_ids().items()}
+    names |= {instance_of_object(i): o.name for i, o in enumerate(meta.scene.objects)}
+    stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.log("world", rerun.AnnotationContext([(number, name) for number, name in names.items()]), static=True)
+    end = f"{record.outcome.termination}{', success' if record.outcome.success else ''}"
+    text = f"# {meta.task}/{meta.condition}/{meta.seed}\n\n“{meta.instruction}”\n\n{meta.policy}: {end}"
+    stream.log("trial", rerun.TextDocument(text, media_type="text/markdown"), static=True)
+
+
+def _log_cameras(rerun: Any, stream: Any, views: tuple[ViewSpec, ...], focal_px: tuple[float, ...]) -> None:  # noqa: ANN401
+    for view, focal in zip(views, focal_px, strict=True):
+        pinhole = rerun.Pinhole(
+            focal_length=focal,
+            # Rerun counts from the corner of the first pixel, not from its center.
+            principal_point=(0.5 * view.width, 0.5 * view.height),
+            resolution=(view.width, view.height),
+            camera_xyz=rerun.ViewCoordinates.RDF,
+            image_plane_distance=0.2,
+        )
+        stream.log(f"world/{view.camera}", pinhole, static=True)
+
+
+def _log_row(rerun: Any, stream: Any, record: Record, views: tuple[ViewSpec, ...], shown: ShownRow) -> None:  # noqa: ANN401
+    objects = record.metadata.scene.objects
+    classes = [instance_of_object(i) for i in range(len(objects))]
+    for number, (view, values) in enumerate(zip(views, shown.views, strict=True)):
+        place = f"world/{view.camera}"
+        turn = rerun.Quaternion(xyzw=np.roll(values["camera_quaternion"], -1))
+        stream.log(place, rerun.Transform3D(translation=values["camera_position"], quaternion=turn))
+        stream.log(f"{place}/rgb", rerun.Image(values["rgb"]).compress(jpeg_quality=_JPEG_QUALITY))
+        depth = np.where(np.isfinite(values["depth"]), values["depth"], np.float32(0.0))
+        stream.log(f"{place}/depth", rerun.DepthImage(depth, meter=1.0, draw_order=-20.0))
+        stream.log(f"{place}/masks", rerun.SegmentationImage(values["instances"], opacity=0.35))
+        seen = np.flatnonzero(np.nan_to_num(values["visible_fraction"]) >= LEAST_SEEN)
+        labels = [f"{objects[i].name} {100 * values['visible_fraction'][i]:.0f} %" for i in seen]
+        boxes = rerun.Boxes2D(
+            array=values["visible_box"][seen].astype(np.float32),
+            array_format=rerun.Box2DFormat.XYXY,
+            labels=labels,
+            class_ids=[classes[i] for i in seen],
+        )
+        stream.log(f"{place}/boxes", boxes)
+        if number == 0:
+            stream.log("world/objects", _boxes(rerun, record, shown, classes))
+    stream.log("world/gripper", rerun.Points3D([record.ee_position[shown.row]], radii=0.01, labels=["tool"]))
+
+
+def _boxes(rerun: Any, record: Record, shown: ShownRow, classes: list[int]) -> Any:  # noqa: ANN401
+    values = shown.views[0]
+    return rerun.Boxes3D(
+        centers=values["box_center_world"],
+        half_sizes=shown.half_sizes_m,
+        quaternions=[rerun.Quaternion(xyzw=np.roll(q, -1)) for q in values["box_quaternion_world"]],
+        labels=[o.name for o in record.metadata.scene.objects],
+        class_ids=classes,
+        show_labels=False,
+    )
+
+
+def _log_lanes(rerun: Any, stream: Any, lanes: list[Lane], row: int) -> None:  # noqa: ANN401
+    """Log where a lane begins to hold something, or ceases to."""
+    for lane in lanes:
+        said = next((text for first, last, text in lane.spans if first <= row <= last), "")
+        before = next((text for first, last, text in lane.spans if first <= row - 1 <= last), "")
+        if row == 0 or said != before:
+            name = lane.name.replace("/", "_")
+            stream.log(f"happens/{lane.kind}/{name}", rerun.StateChange(state=said))

@@ -1,0 +1,41 @@
+"""Processes that outlive the one that started them: found by a mark in their environment, and ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+_ROUNDS = 5
+
+
+def end_leftovers(variable: str, value: str, session: int) -> None:
+    """End all processes of a session, and all whose environment had a variable with this value when they began.
+
+    A child may leave the group and the session of its parent, but a fork keeps the environment. Where there is no
+    ``/proc``, nothing happens.
+    """
+    mark = f"{variable}={value}".encode()
+    for _ in range(_ROUNDS):  # they may be starting more
+        found = list(_marked(mark, session))
+        if not found:
+            return
+        for process in found:
+            with contextlib.suppress(OSError):
+                os.kill(process, signal.SIGKILL)
+
+
+def _marked(mark: bytes, session: int) -> Iterator[int]:
+    """Yield the living processes with a mark in their environment, or of a session."""
+    for place in Path("/proc").glob("[0-9]*"):
+        process = int(place.name)
+        if process == os.getpid():
+            continue
+        with contextlib.suppress(OSError, ValueError):
+            state, _, _, leader, *_ = (place / "stat").read_bytes().rpartition(b")")[2].split()
+            if state in b"ZX":
+                continue
+            if int(leader) == session or mark in (place / "environ").read_bytes().split(b"\0"):
+                yield process

@@ -1,0 +1,122 @@
+"""What is to be materialized: views of a scene, and what of each."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Vector, distance
+from betterbench.json_form import strict_form
+
+Modality = Literal["rgb", "depth", "instances", "semantics", "boxes", "flow"]
+
+MODALITIES: tuple[Modality, ...] = ("rgb", "depth", "instances", "semantics", "boxes", "flow")
+"""All modalities, in the order of their columns."""
+
+MAX_SIDE_PX = 4096
+"""Largest side of a view [pixel]."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
+_FORMS = "NAME, NAME:SIZE, NAME:WIDTHxHEIGHT or NAME=X,Y,Z/X,Y,Z/FOVY:WIDTHxHEIGHT (position, target, degrees)"
+
+_Side = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PlacedCamera:
+    """A camera of your own that stands in the world.
+
+    Attributes:
+        position: Where it is, world frame [m].
+        target: Point that it looks at, world frame [m]; world up is up in the image, +x if it looks straight down.
+        fovy_deg: Vertical field of view [degree].
+    """
+
+    position: Vector
+    target: Vector
+    fovy_deg: float
+
+    def __post_init__(self) -> None:
+        """Refuse a camera that looks nowhere."""
+        if not all(map(math.isfinite, (*self.position, *self.target))) or distance(self.position, self.target) < 1e-6:
+            raise InvalidInputError("camera", "looks nowhere", "Give a position and another point to look at")
+        if not 1.0 <= self.fovy_deg <= 170.0:
+            raise InvalidInputError("camera", f"has a field of view of {self.fovy_deg:g} degrees", "Give 1 to 170")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ViewSpec:
+    """A view: the name of a camera of the scene, or of one of your own, and the size of its images [pixel]."""
+
+    camera: str
+    width: _Side = 256
+    height: _Side = 256
+    placed: PlacedCamera | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse names that cannot be those of files, and sizes out of range."""
+        if not _NAME.fullmatch(self.camera):
+            raise InvalidInputError("camera", f"{self.camera!r} cannot be the name of a file", "Use letters and digits")
+        if not (1 <= self.width <= MAX_SIDE_PX and 1 <= self.height <= MAX_SIDE_PX):
+            problem = f"{self.width} x {self.height} pixels"
+            raise InvalidInputError(f"camera {self.camera}", problem, f"Use 1 to {MAX_SIDE_PX} pixels a side")
+
+    @property
+    def name(self) -> str:
+        """Name of its files: camera and size ("front_256x256")."""
+        return f"{self.camera}_{self.width}x{self.height}"
+
+    @classmethod
+    def parse(cls, text: str) -> ViewSpec:
+        """Return the view that a text of the command line means.
+
+        It is the name of a camera with an optional size ("wrist", "front:448", "left_shoulder:320x180"), or a camera of
+        your own: name, position, target and vertical field of view in degrees ("top=0.45,0,1.4/0.45,0,0/45:256x256").
+
+        Raises InvalidInputError if it means none.
+        """
+        name, _, size = text.partition(":")
+        name, _, place = name.partition("=")
+        try:
+            sides = [int(side) for side in (size or "256").split("x")]
+            width, height = sides if len(sides) == 2 else (sides[0], *sides)
+            placed = None
+            if place:
+                at, to, fovy = place.split("/")
+                placed = PlacedCamera(_vector(at), _vector(to), float(fovy))
+        except ValueError:
+            raise InvalidInputError("--camera", f"{text!r} is no view", f"Give {_FORMS}") from None
+        return cls(name, width, height, placed)
+
+
+def _vector(text: str) -> Vector:
+    x, y, z = (float(number) for number in text.split(","))
+    return x, y, z
+
+
+def modalities_named(names: Sequence[str]) -> tuple[Modality, ...]:
+    """Return modalities by name, in the order of their columns, all if none is named.
+
+    Raises InvalidInputError about an unknown one.
+    """
+    unknown = [name for name in names if name not in MODALITIES]
+    if unknown:
+        raise InvalidInputError("--modality", f"{unknown[0]!r} is unknown", f"Give some of {', '.join(MODALITIES)}")
+    return tuple(name for name in MODALITIES if not names or name in names)
+
+
+def require_views(views: Sequence[ViewSpec]) -> None:
+    """Raise InvalidInputError unless there is a view, and no two have the same name."""
+    names = [view.name for view in views]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if not views or twice:
+        problem = f"{twice[0]!r} comes twice" if twice else "no view"
+        raise InvalidInputError("--camera", problem, "Give each view once")

@@ -1,0 +1,110 @@
+"""The player: one trial on one page, with film, masks, boxes, subgoals and contacts on one time line."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from markupsafe import Markup
+
+from betterbench.errors import InvalidInputError
+from betterbench.report.html import asset, environment, write
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedView:
+    """What a camera saw: per frame a picture (JPEG), a mask (PNG, see-through outside objects) and boxes.
+
+    A box is the number of its object in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel], and
+    the fraction of the object that is seen.
+    """
+
+    name: str
+    width: int
+    height: int
+    pictures: Sequence[bytes]
+    masks: Sequence[bytes]
+    boxes: Sequence[Sequence[tuple[int, int, int, int, int, float]]]
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedLane:
+    """What holds when: spans of frames, the last one included, each with what is said there."""
+
+    kind: str
+    name: str
+    spans: Sequence[tuple[int, int, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedTrial:
+    """A trial to play.
+
+    Attributes:
+        heading: Which trial it is ("fast_food/T1/3").
+        ended: How it ended.
+        times_s: Time of each frame [s].
+        objects: Names of the objects, with their colors as (red, green, blue).
+    """
+
+    heading: str
+    policy: str
+    instruction: str
+    ended: str
+    times_s: Sequence[float]
+    objects: Sequence[tuple[str, tuple[int, int, int]]]
+    views: Sequence[PlayedView]
+    lanes: Sequence[PlayedLane]
+
+
+def write_player(trial: PlayedTrial, path: Path) -> Path:
+    """Write the page of a trial, which needs no other file and no network, and return its path.
+
+    Raises InvalidInputError if the views have other numbers of frames than there are times.
+    """
+    frames = len(trial.times_s)
+    for view in trial.views:
+        if not frames == len(view.pictures) == len(view.masks) == len(view.boxes):
+            raise InvalidInputError(f"view {view.name}", f"does not have {frames} frames", "Give one frame per time")
+    script = asset("player.js")
+    page = (
+        environment()
+        .get_template("player.html.jinja")
+        .render(
+            trial=trial,
+            style=Markup(asset("page.css") + asset("player.css")),  # noqa: S704 - our own files
+            script=Markup(script),  # noqa: S704 - our own file
+            script_hash=b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+            data=Markup(_data(trial)),  # noqa: S704 - made safe for a script element
+        )
+    )
+    return write(path, page)
+
+
+def _data(trial: PlayedTrial) -> str:
+    """Return what the script shows as JSON that may stand in a script element."""
+    form = {
+        "times": [round(time_s, 4) for time_s in trial.times_s],
+        "objects": [{"name": name, "color": list(color)} for name, color in trial.objects],
+        "views": [
+            {
+                "name": view.name,
+                "width": view.width,
+                "height": view.height,
+                "pictures": [base64.b64encode(picture).decode("ascii") for picture in view.pictures],
+                "masks": [base64.b64encode(mask).decode("ascii") for mask in view.masks],
+                "boxes": [[[*box[:5], round(box[5], 3)] for box in boxes] for boxes in view.boxes],
+            }
+            for view in trial.views
+        ],
+        "lanes": [
+            {"kind": lane.kind, "name": lane.name, "spans": [list(s) for s in lane.spans]} for lane in trial.lanes
+        ],
+    }
+    text = json.dumps(form, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c")

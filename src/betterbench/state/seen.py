@@ -1,0 +1,116 @@
+"""What a camera shows of a scene: which objects are seen, how much of each, and where in the image.
+
+These values follow from a record and the model alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Pose
+
+GRIPPER = "gripper"
+"""Name under which the gripper, its hand and both fingers, is listed beside the objects."""
+
+Box = tuple[int, int, int, int]
+"""Left, top, right and bottom edge of a region [pixel]; its last column is ``right - 1``."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenObject:
+    """The visible part of one object in one image.
+
+    Attributes:
+        box: The smallest box around all its visible pixels.
+        fraction: Visible pixels divided by those that it would have alone and with nothing cut off by the image, in
+            [0, 1].
+        pixels: Number of visible pixels.
+        centroid: Mean column and row of its visible pixels [pixel]; it may lie beside them.
+        runs: Its visible pixels in reading order (row by row), as lengths of runs that alternate: first not of the
+            object, then of it, then not.
+    """
+
+    box: Box
+    fraction: float
+    pixels: int
+    centroid: tuple[float, float]
+    runs: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse an object without a pixel: it is not listed."""
+        if self.pixels <= 0:
+            raise InvalidInputError("pixels", f"{self.pixels}", "List only what has a visible pixel")
+
+    @property
+    def side(self) -> int:
+        """The shorter side of its box [pixel]."""
+        left, top, right, bottom = self.box
+        return min(right - left, bottom - top)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameView:
+    """One image of one state.
+
+    Attributes:
+        camera: Name of the camera.
+        width: Columns of the image [pixel].
+        height: Rows of the image [pixel].
+        T_world_camera: Pose of the camera in the convention of OpenCV: x right in the image, y down, z forward.
+        focal: Focal length [pixel]; the optical axis goes through the middle of the image.
+        objects: What is seen, by name in the scene; the gripper as :data:`GRIPPER`. What has no visible pixel is not
+            listed.
+    """
+
+    camera: str
+    width: int
+    height: int
+    T_world_camera: Pose
+    focal: float
+    objects: Mapping[str, SeenObject]
+
+    def depth_m(self, point: tuple[float, float, float]) -> float:
+        """Return the distance of a world point [m] from the camera along its optical axis [m]."""
+        return self.T_world_camera.inverse().apply(point)[2]
+
+
+def in_runs(runs: tuple[int, ...], width: int, x: int, y: int) -> bool:
+    """Tell whether a pixel, given by column and row, is one of those that runs stand for; see :class:`SeenObject`."""
+    if not 0 <= x < width or y < 0:
+        return False
+    at, end = y * width + x, 0
+    for number, length in enumerate(runs):
+        end += length
+        if at < end:
+            return number % 2 == 1
+    return False
+
+
+def inner_pixel(seen: SeenObject, width: int) -> tuple[int, int]:
+    """Return the visible pixel of an object that is nearest to its centroid, which lies beside a ring."""
+    cx, cy = seen.centroid
+    best: tuple[float, int, int] | None = None
+    start = 0
+    for number, length in enumerate(seen.runs):
+        if number % 2:
+            row, first = divmod(start, width)
+            for y, left, right in _rows(row, first, length, width):
+                x = min(max(round(cx), left), right)
+                found = ((x - cx) ** 2 + (y - cy) ** 2, x, y)
+                best = found if best is None else min(best, found)
+        start += length
+    if best is None:
+        raise InvalidInputError("runs", "hold no pixel of the object", "Give at least two runs")
+    return best[1], best[2]
+
+
+def _rows(row: int, first: int, length: int, width: int) -> list[tuple[int, int, int]]:
+    """Return a run that may go over several rows as row, first and last column of each."""
+    parts = []
+    while length > 0:
+        here = min(length, width - first)
+        parts.append((row, first, first + here - 1))
+        row, first, length = row + 1, 0, length - here
+    return parts

@@ -1,0 +1,29 @@
+"""Visual questions whose answers the records prove, and whether a model knows what a policy fails to do."""
+
+from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of
+from betterbench.vqa.dataset import PhotoSource, QuestionSet, SetOptions, make_set, read_set
+from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
+from betterbench.vqa.knowing import Knowledge, KnowledgeStanding, knowledge_of
+from betterbench.vqa.question import Difficulty, Form, Question, QuestionType
+
+__all__ = [
+    "Answers",
+    "DecisiveOptions",
+    "Difficulty",
+    "Form",
+    "Knowledge",
+    "KnowledgeStanding",
+    "PhotoSource",
+    "Question",
+    "QuestionSet",
+    "QuestionType",
+    "Score",
+    "SetOptions",
+    "ask_set",
+    "knowledge_of",
+    "make_decisive_set",
+    "make_set",
+    "read_answers",
+    "read_set",
+    "scores_of",
+]

@@ -1,0 +1,256 @@
+"""Asking a model a set of questions, and scoring what it answers by type."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.llm import Chat, RefusedError, user_message
+from betterbench.recording.line_journal import MAX_BYTES, LineJournal
+from betterbench.statistics import Rate
+from betterbench.vqa.dataset import QuestionSet
+from betterbench.vqa.question import Form, Question
+from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
+
+MOST_AT_ONCE = 256
+"""Most requests at the same time."""
+
+_UNITS: dict[Coordinates, str] = {
+    "pixels": "pixels of the image, which is {width} pixels wide and {height} high",
+    "thousandths": "thousandths of the width and the height of the image, from 0 to 1000",
+    "fractions": "fractions of the width and the height of the image, from 0 to 1",
+}
+_LINES = {
+    Form.YES_NO: "Answer with Yes or No only.",
+    Form.CHOICE: "Answer with the letter of the right option only.",
+    Form.NUMBER: "Answer with a number only.",
+    Form.BOX: "Answer with [left, top, right, bottom] only, in {unit}.",
+    Form.POINT: "Answer with [x, y] only, in {unit}.",
+}
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class ModelAnswer:
+    """What a model said to a question.
+
+    Attributes:
+        id: Identifier of the question.
+        text: What it said; empty if the request was refused.
+        error: Why it said nothing, or None.
+    """
+
+    id: str
+    text: str
+    error: str | None = None
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class AnswersHead:
+    """The first line of a file of answers: who answered which set, and what its numbers mean."""
+
+    model: str
+    set_sha256: str
+    coordinates: Coordinates = "pixels"
+
+
+_ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
+_CURE = "Correct the line, or delete the file and ask again"
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The answers of a model to a set; a question without one counts as wrong."""
+
+    head: AnswersHead
+    answers: dict[str, ModelAnswer]
+
+    def right(self, question: Question) -> bool:
+        """Tell whether a question was answered right."""
+        answer = self.answers.get(question.id)
+        if answer is None:
+            return False
+        return is_right(question, parse_answer(question, answer.text, coordinates=self.head.coordinates).answer)
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How many questions of one part of a set were answered right, and how many answers could be read at all.
+
+    Attributes:
+        chance: Expected share of right answers of somebody who guesses without the image.
+        blind: Share that the blind classifier gets.
+    """
+
+    name: str
+    rate: Rate
+    read: int
+    strict: int
+    chance: float
+    blind: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "rate": self.rate.to_json()}
+
+
+class _AnswerFile(LineJournal):
+    """The file in which answers are kept as they come."""
+
+    def __init__(self, path: Path, head: AnswersHead) -> None:
+        self.head, self.known = head, dict[str, ModelAnswer]()
+        super().__init__(path)
+        if self.is_empty:
+            self._append_line(asdict(head))
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        if lines:
+            found = _parsed(lines, self._path)
+            if found.head != self.head:
+                raise RunConflictError(
+                    f"{self._path}: holds answers of {found.head.model!r} to another set, or with other coordinates. "
+                    "Choose another file."
+                )
+            self.known = found.answers
+
+    def append(self, answer: ModelAnswer) -> None:
+        """Append an answer and force it to disk."""
+        self._append_line(asdict(answer))
+
+
+def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
+    """Return the text that a model is asked: question, options, and what its answer has to look like."""
+    unit = _UNITS[coordinates].format(width=question.width, height=question.height)
+    return f"{question.prompt}\n{_LINES[question.form].format(unit=unit)}"
+
+
+def ask_set(
+    asked: QuestionSet,
+    chat: Chat,
+    file: Path,
+    *,
+    coordinates: Coordinates = "pixels",
+    at_once: int = 4,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Answers:
+    """Ask a model all questions of a set that it has not answered yet, and return all answers.
+
+    Answers are appended in the order of the set, so that the file does not depend on how many are asked at once.
+
+    Raises:
+        ModelError: If the model cannot be reached; what was answered is kept.
+        RunConflictError: If the file holds answers of another model or set.
+        InvalidInputError: If the number of requests is out of range.
+    """
+    require_between("--at-once", at_once, 1, MOST_AT_ONCE)
+    head = AnswersHead(chat.name, asked.sha256, coordinates)
+    with _AnswerFile(file, head) as kept:
+        todo = [q for q in asked.questions if q.id not in kept.known]
+        total, answers = len(asked.questions), dict(kept.known)
+        with ThreadPoolExecutor(max_workers=at_once) as pool:
+            waiting: deque[Future[ModelAnswer]] = deque()
+            try:
+                for question in [*todo, *([None] * at_once)]:
+                    if question is not None:
+                        waiting.append(pool.submit(_ask, chat, asked.path, question, coordinates))
+                    if waiting and (question is None or len(waiting) >= at_once):
+                        answer = waiting.popleft().result()
+                        kept.append(answer)
+                        answers[answer.id] = answer
+                        if on_progress is not None:
+                            on_progress(len(answers), total)
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+    return Answers(head, answers)
+
+
+def _ask(chat: Chat, folder: Path, question: Question, coordinates: Coordinates) -> ModelAnswer:
+    file = folder / question.image
+    try:
+        image = file.read_bytes()
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error.strerror}). Make the set again in a new folder.") from error
+    try:
+        text = chat.complete([user_message(prompt_for(question, coordinates), image)])
+    except RefusedError as error:
+        return ModelAnswer(question.id, "", str(error))
+    return ModelAnswer(question.id, text[:4000])
+
+
+def read_answers(file: Path, asked: QuestionSet) -> Answers:
+    """Read answers to a set, from ``better vqa --ask`` or from somebody's own program.
+
+    The first line says ``{"model": ..., "set_sha256": ..., "coordinates": "pixels"}``, each other line
+    ``{"id": ..., "text": ...}``.
+
+    Raises:
+        RecordError: If the file cannot be read or is malformed.
+        InvalidInputError: If the answers are to another set.
+    """
+    raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
+    lines = [line for line in raw.split(b"\n") if line.strip()]
+    if not lines:
+        raise RecordError(f"{file}: is empty. {_CURE}.")
+    found = _parsed(lines, file)
+    if found.head.set_sha256 != asked.sha256:
+        raise InvalidInputError(str(file), f"its answers are to another set than {asked.path}", "Name that set")
+    return found
+
+
+def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
+    where = f"{file}, line"
+    head = read_form(_HEAD, lines[0], where=f"{where} 1", cure=_CURE, raises=RecordError)
+    answers: dict[str, ModelAnswer] = {}
+    for number, line in enumerate(lines[1:], start=2):
+        answer = read_form(_ANSWER, line, where=f"{where} {number}", cure=_CURE, raises=RecordError)
+        answers[answer.id] = answer
+    return Answers(head, answers)
+
+
+def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:
+    """Return the scores of each type, form within grounding and difficulty, and of the whole set.
+
+    Questions without an answer, or with one that cannot be read, count as wrong.
+    """
+    baselines = {b.name: b for b in asked.baselines}
+    found = []
+    for name, members in _parts(asked.questions):
+        reads = [
+            parse_answer(q, a.text, coordinates=answers.head.coordinates) if a is not None else None
+            for q in members
+            for a in (answers.answers.get(q.id),)
+        ]
+        right = sum(r is not None and is_right(q, r.answer) for q, r in zip(members, reads, strict=True))
+        stages = [r.stage for r in reads if r is not None]
+        baseline = baselines.get(name)
+        chance, blind = (0.0, 0.0) if baseline is None else (baseline.chance, baseline.blind / max(1, baseline.n))
+        if baseline is None:
+            chance = sum(q.chance or 0.0 for q in members) / len(members)
+            blind = chance
+        strict, read = stages.count("strict"), len(stages) - stages.count("none")
+        found.append(Score(name, Rate(right, len(members)), read, strict, chance, blind))
+    return found
+
+
+def _parts(questions: Sequence[Question]) -> Iterator[tuple[str, list[Question]]]:
+    parts: dict[str, list[Question]] = {}
+    for q in questions:
+        parts.setdefault(q.type.value, []).append(q)
+    for q in questions:
+        if q.form in (Form.BOX, Form.POINT):
+            parts.setdefault(f"{q.type.value}: {q.form.value}", []).append(q)
+    yield from sorted(parts.items())
+    for level in ("easy", "medium", "hard"):
+        members = [q for q in questions if q.difficulty.value == level]
+        if members:
+            yield f"difficulty: {level}", members
+    yield "all", list(questions)

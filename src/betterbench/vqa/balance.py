@@ -1,0 +1,117 @@
+"""Choosing questions so that their text alone does not give the answers away.
+
+Questions are in one group if a reader of the text alone knows the same: the same family about the same things. Within a
+group every answer that is kept comes equally often, so that no rule over the text does better than guessing among them.
+A group with a single answer is left out: it could be answered blind. Boxes and points are balanced over the cells of
+the image in which they lie. Questions are chosen by hashes of what they ask and of their frame, never of their answer.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
+
+LEAST_CELLS = 10
+"""Least number of cells over which the boxes or points of one kind of thing have to be spread."""
+MOST_ALIKE = 2
+"""Largest number of questions with one answer about the same things in the images of one camera in one trial: frames
+that follow each other show the same."""
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """A question that was chosen, with the answers that its group keeps, sorted.
+
+    Attributes:
+        turn: A number that the n-th questions of all answers of a group share: cross-validation keeps them together, so
+            that each of its parts is as balanced as the whole.
+    """
+
+    candidate: Candidate
+    answers: tuple[str, ...]
+    turn: int
+
+
+def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
+    """Return the candidates of one trial without near-repetitions, in the order of their identifiers."""
+    alike: dict[tuple[object, ...], list[tuple[str, Candidate]]] = defaultdict(list)
+    for candidate in candidates:
+        what = (candidate.type, candidate.key, candidate.bucket, candidate.source.camera)
+        alike[what].append((candidate.id(seed), candidate))
+    kept = [pair for pairs in alike.values() for pair in sorted(pairs, key=lambda p: p[0])[:MOST_ALIKE]]
+    return [candidate for _, candidate in sorted(kept, key=lambda p: p[0])]
+
+
+def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
+    """Return about ``count`` questions with balanced answers, the same number of each type as far as there are enough.
+
+    What a type lacks is given to the others. Within a type, groups take turns, so that none outweighs the rest.
+
+    Args:
+        candidates: Everything that could be asked.
+        count: Number of questions; 0 for as many as can be balanced.
+        seed: Seed of the set.
+    """
+    groups: dict[QuestionType, list[list[list[Chosen]]]] = defaultdict(list)
+    sorted_out: dict[tuple[QuestionType, tuple[str, ...]], dict[str, list[Candidate]]] = {}
+    for c in candidates:
+        sorted_out.setdefault((c.type, c.key), {}).setdefault(c.bucket, []).append(c)
+    for (kind, _), by_answer in sorted(sorted_out.items()):
+        rounds = _rounds(by_answer, seed)
+        if rounds:
+            groups[kind].append(rounds)
+    order = {kind: _turns(rounds, seed) for kind, rounds in groups.items()}
+    if not count:
+        return [question for kind in QuestionType for turn in order.get(kind, []) for question in turn]
+    shares = _shares({kind: sum(map(len, turns)) for kind, turns in order.items()}, count)
+    chosen: list[Chosen] = []
+    for kind in QuestionType:
+        taken = 0
+        for turn in order.get(kind, []):
+            if taken >= shares[kind]:
+                break
+            chosen += turn
+            taken += len(turn)
+    return chosen
+
+
+def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
+    """Return the questions of a group in rounds of one question per answer; empty if too few answers occur."""
+    lists = {answer: sorted(cs, key=lambda c: c.id(seed)) for answer, cs in by_answer.items()}
+    ranked = sorted(lists, key=lambda answer: (-len(lists[answer]), answer))
+    spatial = lists[ranked[0]][0].form in (Form.BOX, Form.POINT)
+    least = LEAST_CELLS if spatial else 2
+    best = max(range(least, len(ranked) + 1), key=lambda k: (k * len(lists[ranked[k - 1]]), k), default=None)
+    if best is None:
+        return []
+    answers = tuple(sorted(ranked[:best]))
+    first = hash_number("fold", lists[ranked[0]][0].key) % 1000
+    return [[Chosen(lists[a][n], answers, first + n) for a in answers] for n in range(len(lists[ranked[best - 1]]))]
+
+
+def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]]:
+    """Return the rounds of all groups in an order in which groups take turns."""
+    keyed = [
+        (number, hash_number("turn", seed, rounds[0][0].candidate.key), r)
+        for rounds in groups
+        for number, r in enumerate(rounds)
+    ]
+    return [r for _, _, r in sorted(keyed, key=lambda entry: entry[:2])]
+
+
+def _shares(available: dict[QuestionType, int], count: int) -> dict[QuestionType, int]:
+    """Return how many questions of each type are wanted: equal parts, and what one lacks for the others."""
+    shares = dict.fromkeys(QuestionType, 0)
+    open_types, left = [k for k in QuestionType if available.get(k)], count
+    while open_types and left > 0:
+        part = max(1, left // len(open_types))
+        for kind in list(open_types):
+            given = min(part, available[kind] - shares[kind], left)
+            shares[kind] += given
+            left -= given
+            if shares[kind] >= available[kind]:
+                open_types.remove(kind)
+    return shares

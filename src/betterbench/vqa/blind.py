@@ -1,0 +1,210 @@
+"""Baselines that never see an image: the majority answer, and naive Bayes on the words of the question.
+
+The classifier is multinomial naive Bayes over words and pairs of neighboring words with add-one smoothing (McCallum and
+Nigam, "A comparison of event models for naive Bayes text classification", 1998), tested by cross-validation. Of a box
+or a point it predicts the cell of the image, and answers with a typical answer of that cell.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.statistics import Rate
+from betterbench.vqa.question import Form, Question, QuestionType, hash_number
+from betterbench.vqa.scoring import is_right, overlap
+from betterbench.vqa.types.grounding import CELLS, COARSE_CELLS
+
+FOLDS = 5
+"""Parts of the cross-validation."""
+TARGET_POINTS = 5.0
+"""Largest excess of the blind classifier over chance [percentage points] with which a type counts as balanced."""
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """How many questions of one type are answered right without the image.
+
+    Attributes:
+        n: Number of questions.
+        blind: Right answers of the classifier.
+        majority: Right answers of the most frequent answer.
+        chance: Expected share of right answers of somebody who guesses among the answers of each group; of boxes and
+            points, the share that the best constant answer gets.
+    """
+
+    name: str
+    n: int
+    blind: int
+    majority: int
+    chance: float
+
+    @property
+    def excess_points(self) -> float:
+        """What the classifier has above chance [percentage points]."""
+        return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
+
+    @property
+    def is_balanced(self) -> bool:
+        """Whether the classifier stays within :data:`TARGET_POINTS` of chance."""
+        return abs(self.excess_points) <= TARGET_POINTS
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form with intervals."""
+        rates = {"blind_rate": Rate(self.blind, self.n), "majority_rate": Rate(self.majority, self.n)}
+        intervals = {name: [rate.low, rate.high] for name, rate in rates.items()}
+        return {**asdict(self), **intervals, "excess_points": self.excess_points, "balanced": self.is_balanced}
+
+
+def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Baseline]:
+    """Return the baselines of each type that a set has, then of each form within grounding, which differ in chance.
+
+    Args:
+        questions: The set.
+        turns: Per question its turn within group and answer; see :class:`~betterbench.vqa.balance.Chosen`.
+    """
+    right = _blind_right(questions, turns)
+    constant = _constant_right(questions)
+    found = []
+    for name, members in _parts(questions):
+        spatial = [i for i in members if questions[i].form in (Form.BOX, Form.POINT)]
+        closed = [i for i in members if questions[i].chance is not None]
+        expected = sum(float(questions[i].chance or 0.0) for i in closed) + sum(constant[i] for i in spatial)
+        n = len(members)
+        blind, majority = sum(right[i] for i in members), sum(constant[i] for i in members)
+        found.append(Baseline(name, n, int(blind), int(majority), expected / n))
+    return found
+
+
+def _parts(questions: Sequence[Question]) -> list[tuple[str, list[int]]]:
+    parts: dict[str, list[int]] = {}
+    for i, q in enumerate(questions):
+        parts.setdefault(q.type.value, []).append(i)
+    order = [t.value for t in QuestionType if t.value in parts]
+    for i, q in enumerate(questions):
+        if q.type is QuestionType.GROUNDING:
+            parts.setdefault(f"{q.type.value}: {q.form.value}", []).append(i)
+    return [(name, parts[name]) for name in [*order, *sorted(n for n in parts if ":" in n)]]
+
+
+def _constant_right(questions: Sequence[Question]) -> list[bool]:
+    """Tell for each question whether the most frequent answer of its type and form is right."""
+    right = [False] * len(questions)
+    for members in _by_form(questions):
+        constant = _typical([questions[i] for i in members])
+        for i in members:
+            right[i] = is_right(questions[i], constant)
+    return right
+
+
+def _blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
+    """Tell for each question whether the classifier, trained on the other folds, answers it right."""
+    right = [False] * len(questions)
+    fold = np.array(turns) % FOLDS
+    for members in _by_form(questions):
+        words = [_words(questions[i]) for i in members]
+        classes = [_class_of(questions[i]) for i in members]
+        for f in range(FOLDS):
+            test = [k for k, i in enumerate(members) if fold[i] == f]
+            train = [k for k, i in enumerate(members) if fold[i] != f]
+            if not test or not train:
+                continue
+            bayes = _NaiveBayes([words[k] for k in train], [classes[k] for k in train])
+            answers = _answers(bayes.classes, [questions[members[k]] for k in train])
+            for k in test:
+                question = questions[members[k]]
+                allowed = set(question.options) if question.options else None
+                guess = bayes.predict(words[k], allowed, tie=question.id)
+                right[members[k]] = guess is not None and is_right(question, answers[guess])
+    return right
+
+
+def _by_form(questions: Sequence[Question]) -> list[list[int]]:
+    parts: dict[tuple[str, str], list[int]] = {}
+    for i, q in enumerate(questions):
+        parts.setdefault((q.type.value, q.form.value), []).append(i)
+    return list(parts.values())
+
+
+def _class_of(question: Question) -> str:
+    """Return the answer, or of a box or point the cell in which it lies."""
+    if question.form not in (Form.BOX, Form.POINT) or question.box is None:
+        return question.answer
+    return _cell(question.box, question.width, CELLS)
+
+
+def _cell(box: Sequence[int], width: int, cells: int) -> str:
+    step = width / cells
+    return f"{int(0.5 * (box[0] + box[2]) // step)},{int(0.5 * (box[1] + box[3]) // step)}"
+
+
+def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
+    """Return what the classifier answers for each class."""
+    members: dict[str, list[Question]] = defaultdict(list)
+    for question in train:
+        members[_class_of(question)].append(question)
+    return {name: _typical(members[name]) for name in classes}
+
+
+def _typical(questions: Sequence[Question]) -> str:
+    """Return the answer that would most often be right: the most frequent one, or the box or point that most share."""
+    if questions[0].form not in (Form.BOX, Form.POINT):
+        counts = Counter(q.answer for q in questions)
+        return min(counts, key=lambda a: (-counts[a], a))
+    tried = sorted({q.answer for q in questions})[:: max(1, len(questions) // _MOST_TRIED)]
+    sample = questions[:: max(1, len(questions) // _MOST_SCORED)]
+    if questions[0].form is Form.POINT:
+        return max(tried, key=lambda a: sum(is_right(q, a) for q in sample))
+    boxes = [q.box for q in sample if q.box is not None]
+    return max(tried, key=lambda a: sum(overlap(_numbers(a), box) >= 0.5 for box in boxes))
+
+
+_MOST_TRIED, _MOST_SCORED = 60, 300
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(part) for part in re.findall(r"-?\d+(?:\.\d+)?", text))
+
+
+def _words(question: Question) -> list[str]:
+    """Return the words of a question and its pairs of neighbors; coordinates in it become coarse cells."""
+    text = question.text.lower()
+    for found in re.findall(r"\[[\d, ]+\]", text):
+        box = [int(v) for v in _numbers(found)]
+        if len(box) == 4:
+            text = text.replace(found, f" cell{_cell(box, question.width, COARSE_CELLS).replace(',', 'x')} ")
+    words = re.findall(r"[a-z0-9'-]+", text)
+    return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
+
+
+class _NaiveBayes:
+    """Multinomial naive Bayes with add-one smoothing."""
+
+    def __init__(self, texts: Sequence[Sequence[str]], classes: Sequence[str]) -> None:
+        self.classes = sorted(set(classes))
+        vocabulary = {w: i for i, w in enumerate(sorted({w for words in texts for w in words}))}
+        counts = np.ones((len(self.classes), len(vocabulary)))
+        number = {c: i for i, c in enumerate(self.classes)}
+        for words, name in zip(texts, classes, strict=True):
+            np.add.at(counts[number[name]], [vocabulary[w] for w in words], 1.0)
+        self._vocabulary = vocabulary
+        self._log_words = np.log(counts / counts.sum(axis=1, keepdims=True))
+        prior = np.array([sum(c == name for c in classes) for name in self.classes], dtype=np.float64)
+        self._log_prior = np.log(prior / prior.sum())
+
+    def predict(self, words: Sequence[str], allowed: set[str] | None, *, tie: str) -> str | None:
+        """Return the likeliest class among those allowed; equally likely ones are told apart by a hash of ``tie``."""
+        known = [self._vocabulary[w] for w in words if w in self._vocabulary]
+        scores = self._log_prior + self._log_words[:, known].sum(axis=1)
+        open_to = [i for i, c in enumerate(self.classes) if allowed is None or c in allowed]
+        if not open_to:
+            return None
+        best = max(scores[i] for i in open_to)
+        equal = [i for i in open_to if scores[i] >= best - 1e-9]
+        return self.classes[equal[hash_number("tie", tie) % len(equal)]]

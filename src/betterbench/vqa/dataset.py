@@ -1,0 +1,481 @@
+"""A set of questions on disk: made from the records of a run, resumable, the same bytes whatever interrupts it.
+
+``candidates/`` holds what could be asked about each trial while the set is made. Once all trials are there, questions
+are chosen over all of them, written, and whatever is not needed is removed. ``summary.json`` comes last.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.json_form import read_bounded, read_form
+from betterbench.recording import Record, RunFolder, RunLock, write_durably
+from betterbench.recording.durable import on_disk
+from betterbench.recording.item_threads import in_threads
+from betterbench.recording.metadata import dump_json
+from betterbench.recording.run import first_difference
+from betterbench.recording.tables import table_bytes
+from betterbench.state import FrameView
+from betterbench.tasks import TrialId, stream
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.vqa.balance import choose_balanced, thin
+from betterbench.vqa.blind import Baseline, baselines
+from betterbench.vqa.difficulty import difficulty_of
+from betterbench.vqa.episode import episode_of, rows_to_ask
+from betterbench.vqa.moment import Moment
+from betterbench.vqa.phrasings import phrase
+from betterbench.vqa.question import (
+    CANDIDATE,
+    QUESTION,
+    Candidate,
+    Form,
+    FrameSource,
+    Question,
+    QuestionType,
+    hash_number,
+)
+from betterbench.vqa.types import candidates_of
+
+SET_SCHEMA_VERSION = 1
+"""Version of the files of a set."""
+
+CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
+"""Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
+
+MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
+"""Most questions of a set, and most frames of a trial that are asked about."""
+SIZES_PX = 32, 4096
+"""Least and largest side of the images [pixel]."""
+
+_MAX_BYTES = 1 << 30
+_CURE = "Make the set again in a new folder"
+
+
+class Photo(Protocol):
+    """An image (JPEG) and what it shows."""
+
+    @property
+    def jpeg(self) -> bytes:
+        """The image."""
+
+    @property
+    def view(self) -> FrameView:
+        """What it shows."""
+
+
+class PhotoSource(Protocol):
+    """Where images of records come from: drawn now, or materialized before."""
+
+    def photo(self, record: Record, row: int, camera: str) -> Photo:
+        """Return the image of a camera at a row of a record, and what it shows."""
+
+    def stop(self) -> None:
+        """Let whatever draws in any thread end soon with an error."""
+
+
+OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
+OnProgress = Callable[[int, int], None]
+
+
+def require_size(size: int) -> None:
+    """Raise InvalidInputError if images cannot have sides of so many pixels."""
+    require_between("--size", size, *SIZES_PX)
+
+
+@dataclass(frozen=True, slots=True)
+class SetOptions:
+    """What set is asked for.
+
+    Attributes:
+        questions: About how many questions; 0 for as many as can be balanced.
+        frames: Frames per trial, one from each equal part of it; 0 for all.
+        seed: Seed of the choice of frames, questions and phrasings.
+        size: Side of the images [pixel].
+        quality: Quality of the images.
+    """
+
+    questions: int = 10_000
+    frames: int = 8
+    cameras: tuple[str, ...] = CAMERAS
+    size: int = 256
+    quality: str = "standard"
+    seed: int = 0
+    types: tuple[QuestionType, ...] = tuple(QuestionType)
+    tasks: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse numbers of which no set can be made."""
+        require_between("--questions", self.questions, 0, MOST_QUESTIONS)
+        require_between("--frames", self.frames, 0, MOST_FRAMES)
+        require_size(self.size)
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSet:
+    """A set of questions.
+
+    Attributes:
+        purpose: "test" if its records are of evaluation seeds, which nothing may be trained on, else "training".
+        baselines: What can be answered without the images, by type.
+        sha256: Hash of ``questions.jsonl``.
+    """
+
+    path: Path
+    purpose: str
+    questions: tuple[Question, ...]
+    baselines: tuple[Baseline, ...]
+    sha256: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form of everything but the questions."""
+        counts: dict[str, dict[str, int]] = {"type": {}, "form": {}, "difficulty": {}, "family": {}, "task": {}}
+        for q in self.questions:
+            for name, value in (*((n, getattr(q, n)) for n in list(counts)[:4]), ("task", q.source.task)):
+                counts[name][str(value)] = counts[name].get(str(value), 0) + 1
+        return {
+            "schema_version": SET_SCHEMA_VERSION,
+            "questions": len(self.questions),
+            "images": len({q.image for q in self.questions}),
+            "purpose": self.purpose,
+            "sha256": self.sha256,
+            "counts": {name: dict(sorted(found.items())) for name, found in counts.items()},
+            "baselines": [b.to_json() for b in self.baselines],
+        }
+
+
+def make_set(
+    run: RunFolder,
+    out: Path,
+    options: SetOptions,
+    *,
+    open_photos: OpenPhotos,
+    workers: int = 1,
+    on_progress: OnProgress | None = None,
+) -> QuestionSet:
+    """Make a set of questions from the records of a run, or go on with one that was interrupted.
+
+    Args:
+        run: The run.
+        out: Folder of the set.
+        options: What set.
+        open_photos: Opens a source of images; each worker has its own.
+        workers: Number of trials that are looked at at the same time; the set does not depend on it.
+        on_progress: Called with the number of trials done and planned.
+
+    Raises:
+        RunConflictError: If the folder holds another set or other files, or is being written to.
+        InvalidInputError: If the run has no record, or its seeds are of demonstrations and of trials.
+        RecordError: If a record or a scene cannot be read.
+        StorageError: If the disk is full.
+    """
+    trials = trials_of(run, options.tasks)
+    purpose = purpose_of(trials)
+    plan = {"kind": "balanced", "run": run_digest(run), "options": asdict(options), "purpose": purpose}
+    out = out.absolute()
+    with on_disk(out), begun_set(out, plan) as done:
+        if done:
+            return read_set(out)
+        _survey(run, out, trials, options, open_photos=open_photos, workers=workers, on_progress=on_progress)
+        candidates = (c for trial in trials for c in _read_candidates(_shard(out, trial)))
+        chosen = choose_balanced(candidates, count=options.questions, seed=options.seed)
+        made = [_question(c.candidate, c.answers, options) for c in chosen]
+        order = sorted(range(len(made)), key=lambda i: made[i].id)
+        questions = [made[i] for i in order]
+        found = baselines(questions, [chosen[i].turn for i in order])
+        return write_set(out, questions, found, purpose)
+
+
+def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
+    """Return the trials of a run that have a record, sorted; of some tasks only, if any are named.
+
+    Raises:
+        InvalidInputError: If there is none.
+    """
+    found = sorted(e.key for e in run.entries() if e.status == "done" and (not tasks or e.task in tasks))
+    if not found:
+        of = f" of {', '.join(tasks)}" if tasks else ""
+        raise InvalidInputError(str(run.path), f"it has no finished trial{of}", "Name a run with finished trials")
+    return found
+
+
+def purpose_of(trials: Sequence[TrialId]) -> str:
+    """Return "test" or "training", by the seeds of trials.
+
+    Raises:
+        InvalidInputError: If there are seeds of both kinds.
+    """
+    purposes = {"training" if t.seed >= FIRST_DEMONSTRATION_SEED else "test" for t in trials}
+    if len(purposes) > 1:
+        raise InvalidInputError(
+            "seeds", "the run has seeds of demonstrations and of evaluation", "Make a set of each in runs of their own"
+        )
+    return purposes.pop()
+
+
+def run_digest(run: RunFolder) -> str:
+    """Return a hash of the plan of a run: what makes it the run that it is."""
+    return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
+
+
+class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a function
+    """Locks the folder of a set and writes its plan; tells whether the set is complete already."""
+
+    def __init__(self, out: Path, plan: dict[str, Any]) -> None:
+        self._out, self._plan = out, {"schema_version": SET_SCHEMA_VERSION, **plan}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> bool:
+        """Lock, compare, and write the plan; raises what :func:`make_set` raises."""
+        out, file = self._out, self._out / "set.json"
+        if out.exists() and not out.is_dir():
+            raise RunConflictError(f"{out}: this is a file. Choose another folder for the set.")
+        others = [p for p in out.iterdir() if p.name != ".lock"] if out.is_dir() else []
+        if others and not file.exists():
+            raise RunConflictError(f"{out}: the folder holds other files and no set. Choose an empty or a new folder.")
+        lock = RunLock(out / ".lock")
+        self._stack.callback(lock.release)
+        try:
+            plan = json.loads(dump_json(self._plan))
+            _require_same(file, plan)
+            write_durably(file, json.dumps(plan, indent=1, sort_keys=True).encode() + b"\n")
+            if (out / "summary.json").exists():
+                shutil.rmtree(out / "candidates", ignore_errors=True)
+                return True
+        except BaseException:
+            self._stack.close()
+            raise
+        return False
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+
+def _require_same(file: Path, plan: dict[str, Any]) -> None:
+    """Raise RunConflictError if a folder holds a set with another plan."""
+    difference = first_difference(_json_of(file), plan, "set") if file.exists() else None
+    if difference is not None:
+        where, there, asked = difference
+        raise RunConflictError(
+            f"{file.parent}: the set in this folder is another one: {where} is {there} there and {asked} here. "
+            "Give the same arguments to go on with it, or choose another folder."
+        )
+
+
+def _json_of(file: Path) -> Any:  # noqa: ANN401 - whatever stands in the file
+    try:
+        return json.loads(read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError))
+    except ValueError as error:
+        raise RecordError(f"{file}: is not JSON ({error}). {_CURE}.") from error
+
+
+def _survey(
+    run: RunFolder,
+    out: Path,
+    trials: Sequence[TrialId],
+    options: SetOptions,
+    *,
+    open_photos: OpenPhotos,
+    workers: int,
+    on_progress: OnProgress | None,
+) -> None:
+    """Write what could be asked about each trial, with its images; trials that are there are left as they are."""
+    waiting = [t for t in trials if not _shard(out, t).exists()]
+    done = len(trials) - len(waiting)
+    if on_progress is not None:
+        on_progress(done, len(trials))
+
+    def told(_: TrialId) -> None:
+        nonlocal done
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(trials))
+
+    in_threads(
+        waiting,
+        lambda source, trial: _look_at(run, out, trial, options, source),
+        workers=workers,
+        open_resource=open_photos,
+        on_done=told,
+    )
+
+
+def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
+    """Write the images of a trial, and then what could be asked about them."""
+    record = run.read_record(trial.task, trial.condition, trial.seed)
+    episode = episode_of(record)
+    draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
+    found: list[Candidate] = []
+    for row in rows_to_ask(episode.rows, options.frames, draw):
+        for camera in options.cameras:
+            photo = source.photo(record, row, camera)
+            candidates = list(candidates_of(Moment(episode, row, photo.view), options.types))
+            if candidates:
+                write_durably(out / image_path(candidates[0].source), photo.jpeg)
+                found += candidates
+    lines = b"".join(dump_json(c.to_json()) + b"\n" for c in thin(found, seed=options.seed))
+    buffer = io.BytesIO()
+    with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as stream_:
+        stream_.write(lines)
+    write_durably(_shard(out, trial), buffer.getvalue())
+
+
+def image_path(source: FrameSource) -> str:
+    """Return the place of an image in a set, from what it shows."""
+    return f"images/{source.task}/{source.condition}/{source.seed}_{source.row:05d}_{source.camera}.jpg"
+
+
+def _shard(out: Path, trial: TrialId) -> Path:
+    return out / "candidates" / trial.task / trial.condition / f"{trial.seed}.jsonl.gz"
+
+
+def _read_candidates(file: Path) -> Iterator[Candidate]:
+    try:
+        lines = gzip.decompress(file.read_bytes()).splitlines()
+    except (OSError, EOFError, ValueError) as error:
+        raise RecordError(f"{file}: cannot be read ({error}). Delete it and give the same command again.") from error
+    for line in lines:
+        yield read_form(CANDIDATE, line, where=str(file), cure="Delete it and give the same command again")
+
+
+def _question(candidate: Candidate, answers: tuple[str, ...], options: SetOptions) -> Question:
+    """Return a chosen question with its text and its options."""
+    spatial = candidate.form in (Form.BOX, Form.POINT)
+    identifier = candidate.id(options.seed)
+    shown = sorted(answers, key=lambda a: hash_number("option", identifier, a)) if candidate.form is Form.CHOICE else ()
+    return finished(
+        candidate,
+        identifier=identifier,
+        text=phrase(candidate, seed=options.seed),
+        options=tuple(shown),
+        size=options.size,
+        chance=None if spatial else 1.0 / len(answers),
+    )
+
+
+def finished(
+    candidate: Candidate,
+    *,
+    identifier: str,
+    text: str,
+    options: tuple[str, ...],
+    size: int,
+    chance: float | None,
+    role: str | None = None,
+) -> Question:
+    """Return a question of a set from what it asks; see :class:`Question`."""
+    c = candidate
+    tags = tuple(sorted(set(c.tags)))
+    return Question(
+        id=identifier, type=c.type, form=c.form, family=c.family, text=text[:1].upper() + text[1:], options=options,
+        answer=c.answer, image=image_path(c.source), width=size, height=size, difficulty=difficulty_of(tags), tags=tags,
+        objects=c.objects, group=c.key, words=c.words, chance=chance, source=c.source, box=c.box, runs=c.runs,
+        role=role,
+    )  # fmt: skip
+
+
+def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline], purpose: str) -> QuestionSet:
+    """Write the files of a set, remove what is not needed any more, and return the set.
+
+    Raises:
+        InvalidInputError: If there is no question.
+    """
+    if not questions:
+        raise InvalidInputError(
+            str(out), "no question could be balanced", "Give more trials, variations, frames or cameras"
+        )
+    lines = b"".join(dump_json(_conversation(q)) + b"\n" for q in questions)
+    made = QuestionSet(out, purpose, tuple(questions), tuple(found), hashlib.sha256(lines).hexdigest())
+    write_durably(out / "questions.jsonl", lines)
+    rows = [_row(q) for q in questions]
+    write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
+    wanted = {q.image for q in questions}
+    for file in sorted((out / "images").rglob("*.jpg")):
+        if file.relative_to(out).as_posix() not in wanted:
+            file.unlink()
+    for folder in sorted((p for p in (out / "images").rglob("*") if p.is_dir()), reverse=True):
+        if not any(folder.iterdir()):
+            folder.rmdir()
+    write_durably(out / "summary.json", json.dumps(made.to_json(), indent=1, sort_keys=True).encode() + b"\n")
+    shutil.rmtree(out / "candidates", ignore_errors=True)
+    return made
+
+
+def _conversation(question: Question) -> dict[str, Any]:
+    """Return a question in the conversation form of LLaVA, with everything else under the key "betterbench"."""
+    return {
+        "id": question.id,
+        "image": question.image,
+        "conversations": [
+            {"from": "human", "value": f"<image>\n{question.prompt}"},
+            {"from": "gpt", "value": question.reply},
+        ],
+        "betterbench": question.to_json(),
+    }
+
+
+COLUMNS = {
+    "id": "text", "image": "text", "type": "text", "form": "text", "family": "text", "question": "text",
+    "options": "texts", "answer": "text", "difficulty": "text", "tags": "texts", "objects": "texts", "group": "texts",
+    "chance": "number", "role": "text", "task": "text", "condition": "text", "seed": "integer", "row": "integer",
+    "time_s": "number", "camera": "text", "width": "integer", "height": "integer", "box": "integers",
+    "runs": "integers",
+}  # fmt: skip
+"""Columns of ``questions.parquet`` and their kinds."""
+
+
+def _row(question: Question) -> dict[str, Any]:
+    form = question.to_json()
+    return {**form, **form["source"], "question": question.text, "type": question.type.value}
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    betterbench: Question
+
+
+@dataclass(frozen=True, slots=True)
+class _Summary:
+    purpose: str
+    sha256: str
+    baselines: list[dict[str, Any]]
+
+
+_LINE, _SUMMARY = TypeAdapter(_Line), TypeAdapter(_Summary)
+
+
+def read_set(folder: Path) -> QuestionSet:
+    """Read a complete set.
+
+    Raises:
+        RecordError: If the folder holds no complete set, or a file is missing, damaged or malformed.
+    """
+    if not (folder / "summary.json").exists():
+        raise RecordError(f"{folder}: holds no complete set of questions. Make one with better vqa RUN --out {folder}.")
+    raw = read_bounded(folder / "summary.json", max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    summary = read_form(_SUMMARY, raw, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
+    file = folder / "questions.jsonl"
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    if hashlib.sha256(data).hexdigest() != summary.sha256:
+        raise RecordError(f"{file}: has other bytes than when it was written. {_CURE}.")
+    questions = tuple(
+        read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
+        for n, line in enumerate(data.splitlines(), start=1)
+    )
+    names = ("name", "n", "blind", "majority", "chance")
+    found = tuple(Baseline(**{name: b[name] for name in names}) for b in summary.baselines)
+    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256)
+
+
+__all__ = ["CAMERAS", "QUESTION", "OpenPhotos", "PhotoSource", "QuestionSet", "SetOptions", "make_set", "read_set"]

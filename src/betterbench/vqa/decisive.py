@@ -1,0 +1,356 @@
+"""Questions about the very moments at which the trials of a run were decided.
+
+Of each trial that failed, it is the first wrong decision that the diagnosis names; of each that succeeded, the first
+attempt. What the robot should go for, and where that is, what is done already and what is there at all are asked about
+the frame in which that decision began; what is at the gripper is asked about the frame of the attempt. Each question
+is asked twice, in other words and with its options in another order: who guesses is seldom right twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import read_bounded, read_form
+from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.durable import on_disk
+from betterbench.recording.metadata import dump_json
+from betterbench.state import ObjectInfo
+from betterbench.tasks import Expected, Kind, Label, training_distribution_of
+from betterbench.vqa.blind import baselines
+from betterbench.vqa.dataset import (
+    OpenPhotos,
+    Photo,
+    PhotoSource,
+    QuestionSet,
+    begun_set,
+    finished,
+    image_path,
+    purpose_of,
+    read_set,
+    require_size,
+    run_digest,
+    trials_of,
+    write_set,
+)
+from betterbench.vqa.episode import Episode, episode_of
+from betterbench.vqa.moment import Moment
+from betterbench.vqa.nouns import definite, indefinite
+from betterbench.vqa.phrasings import phrase
+from betterbench.vqa.question import QUESTION, Candidate, Form, Question, QuestionDraft, QuestionType, hash_number
+from betterbench.vqa.types.execution import EVERYTHING, NOTHING_LEFT, NOTHING_YET, done_words, evidence_of, step_words
+from betterbench.vqa.types.grounding import written
+from betterbench.vqa.types.relation import yes
+
+TIMES_ASKED = 2
+"""How often each question is asked, each time in other words."""
+MOST_OPTIONS = 6
+"""Largest number of boxes or things among which the right one has to be found."""
+_MAX_BYTES = 1 << 26
+SETTLE_S = 0.5
+"""Time after a release after which the gripper has left what it put down, and the next decision begins [s]."""
+
+ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
+ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
+"""What a question about a decisive moment probes: which object is asked for now (among boxes), where the named object
+is, what is at the gripper, whether a thing is there at all, and what is done already."""
+
+DECIDING: dict[Label, tuple[str, ...]] = {
+    Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
+    Label.VISUAL_LAYOUT_BIAS: (ASKED, WHERE),
+    Label.WRONG_OBJECT: (ASKED, WHERE),
+    Label.SEMANTIC_FEATURE_COLLAPSE: (UNDER, EXISTS),
+    Label.BEHAVIORAL_INERTIA: (ASKED, DONE),
+    Label.CAUSAL_CONFUSION: (ASKED, DONE),
+    Label.ORDER_VIOLATION: (ASKED, DONE),
+    Label.PHASE_CONFLICT: (ASKED, DONE),
+    Label.EARLY_HALT: (ASKED, DONE),
+    Label.EXECUTION_FAILURE: (ASKED, WHERE),
+    Label.TIMEOUT: (ASKED, DONE),
+    Label.SUCCESS: (ASKED, WHERE),
+    Label.CORRECT_FREEZE: (DONE,),
+    Label.CORRECT_REFUSAL: (EXISTS,),
+}
+"""The roles whose questions tell whether the decision behind a label was known better: of a look-alike what it is, of
+a shortcut what was asked for and where that is, of a wrong step what is due and what is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisiveOptions:
+    """What set is asked for; cameras in the order in which they are tried until one shows what a question needs."""
+
+    cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
+    size: int = 256
+    quality: str = "standard"
+    seed: int = 0
+    tasks: tuple[str, ...] = ()
+    failures_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that no image can have."""
+        require_size(self.size)
+
+
+def make_decisive_set(
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    out: Path,
+    options: DecisiveOptions,
+    *,
+    open_photos: OpenPhotos,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> QuestionSet:
+    """Make the set of questions about the decisive moments of a run, or go on with one that was interrupted.
+
+    Raises what :func:`~betterbench.vqa.dataset.make_set` raises.
+    """
+    trials = trials_of(run, options.tasks)
+    plan = {"kind": "decisive", "run": run_digest(run), "options": asdict(options), "purpose": purpose_of(trials)}
+    out = out.absolute()
+    told = {t.trial_id: t for t in diagnosis.trials if t.record is not None}
+    chosen = [told[t] for t in trials if t in told and told[t].kind is not Kind.SYSTEM]
+    if options.failures_only:
+        chosen = [t for t in chosen if t.kind is not Kind.NONE]
+    if not chosen:
+        raise InvalidInputError(str(run.path), "no trial of it failed", "Leave --failures-only out to ask about all")
+    questions: list[Question] = []
+    with on_disk(out), begun_set(out, plan) as done:
+        if done:
+            return read_set(out)
+        with open_photos() as source:
+            for number, trial in enumerate(chosen, start=1):
+                questions += _kept(run, trial, out, options, source)
+                if on_progress is not None:
+                    on_progress(number, len(chosen))
+        ordered = sorted(questions, key=lambda q: q.id)
+        turns = [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in ordered]
+        return write_set(out, ordered, baselines(ordered, turns), purpose_of(trials))
+
+
+def _kept(
+    run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
+) -> list[Question]:
+    """Return the questions about one trial, from the file that an interrupted command left or newly made."""
+    where = trial.trial_id
+    file = out / "candidates" / where.task / where.condition / f"{where.seed}.jsonl"
+    if file.exists():
+        cure = "Delete it and give the same command again"
+        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+        return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError) for line in data.splitlines()]
+    questions = _about(run, trial, out, options, source)
+    write_durably(file, b"".join(dump_json(q.to_json()) + b"\n" for q in questions))
+    return questions
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A draft with the frame that it is about, its role and its options."""
+
+    draft: QuestionDraft
+    type: QuestionType
+    role: str
+    options: tuple[str, ...]
+    moment: Moment
+
+
+def _about(
+    run: RunFolder, trial: TrialDiagnosis, out: Path, options: DecisiveOptions, source: PhotoSource
+) -> list[Question]:
+    """Return the questions about one trial; the images that they need are written."""
+    where = trial.trial_id
+    record = run.read_record(where.task, where.condition, where.seed)
+    episode = episode_of(record)
+    condition = episode.resolved.condition
+    analysis = analyze_episode(episode.trace, condition, training_distribution_of(episode.resolved.task))
+    at, before = decisive_rows(episode, analysis, trial)
+    photos: dict[tuple[int, str], Photo] = {}
+
+    def moments(row: int) -> Iterator[Moment]:
+        for camera in options.cameras:
+            if (row, camera) not in photos:
+                photos[row, camera] = source.photo(record, row, camera)
+            yield Moment(episode, row, photos[row, camera].view)
+
+    makers: list[Callable[[], _Asked | None]] = [
+        lambda: _first(_asked(m, analysis) for m in moments(before)),
+        lambda: _first(_where(m, analysis) for m in moments(before)),
+        lambda: _first(_done(m) for m in moments(before)),
+        lambda: _first(_exists(m, present=True) for m in moments(before)),
+        lambda: _first(_exists(m, present=False) for m in moments(before)),
+    ]
+    if at is not None:
+        row, thing = at
+        makers.append(lambda: _first(_under(m, thing) for m in moments(row)))
+    found = [asked for make in makers if (asked := make()) is not None]
+    for asked in found:
+        s = asked.moment.source
+        write_durably(out / image_path(s), photos[s.row, s.camera].jpeg)
+    return [q for asked in found for q in _twice(asked, options)]
+
+
+def _first(found: Iterator[_Asked | None]) -> _Asked | None:
+    return next((asked for asked in found if asked is not None), None)
+
+
+def decisive_rows(
+    episode: Episode, analysis: EpisodeAnalysis, trial: TrialDiagnosis
+) -> tuple[tuple[int, int] | None, int]:
+    """Return when a trial was decided.
+
+    Returns:
+        The row of the decisive attempt with the index of what it was at, or None if there was no attempt at an object;
+        and the row at which that decision began: at the start, or when the gripper had left what it put down before.
+    """
+    trace, rate = episode.trace, episode.record.metadata.control_rate_hz
+    last = trace.rows - 1
+    decided = min(last, max(0, round(trial.evidence.start_s * rate)))
+    steps = [s for s in analysis.decisions if s.at is not None]
+    if trial.success:
+        chosen = steps[0] if steps else None
+    else:
+        chosen = next((s for s in steps if s.grasp.start >= decided - 1), None)
+        chosen = chosen if chosen is not None and chosen.grasp.start <= decided + 1 else None
+    row = chosen.grasp.start if chosen is not None else decided
+    released = [g.release for g in episode.grasps if g.release <= row]
+    before = min(row, max(released) + trace.steps(SETTLE_S)) if released else 0
+    at = None if chosen is None or chosen.at is None else (chosen.grasp.start, chosen.at)
+    return at, before
+
+
+def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str, ...]] | None:
+    """Return one of the wanted objects and the boxes among which it has to be found, or None if it is not seen."""
+    things = [o for o in moment.objects if o.role in ("item", "distractor", "drawer") and moment.is_clear(o.name)]
+    right = sorted((o for o in things if o.name in wanted), key=lambda o: (o.slot or "", o.kind))
+    if not right or len(things) <= len(right):
+        return None
+    others = sorted((o for o in things if o.name not in wanted), key=lambda o: hash_number("among", o.kind, moment.row))
+    shown = [right[0], *others[: MOST_OPTIONS - 1]]
+    return right[0], tuple(written(moment.view.objects[o.name].box) for o in shown)
+
+
+def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
+    """Return the question which of the boxes holds what has to be picked up or moved now."""
+    if moment.condition.expected is not Expected.SUCCEED:
+        return _next(moment)
+    found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
+    if found is None:
+        return None
+    thing, boxes = found
+    text = moment.condition.instruction.text
+    draft = QuestionDraft(
+        Form.CHOICE, "box for next step", (text,), boxes[0], {"instruction": text}, (thing.name,),
+        box=moment.view.objects[thing.name].box,
+    )  # fmt: skip
+    return _Asked(draft, QuestionType.EXECUTION, ASKED, boxes, moment)
+
+
+def _next(moment: Moment) -> _Asked | None:
+    """Return the question what comes next where nothing is to be done."""
+    goals = moment.condition.instruction.subgoals
+    if moment.condition.expected is not Expected.STAY_STILL:
+        return None
+    text = moment.condition.instruction.text
+    options = (NOTHING_LEFT, *dict.fromkeys(step_words(moment, goal) for goal in goals))
+    draft = QuestionDraft(Form.CHOICE, "what is next", (text,), NOTHING_LEFT, {"instruction": text})
+    return _Asked(draft, QuestionType.EXECUTION, ASKED, options, moment)
+
+
+def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
+    """Return the question in which box the object is that is asked for, called by its own name."""
+    wanted = [moment.objects[i] for i in analysis.wanted(moment.row)]
+    named = [o for o in wanted if o.kind in moment.single]
+    found = _boxes(moment, [o.name for o in named[:1]])
+    if found is None:
+        return None
+    thing, boxes = found
+    words = {"thing": definite(thing.kind)}
+    draft = QuestionDraft(
+        Form.CHOICE, "box of named", (thing.kind,), boxes[0], words, (thing.name,),
+        box=moment.view.objects[thing.name].box,
+    )  # fmt: skip
+    return _Asked(draft, QuestionType.GROUNDING, WHERE, boxes, moment)
+
+
+def _under(moment: Moment, i: int) -> _Asked | None:
+    """Return the question what the object is at which the gripper is."""
+    thing = moment.objects[i]
+    seen = moment.seen(thing.name)
+    if seen is None or not moment.is_clear(thing.name):
+        return None
+    others = {k for k in (*moment.episode.vocabulary, *moment.kinds) if k != thing.kind}
+    usual = moment.state.info.slot(thing.slot).trained_kinds if thing.slot is not None else ()
+    near = [k for k in usual if k != thing.kind]
+    rest = sorted(others - set(near), key=lambda k: hash_number("kind", k, moment.source))
+    options = (thing.kind, *dict.fromkeys([*near, *rest]))[:4]
+    words = {"box": written(seen.box)}
+    draft = QuestionDraft(Form.CHOICE, "what is at gripper", options, thing.kind, words, (thing.name,), box=seen.box)
+    return _Asked(draft, QuestionType.GROUNDING, UNDER, options, moment)
+
+
+def _exists(moment: Moment, *, present: bool) -> _Asked | None:
+    """Return the question whether something is there: what is asked for, or what is not there but could be meant."""
+    trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
+    if present:
+        kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
+        shown = [k for k in kinds if any(moment.is_clear(o.name) for o in moment.objects if o.kind == k)]
+        kind = shown[0] if shown else None
+    else:
+        named = [g.reference.kind for g in goals if g.reference.kind is not None]
+        absent = [k for k in (*named, *moment.episode.vocabulary) if moment.surely_absent(k)]
+        foreign = sorted(moment.episode.foreign, key=lambda k: hash_number("absent", k, moment.source))
+        kind = next((k for k in (*absent, *foreign) if moment.surely_absent(k)), None)
+    if kind is None:
+        return None
+    tags = () if present else ("absent",)
+    draft = QuestionDraft(Form.YES_NO, "is it there", (kind,), yes(present), {"thing": indefinite(kind)}, (), tags)
+    return _Asked(draft, QuestionType.PREMISE, EXISTS, (), moment)
+
+
+def _done(moment: Moment) -> _Asked | None:
+    """Return the question what of the instruction is done already."""
+    done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
+    names = evidence_of(moment, done)
+    if names is None:
+        return None
+    text, answer = moment.condition.instruction.text, done_words(moment, done)
+    count = len(done)
+    firsts = [done_words(moment, [i < n for i in range(count)]) for n in range(1, count)]
+    singles = [done_words(moment, [i == n for i in range(count)]) for n in range(count)]
+    options = tuple(dict.fromkeys((answer, NOTHING_YET, EVERYTHING, *firsts, *singles)))[:4]
+    draft = QuestionDraft(Form.CHOICE, "what is done", (text,), answer, {"instruction": text}, names, ("over time",))
+    return _Asked(draft, QuestionType.EXECUTION, DONE, options, moment)
+
+
+def _twice(asked: _Asked, options: DecisiveOptions) -> Iterator[Question]:
+    """Yield a question in each of its wordings, each with its options in another order."""
+    d = asked.draft
+    candidate = Candidate(
+        type=asked.type, form=d.form, family=d.family, group=d.group, bucket=d.answer, answer=d.answer, words=d.words,
+        objects=d.objects, source=asked.moment.source, tags=d.tags, box=d.box,
+    )  # fmt: skip
+    first = hash_number("wording", candidate.id(options.seed))
+    for number in range(TIMES_ASKED):
+        told = replace(candidate, tags=(*candidate.tags, f"asked {number + 1} of {TIMES_ASKED}"))
+        identifier = f"{candidate.id(options.seed)}-{asked.role}-{number + 1}"
+        shown = sorted(asked.options, key=lambda o: hash_number("option", identifier, o))
+        if number and shown and shown.index(d.answer) == _place(asked, candidate, options):
+            shown = [*shown[1:], shown[0]]
+        yield finished(
+            told,
+            identifier=identifier,
+            text=phrase(candidate, seed=options.seed, number=first + number),
+            options=tuple(shown),
+            size=options.size,
+            chance=1.0 / len(asked.options) if asked.options else 0.5,
+            role=asked.role,
+        )
+
+
+def _place(asked: _Asked, candidate: Candidate, options: DecisiveOptions) -> int:
+    """Return the place of the right option when a question is asked for the first time."""
+    identifier = f"{candidate.id(options.seed)}-{asked.role}-1"
+    return sorted(asked.options, key=lambda o: hash_number("option", identifier, o)).index(asked.draft.answer)

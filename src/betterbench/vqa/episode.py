@@ -1,0 +1,146 @@
+"""What is known about an episode for questions: its condition, what it is about, and what the robot does when."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from betterbench.diagnosis.trace import Trace, trace_of
+from betterbench.diagnosis.trial import resolved_of
+from betterbench.interventions.resolve import ResolvedCondition, condition_names, resolve_condition
+from betterbench.recording import Record
+from betterbench.tasks import get_task, suite_tasks
+from betterbench.tasks.attempts import GraspAttempt, find_grasps
+
+REACH_M = 0.10
+"""Distance from an object's box within which the gripper visibly goes for it; slots are 12 cm apart."""
+NEAREST_BY_M = 0.03
+"""By how much the object must be nearer to the gripper than any other: an image shows where it goes."""
+CARRY_M = 0.03
+"""Height by which an object has to be lifted off where it stood to be visibly carried."""
+
+
+class Act(StrEnum):
+    """What the robot is doing, as far as an image can show it."""
+
+    REACHING = "reaching"
+    CARRYING = "carrying"
+
+
+@dataclass(frozen=True, slots=True)
+class Doing:
+    """What the robot does, and with which object (index)."""
+
+    act: Act
+    object: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Episode:
+    """One recorded trial with what questions need of it as a whole.
+
+    Attributes:
+        record: The record.
+        resolved: Its condition.
+        trace: The record as arrays; rows after the step limit are left out.
+        grasps: Its grasp attempts, in time.
+        vocabulary: Kinds that occur in any condition of the task, sorted.
+        foreign: Kinds of the other tasks of the suite that are none of this task's, sorted.
+    """
+
+    record: Record
+    resolved: ResolvedCondition
+    trace: Trace
+    grasps: tuple[GraspAttempt, ...]
+    vocabulary: tuple[str, ...]
+    foreign: tuple[str, ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.trace.rows
+
+    def doing(self, row: int) -> Doing | None:
+        """Return what the robot does at a row, or None where an image would not show it beyond doubt."""
+        trace, held = self.trace, int(self.trace.held[row])
+        if held >= 0:
+            if trace.is_drawer(held):
+                return None
+            start = next((g.start for g in reversed(self.grasps) if g.start <= row and g.object == held), row)
+            lifted = float(trace.positions[row, held, 2] - trace.positions[start, held, 2])
+            return Doing(Act.CARRYING, held) if lifted >= CARRY_M else None
+        following = next((g for g in self.grasps if g.start >= row), None)
+        if following is None or following.object is None or trace.is_drawer(following.object):
+            return None
+        last = max((g.release for g in self.grasps if g.start < row), default=0)
+        before = max(last, row - trace.steps(0.3))
+        if trace.touched[row].any() or row <= last or before >= row:
+            return None
+        i = following.object
+        now, then = (trace.box_distances(r, trace.tool[r]) for r in (row, before))
+        others = [float(now[j]) for j in trace.items if j != i]
+        alone = not others or min(others) >= float(now[i]) + NEAREST_BY_M
+        nearer = float(now[i]) <= float(then[i])
+        return Doing(Act.REACHING, i) if now[i] <= REACH_M and alone and nearer else None
+
+    def out_of_place(self, i: int) -> bool:
+        """Tell whether an object starts in a slot in which training had another kind: swapped, or a look-alike."""
+        info = self.trace.info.objects[i]
+        if info.slot is None:
+            return False
+        trained = self.trace.info.slot(info.slot).trained_kinds
+        return bool(trained) and info.kind not in trained
+
+    def replaced(self, kind: str) -> bool:
+        """Tell whether something else starts where training had this kind: a hard negative of it."""
+        return any(
+            self.out_of_place(i) and kind in self.trace.info.slot(o.slot).trained_kinds
+            for i, o in enumerate(self.trace.info.objects)
+            if o.slot is not None
+        )
+
+
+def episode_of(record: Record) -> Episode:
+    """Return what questions need of a record.
+
+    Raises:
+        UnknownNameError: If its task or condition is unknown.
+        RecordError: If it lacks a predicate of its task.
+    """
+    resolved = resolved_of(record.metadata)
+    task = resolved.task
+    trace = trace_of(record, resolved.condition, step_limit=task.step_limit(resolved.condition))
+    own = kinds_of(task.id)
+    foreign = sorted({kind for name in suite_tasks("better60") for kind in kinds_of(name)} - set(own))
+    return Episode(record, resolved, trace, find_grasps(trace), own, tuple(foreign))
+
+
+@functools.cache
+def kinds_of(task: str) -> tuple[str, ...]:
+    """Return the kinds of object that occur in any condition of a task, sorted."""
+    conditions = (resolve_condition(task, name).condition for name in condition_names(get_task(task)))
+    return tuple(sorted({o.kind for condition in conditions for o in condition.objects}))
+
+
+@functools.cache
+def kinds_in_numbers() -> tuple[str, ...]:
+    """Return the kinds of which some condition of the suite holds more than one object, sorted."""
+    found = set()
+    for task in suite_tasks("better60"):
+        for name in condition_names(get_task(task)):
+            kinds = [o.kind for o in resolve_condition(task, name).condition.objects]
+            found |= {kind for kind in kinds if kinds.count(kind) > 1}
+    return tuple(sorted(found))
+
+
+def rows_to_ask(rows: int, count: int, draw: np.random.Generator) -> Sequence[int]:
+    """Return rows of an episode: all if ``count`` is 0 or larger than their number, else one from each equal part."""
+    if count == 0 or count >= rows:
+        return range(rows)
+    edges = np.linspace(0, rows, count + 1).astype(int)
+    return sorted(int(draw.integers(a, b)) for a, b in itertools.pairwise(edges))

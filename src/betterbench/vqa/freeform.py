@@ -1,0 +1,336 @@
+"""Descriptions and questions that a model writes itself, each kept only if the state proves what it claims.
+
+The model is shown an image and the names of what could be in it, and answers with texts and with the claims on which
+each text rests, in a small language. A text is kept if every claim is decided by the state and true, and if the text
+names nothing and says no word of place or state that its claims do not cover. What cannot be checked is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import BetterError, RecordError, require_between
+from betterbench.json_form import open_form, read_form
+from betterbench.llm import Chat, RefusedError, user_message
+from betterbench.recording import RunFolder, write_durably
+from betterbench.recording.metadata import dump_json
+from betterbench.vqa.dataset import PhotoSource, QuestionSet
+from betterbench.vqa.episode import episode_of
+from betterbench.vqa.moment import Moment
+from betterbench.vqa.nouns import definite
+from betterbench.vqa.question import Candidate, FrameSource, hash_number
+from betterbench.vqa.types import candidates_of
+
+CLAIMS = {
+    "is visible": "X can be seen",
+    "is absent": "there is no X",
+    "is left of": "X is to the left of Y in the image",
+    "is right of": "X is to the right of Y in the image",
+    "is closer than": "X is closer to the camera than Y",
+    "is in": "X is in the container Y",
+    "is not in": "X is not in the container Y",
+    "is on": "X lies directly on Y",
+    "is held": "the gripper holds X",
+    "is not held": "the gripper does not hold X",
+    "is open": "the drawer X is open",
+    "is shut": "the drawer X is shut",
+}
+"""The language of claims, with X and Y as names of things."""
+
+_WORDS: dict[str, tuple[str, ...]] = {
+    "left": ("is left of", "is right of"),
+    "right": ("is right of", "is left of"),
+    "closer": ("is closer than",), "nearer": ("is closer than",), "front": ("is closer than",),
+    "behind": ("is closer than",), "in": ("is in", "is not in"), "inside": ("is in", "is not in"),
+    "into": ("is in", "is not in"), "on": ("is on",), "top": ("is on",), "under": ("is on",), "below": ("is on",),
+    "above": ("is on",), "held": ("is held", "is not held"), "holding": ("is held", "is not held"),
+    "holds": ("is held", "is not held"), "gripping": ("is held", "is not held"),
+    "carrying": ("is held", "is not held"), "open": ("is open", "is shut"), "closed": ("is shut", "is open"),
+    "shut": ("is shut", "is open"),
+}  # fmt: skip
+"""Words of place and state, with the claims that a text needs to say them."""
+_FREE = ("in the image", "in this image", "in the picture", "in the scene", "in this scene", "in view", "on the table")
+_UNCHECKED = frozenset(
+    [
+        "red",
+        "blue",
+        "green",
+        "yellow",
+        "white",
+        "black",
+        "gray",
+        "orange-colored",
+        "brown",
+        "large",
+        "small",
+        "big",
+        "tiny",
+        "two",
+        "three",
+        "four",
+        "five",
+        "six",
+        "many",
+        "several",
+        "both",
+        "next",
+        "beside",
+        "between",
+        "near",
+        "edge",
+        "corner",
+        "center",
+        "middle",
+        "left-hand",
+        "right-hand",
+        "empty",
+        "full",
+    ]
+)
+"""Words that say what no claim can say; a text with one of them is dropped, unless it is part of a name."""
+
+MOST_IMAGES = 1_000_000
+MOST_TEXTS = 8
+LONGEST_TEXT = 600
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class StateClaim:
+    """One statement in the language of :data:`CLAIMS`."""
+
+    x: Annotated[str, Field(max_length=60)]
+    says: Annotated[str, Field(max_length=30)]
+    y: Annotated[str, Field(max_length=60)] = ""
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class ModelText:
+    """A description (no question) or an answer to a question, with the claims on which it rests."""
+
+    text: Annotated[str, Field(max_length=LONGEST_TEXT)]
+    claims: Annotated[tuple[StateClaim, ...], Field(max_length=20)]
+    question: Annotated[str, Field(max_length=LONGEST_TEXT)] = ""
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Reply:
+    texts: Annotated[list[ModelText], Field(max_length=MOST_TEXTS)]
+
+
+_REPLY = TypeAdapter(_Reply)
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """What came of letting a model describe images.
+
+    Attributes:
+        kept: Number of texts that the state proves.
+        dropped: Number of texts that were dropped, by reason.
+    """
+
+    path: Path
+    images: int
+    kept: int
+    dropped: dict[str, int]
+
+    @property
+    def sentence(self) -> str:
+        """What it comes to, in one sentence."""
+        reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(self.dropped.items()))
+        return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"images": self.images, "kept": self.kept, "dropped": self.dropped}
+
+
+def describe_images(
+    run: RunFolder,
+    described: QuestionSet,
+    chat: Chat,
+    photos: PhotoSource,
+    *,
+    count: int,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Described:
+    """Let a model describe images of a set and ask about them, and keep what the state proves.
+
+    What each image gave is kept in ``descriptions/``, so that the same command goes on where it was interrupted; what
+    is kept is written to ``descriptions.jsonl`` of the set, in the conversation form of LLaVA.
+
+    Raises:
+        ModelError: If the model cannot be reached.
+        RecordError: If a record or scene cannot be read.
+        InvalidInputError: If the number of images is out of range.
+    """
+    require_between("--images", count, 1, MOST_IMAGES)
+    sources = {q.image: q.source for q in described.questions}
+    chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
+    kept: list[dict[str, Any]] = []
+    dropped: Counter[str] = Counter()
+    for number, image in enumerate(chosen, start=1):
+        found = _about(run, described, chat, photos, image=image, source=sources[image])
+        kept += found["kept"]
+        dropped.update(found["dropped"])
+        if on_progress is not None:
+            on_progress(number, len(chosen))
+    path = described.path / "descriptions.jsonl"
+    write_durably(path, b"".join(dump_json(line) + b"\n" for line in kept))
+    return Described(path, len(chosen), len(kept), dict(dropped))
+
+
+def _about(
+    run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
+) -> dict[str, Any]:
+    """Return what is kept of what a model says about one image, and why the rest is dropped."""
+    model = re.sub(r"[^A-Za-z0-9.]+", "-", chat.name).strip("-.") or "model"
+    file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
+    if file.exists():
+        try:
+            stored: dict[str, Any] = json.loads(file.read_bytes())
+        except (OSError, ValueError) as error:
+            raise RecordError(f"{file}: cannot be read ({error}). Delete it and ask again.") from error
+        return stored
+    record = run.read_record(source.task, source.condition, source.seed)
+    photo = photos.photo(record, source.row, source.camera)
+    moment = Moment(episode_of(record), source.row, photo.view)
+    checked: dict[str, Any] = {"kept": [], "dropped": {}}
+    reasons: Counter[str] = Counter()
+    try:
+        said = chat.complete([user_message(prompt_of(moment), (described.path / image).read_bytes())], max_tokens=1500)
+        texts = parsed_texts(said)
+    except RefusedError:
+        texts, reasons["refused"] = [], 1
+    except BetterError as error:
+        if not isinstance(error, RecordError):
+            raise
+        texts, reasons["not in the form asked for"] = [], 1
+    facts = facts_of(moment)
+    for text in texts:
+        reason = why_dropped(text, moment, facts)
+        if reason is None:
+            checked["kept"].append(_line(image, text, source))
+        else:
+            reasons[reason] += 1
+    checked["dropped"] = dict(reasons)
+    write_durably(file, dump_json(checked) + b"\n")
+    return checked
+
+
+def prompt_of(moment: Moment) -> str:
+    """Return what a model is asked about an image."""
+    names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
+    language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
+    return (
+        f"Things that may or may not be in this image: {names}.\n"
+        "Write up to two descriptions of one or two sentences, and up to four questions with short answers, about what "
+        "the image shows. Call things by exactly these names. For each text list every claim on which it rests, in "
+        f"this language, with X and Y among these names:\n{language}\n"
+        'Answer with JSON only: {"texts": [{"question": "" or the question, "text": the description or the answer as a '
+        'whole sentence, "claims": [{"x": X, "says": one of the claims, "y": Y or ""}]}]}'
+    )
+
+
+def parsed_texts(said: str) -> list[ModelText]:
+    """Return the texts of a reply, which may stand in a fence of Markdown.
+
+    Raises:
+        RecordError: If it is not in the form asked for.
+    """
+    found = re.search(r"\{.*\}", said, flags=re.DOTALL)
+    form = found[0] if found else said
+    return read_form(_REPLY, form, where="reply", cure="Ask again", raises=RecordError).texts
+
+
+Facts = Mapping[tuple[str, str, str], bool]
+
+
+def facts_of(moment: Moment) -> Facts:
+    """Return every claim about a moment that the state decides, with its truth."""
+    facts: dict[tuple[str, str, str], bool] = {}
+    for c in candidates_of(moment):
+        for claim, truth in _claims_of(c):
+            facts[claim] = truth
+    return facts
+
+
+def _claims_of(c: Candidate) -> list[tuple[tuple[str, str, str], bool]]:
+    """Return the claims that a question decides."""
+    holds = c.answer == "Yes"
+    match c.family:
+        case "is it there":
+            return [((c.group[0], "is visible", ""), holds), ((c.group[0], "is absent", ""), not holds)]
+        case "side in image":
+            side, a, b = c.group
+            other = "left" if side == "right" else "right"
+            return [((a, f"is {side} of", b), holds), ((b, f"is {other} of", a), holds)]
+        case "closer to camera":
+            a, b = c.group
+            return [((a, "is closer than", b), c.answer == a), ((b, "is closer than", a), c.answer == b)]
+        case "is it in" if c.words["where"].startswith("in the "):
+            target = c.words["where"].removeprefix("in the ")
+            return [((c.group[0], "is in", target), holds), ((c.group[0], "is not in", target), not holds)]
+        case "is it on":
+            return [((c.group[0], "is on", c.group[1]), holds)]
+        case "is it held":
+            return [((c.group[0], "is held", ""), holds), ((c.group[0], "is not held", ""), not holds)]
+        case "is it open":
+            return [((c.group[0], "is open", ""), holds), ((c.group[0], "is shut", ""), not holds)]
+        case _:
+            return []
+
+
+def why_dropped(text: ModelText, moment: Moment, facts: Facts) -> str | None:
+    """Return why a text is dropped, or None if the state proves it."""
+    if not text.claims or not text.text.strip():
+        return "without a claim"
+    for claim in text.claims:
+        truth = facts.get((claim.x, claim.says, claim.y))
+        if truth is None:
+            return "not decided by the state"
+        if not truth:
+            return "false"
+    named = {name for claim in text.claims for name in (claim.x, claim.y) if name}
+    rest = f" {text.question} {text.text} ".lower()
+    for name in sorted({*moment.kinds, *moment.episode.vocabulary, *moment.episode.foreign}, key=len, reverse=True):
+        for spelling in dict.fromkeys((definite(name).removeprefix("the "), name)):
+            if re.search(rf"(?<!\w){re.escape(spelling)}(?!\w)", rest):
+                if name not in named:
+                    return "names what it does not claim"
+                rest = re.sub(rf"(?<!\w){re.escape(spelling)}(?!\w)", " ", rest)
+    for phrase in _FREE:
+        rest = rest.replace(phrase, " ")
+    words = set(re.findall(r"[a-z-]+", rest))
+    said = {claim.says for claim in text.claims}
+    if any(word in words and not said & set(needed) for word, needed in _WORDS.items()):
+        return "says more than it claims"
+    return "says what cannot be checked" if words & _UNCHECKED or re.search(r"\d", rest) else None
+
+
+def _line(image: str, text: ModelText, source: FrameSource) -> dict[str, Any]:
+    """Return a text in the conversation form of LLaVA."""
+    asked = text.question.strip() or "Describe what you see in the image."
+    identifier = f"{hash_number(image, asked, text.text):016x}"
+    claims: Sequence[Sequence[str]] = [[c.x, c.says, c.y] for c in text.claims]
+    return {
+        "id": identifier,
+        "image": image,
+        "conversations": [
+            {"from": "human", "value": f"<image>\n{asked}"},
+            {"from": "gpt", "value": text.text.strip()},
+        ],
+        "claims": claims,
+        "source": [source.task, source.condition, source.seed, source.row, source.camera],
+    }

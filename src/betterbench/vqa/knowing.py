@@ -1,0 +1,220 @@
+"""Does it know what it fails to do? A model's answers about decisive moments beside the policy's deeds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.diagnosis import RunDiagnosis
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.recording import RunFolder, write_durably
+from betterbench.statistics import Rate
+from betterbench.tasks import Kind, Label, TrialId, all_labels
+from betterbench.vqa.asking import Answers
+from betterbench.vqa.dataset import QuestionSet
+from betterbench.vqa.decisive import DECIDING, ROLES
+from betterbench.vqa.question import Question
+
+_MAX_BYTES = 1 << 26
+
+
+class KnowledgeStanding(StrEnum):
+    """What a model knew and what the policy did, of one trial."""
+
+    KNOWS_AND_DOES = "knows_and_does"
+    KNOWS_AND_DOES_NOT = "knows_and_does_not"
+    DOES_NOT_KNOW = "does_not_know"
+    """It does not know, and does not do it."""
+    DOES_WITHOUT_KNOWING = "does_without_knowing"
+    NOT_ASKED = "not_asked"
+    """No question that would tell was asked: what it needs was not seen well enough, or the set is of other trials."""
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class TrialKnowledge:
+    """One trial.
+
+    Attributes:
+        roles: Per role that was asked whether every question of it was answered right.
+        deciding: The roles that tell for this label whether the decision was known better.
+        chance: Probability that somebody who guesses answers all deciding questions right.
+    """
+
+    key: str
+    label: str
+    success: bool
+    standing: KnowledgeStanding
+    roles: dict[str, bool]
+    deciding: tuple[str, ...]
+    chance: float
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class LabelKnowledge:
+    """All trials of one label; counts by standing."""
+
+    label: str
+    n: int
+    counts: dict[str, int]
+    chance: float
+
+    @property
+    def knows(self) -> Rate:
+        """Share of the trials that were asked about in which the decision was known."""
+        known = (
+            self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
+            + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
+        )
+        return Rate(known, self.n - self.counts[KnowledgeStanding.NOT_ASKED.value])
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "knows": self.knows.to_json()}
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What a model knows of what a policy did.
+
+    Attributes:
+        model: Name of the model that answered.
+        policy: Name of the policy.
+        labels: One entry per label that occurs, in the order of labels.
+        roles: Per role, how many questions were answered right.
+    """
+
+    model: str
+    policy: str
+    labels: tuple[LabelKnowledge, ...]
+    trials: tuple[TrialKnowledge, ...]
+    roles: dict[str, Rate]
+
+    def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
+        """Return the number of trials of a standing; of the failed or the solved ones only, if told."""
+        return sum(t.standing is standing and (failed is None or t.success is not failed) for t in self.trials)
+
+    @property
+    def sentence(self) -> str:
+        """What it comes to, in one sentence."""
+        failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
+        known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
+        if not failed:
+            return f"{self.model} was asked about no failed trial."
+        guessed = sum(t.chance for t in failed)
+        return (
+            f"Of {len(failed)} failed trials that {self.model} was asked about, it knew the right decision in {known} "
+            f"(somebody who guesses: {guessed:.1f})."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "model": self.model,
+            "policy": self.policy,
+            "sentence": self.sentence,
+            "labels": [x.to_json() for x in self.labels],
+            "roles": {name: rate.to_json() for name, rate in self.roles.items()},
+            "trials": [asdict(t) for t in self.trials],
+        }
+
+
+_KNOWLEDGE = TypeAdapter(Knowledge)
+
+
+def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
+    """Return what a model knows of what a policy did.
+
+    Args:
+        diagnosis: The diagnosis of the run.
+        asked: The set of questions about its decisive moments.
+        answers: The model's answers to that set.
+
+    Raises:
+        InvalidInputError: If the set asks about no trial of the run.
+    """
+    by_trial: dict[TrialId, list[Question]] = {}
+    for q in asked.questions:
+        if q.role is not None:
+            by_trial.setdefault(TrialId(q.source.task, q.source.condition, q.source.seed), []).append(q)
+    trials = [t for t in diagnosis.trials if t.kind is not Kind.SYSTEM]
+    if not any(t.trial_id in by_trial for t in trials):
+        cure = "Make one with better vqa --run RUN --out SET and ask it"
+        raise InvalidInputError(str(asked.path), "asks about no decisive moment of this run", cure)
+    found = tuple(
+        _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, success=t.kind is Kind.NONE) for t in trials
+    )
+    roles = {
+        role: Rate(sum(answers.right(q) for q in members), len(members))
+        for role in ROLES
+        if (members := [q for qs in by_trial.values() for q in qs if q.role == role])
+    }
+    labels = tuple(_label(label.value, of) for label in all_labels() if (of := _of(label, found)))
+    return Knowledge(answers.head.model, diagnosis.policy, labels, found, roles)
+
+
+def knowledge_path(run: RunFolder) -> Path:
+    """Return the place at which a run keeps what a model knows of it."""
+    return run.path / "knowledge.json"
+
+
+def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
+    """Write what a model knows into the folder of the run, where the report finds it, and return the place.
+
+    Raises:
+        OSError: If the folder cannot be written.
+    """
+    form = {"sentence": known.sentence, **asdict(known)}
+    write_durably(knowledge_path(run), json.dumps(form, indent=1).encode() + b"\n")
+    return knowledge_path(run)
+
+
+def read_knowledge(run: RunFolder) -> Knowledge | None:
+    """Read what a model knows of a run, or return None if the run does not keep it.
+
+    Raises:
+        RecordError: If the file cannot be read or is malformed.
+    """
+    path = knowledge_path(run)
+    if not path.exists():
+        return None
+    cure = "Give better diagnose RUN --answers FILE again"
+    raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    return read_form(_KNOWLEDGE, raw, where=str(path), cure=cure, raises=RecordError)
+
+
+def _of(label: Label, trials: Sequence[TrialKnowledge]) -> list[TrialKnowledge]:
+    return [t for t in trials if t.label == label.value]
+
+
+def _trial(key: str, label: Label, questions: Sequence[Question], answers: Answers, *, success: bool) -> TrialKnowledge:
+    of_role: dict[str, list[Question]] = {}
+    for q in questions:
+        of_role.setdefault(str(q.role), []).append(q)
+    roles = {role: all(answers.right(q) for q in members) for role, members in of_role.items()}
+    deciding = tuple(role for role in DECIDING.get(label, ROLES) if role in roles)
+    chance = prod(q.chance or 0.0 for role in deciding for q in of_role[role])
+    if not deciding:
+        return TrialKnowledge(key, label.value, success, KnowledgeStanding.NOT_ASKED, roles, (), 0.0)
+    if all(roles[role] for role in deciding):
+        standing = KnowledgeStanding.KNOWS_AND_DOES if success else KnowledgeStanding.KNOWS_AND_DOES_NOT
+    else:
+        standing = KnowledgeStanding.DOES_WITHOUT_KNOWING if success else KnowledgeStanding.DOES_NOT_KNOW
+    return TrialKnowledge(key, label.value, success, standing, roles, deciding, chance)
+
+
+def _label(label: str, members: Sequence[TrialKnowledge]) -> LabelKnowledge:
+    counts = {s.value: sum(t.standing is s for t in members) for s in KnowledgeStanding}
+    asked = [t for t in members if t.standing is not KnowledgeStanding.NOT_ASKED]
+    chance = sum(t.chance for t in asked) / len(asked) if asked else 0.0
+    return LabelKnowledge(label, len(members), counts, chance)

@@ -1,0 +1,90 @@
+"""How things are called in sentences: articles, plurals, and which names could mean the same thing in an image."""
+
+from __future__ import annotations
+
+import re
+
+_PORTIONS = {
+    "fries": ("box of fries", "boxes of fries"),
+    "cheese": ("slice of cheese", "slices of cheese"),
+    "lettuce": ("leaf of lettuce", "leaves of lettuce"),
+    "tape": ("roll of tape", "rolls of tape"),
+    "mouse": ("computer mouse", "computer mice"),
+}
+"""Names that are no countable nouns, or have another meaning, with one and several of what they stand for."""
+
+_LOOKS = frozenset(
+    [
+        "red",
+        "blue",
+        "white",
+        "black",
+        "gray",
+        "green",
+        "yellow",
+        "round",
+        "full",
+        "upper",
+        "lower",
+        "left",
+        "right",
+        "top",
+        "bottom",
+        "crumpled",
+    ]
+)
+"""Words of a name that say how a thing looks or where it is, and not what it is."""
+
+_MISTAKABLE: tuple[frozenset[str], ...] = tuple(
+    frozenset(words.split())
+    for words in (
+        "cup mug tumbler drink",
+        "can drink tumbler",
+        "box lunchbox fries",
+        "laptop keyboard",
+        "burger bun patty cheese lettuce",
+        "sponge soap cheese",
+        "drawer cabinet",
+        "salt pepper paprika shaker jar bottle",
+        "napkin paper",
+        "orange lemon apple ball",
+        "fork spoon cutlery",
+        "bowl plate dish",
+        "block box",
+    )
+)
+"""Words for things that one could take for each other, or of which one may be part of the other."""
+
+
+def indefinite(kind: str) -> str:
+    """Return "an apple", "a slice of cheese"."""
+    one = _PORTIONS.get(kind, (kind, ""))[0]
+    return f"{'an' if one[0] in 'aeiou' else 'a'} {one}"
+
+
+def definite(kind: str) -> str:
+    """Return "the apple", "the slice of cheese"."""
+    return f"the {_PORTIONS.get(kind, (kind, ''))[0]}"
+
+
+def plural_of(kind: str) -> str:
+    """Return "apples", "boxes of fries", "computer mice"."""
+    if kind in _PORTIONS:
+        return _PORTIONS[kind][1]
+    if re.search(r"(s|x|ch|sh)$", kind):
+        return f"{kind}es"
+    if re.search(r"[^aeiou]y$", kind):
+        return f"{kind[:-1]}ies"
+    return f"{kind}s"
+
+
+def mistakable(a: str, b: str) -> bool:
+    """Tell whether a person could call a thing of kind ``b`` by the name ``a``, or see the one as part of the other."""
+    mine, other = _words(a), _words(b)
+    if mine & other or any(x.endswith(y) or y.endswith(x) for x in mine for y in other):
+        return True
+    return any(mine & alike and other & alike for alike in _MISTAKABLE)
+
+
+def _words(kind: str) -> frozenset[str]:
+    return frozenset(re.split(r"[\s-]+", kind.lower())) - _LOOKS

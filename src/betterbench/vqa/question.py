@@ -1,0 +1,194 @@
+"""A question about one image with its answer, as a plain value with a JSON form."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.json_form import strict_form
+from betterbench.state import Box
+
+
+class QuestionType(StrEnum):
+    """What a question is about; sets are balanced and scored by type."""
+
+    GROUNDING = "grounding"
+    COUNTING = "counting"
+    RELATION = "relation"
+    CONTAINMENT = "containment"
+    STACKING = "stacking"
+    STATE = "state"
+    EXECUTION = "execution"
+    PREMISE = "premise"
+
+
+class Form(StrEnum):
+    """What an answer looks like."""
+
+    YES_NO = "yes_no"
+    """"Yes" or "No"."""
+    CHOICE = "choice"
+    """One of the options, which the question lists with letters."""
+    NUMBER = "number"
+    """A count."""
+    BOX = "box"
+    """[left, top, right, bottom] edges [pixel]; right if its overlap with the true box is at least one half (IoU)."""
+    POINT = "point"
+    """[x, y] column and row [pixel]; right if it lies on a visible pixel of the object."""
+
+
+class Difficulty(StrEnum):
+    """How hard a question is; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
+
+    EASY = "easy"
+    MEDIUM = "medium"
+    HARD = "hard"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class FrameSource:
+    """Which frame a question is about: camera and row of the record of a trial, and the time of the row [s]."""
+
+    task: str
+    condition: str
+    seed: Annotated[int, Field(ge=0)]
+    row: Annotated[int, Field(ge=0)]
+    time_s: float
+    camera: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A question before it is chosen, worded and given its options.
+
+    Attributes:
+        family: What is asked, across all objects; phrasings belong to families.
+        group: What the text gives away besides the family. Within a family and group, answers are balanced.
+        bucket: What is balanced: the answer itself, or the cell of the image in which a box or point lies.
+        answer: The right answer.
+        words: What phrasings are filled with.
+        objects: Names in the scene of what the question is about.
+        tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
+        box: The true box, of a grounded question.
+        runs: The visible pixels of the object, of a question for a point; see :class:`~betterbench.state.SeenObject`.
+    """
+
+    type: QuestionType
+    form: Form
+    family: str
+    group: tuple[str, ...]
+    bucket: str
+    answer: str
+    words: Mapping[str, str]
+    objects: tuple[str, ...]
+    source: FrameSource
+    tags: tuple[str, ...] = ()
+    box: Box | None = None
+    runs: tuple[int, ...] | None = None
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Family and group: what a reader of the text alone knows."""
+        return (self.family, *self.group)
+
+    def id(self, seed: int) -> str:
+        """Return its identifier in the set of a seed: a hash of what is asked and of which frame, not of the answer."""
+        s = self.source
+        told = (str(seed), s.task, s.condition, str(s.seed), str(s.row), s.camera, *self.key, *sorted(self.objects))
+        told += tuple(f"{k}={v}" for k, v in sorted(self.words.items()))
+        return hashlib.sha256("\x1f".join(told).encode()).hexdigest()[:16]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One question of a set.
+
+    Attributes:
+        id: Identifier within the set.
+        text: The question without its options.
+        options: The options of a choice, in the order of their letters.
+        answer: The right answer; of a choice the option, of a box or point its coordinates in brackets.
+        image: Path of the image, relative to the folder of the set.
+        width: Columns of the image [pixel].
+        height: Rows of the image [pixel].
+        group: What a reader of the text alone knows: answers are balanced among the questions of a group.
+        chance: Share of right answers of somebody who knows the text and guesses; None for boxes and points, which the
+            constant answer of the set stands for.
+        role: Of a question about a decisive moment, what it probes ("asked", "where", "under", "exists", "done").
+    """
+
+    id: str
+    type: QuestionType
+    form: Form
+    family: str
+    text: str
+    options: tuple[str, ...]
+    answer: str
+    image: str
+    width: int
+    height: int
+    difficulty: Difficulty
+    tags: tuple[str, ...]
+    objects: tuple[str, ...]
+    group: tuple[str, ...]
+    words: Mapping[str, str]
+    chance: float | None
+    source: FrameSource
+    box: Box | None = None
+    runs: tuple[int, ...] | None = None
+    role: str | None = None
+
+    @property
+    def prompt(self) -> str:
+        """The question as it is asked: its text and its options with letters, one per line."""
+        return "\n".join([self.text, *(f"{letter(i)}. {option}" for i, option in enumerate(self.options))])
+
+    @property
+    def reply(self) -> str:
+        """The answer as it is written: of a choice its letter and the option."""
+        return f"{letter(self.options.index(self.answer))}. {self.answer}" if self.options else self.answer
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+QUESTION, CANDIDATE = TypeAdapter(Question), TypeAdapter(Candidate)
+
+
+def letter(number: int) -> str:
+    """Return the letter of an option: A for the first one."""
+    return chr(ord("A") + number)
+
+
+def hash_number(*parts: object) -> int:
+    """Return a number that depends on the text of all parts: choices by it are the same on every machine."""
+    return int.from_bytes(hashlib.sha256("\x1f".join(map(str, parts)).encode()).digest()[:8], "big")
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionDraft:
+    """What a generator says about a question; the frame adds the rest. See :class:`Candidate`."""
+
+    form: Form
+    family: str
+    group: tuple[str, ...]
+    answer: str
+    words: Mapping[str, str]
+    objects: tuple[str, ...] = ()
+    tags: tuple[str, ...] = ()
+    bucket: str | None = None
+    box: Box | None = None
+    runs: tuple[int, ...] | None = None

@@ -1,0 +1,311 @@
+"""Modalities follow from records alone, agree with each other and with rays, and are what the policy saw."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+
+import mujoco
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from tests.materialization.conftest import VIEWS
+
+from betterbench.assets import categories
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError, UnknownNameError
+from betterbench.geometry import Pose
+from betterbench.materialization.folder import ModalityFolder, Wanted
+from betterbench.materialization.poses import matrices
+from betterbench.materialization.run import default_views, materialize_run
+from betterbench.recording import RunFolder, durable
+from betterbench.recording.modalities.file import ModalityFile
+from betterbench.recording.modalities.labels import SEMANTIC_IDS, STAGE, semantic_id, semantic_ids
+from betterbench.recording.modalities.spec import PlacedCamera, ViewSpec
+from betterbench.scenes import load_model
+from betterbench.scenes.cameras import CameraMatrices, ViewPlacement
+
+pytestmark = [pytest.mark.physics, pytest.mark.render]
+
+PLACED = ViewSpec("top", 80, 60, PlacedCamera((0.45, 0.0, 1.3), (0.45, 0.0, 0.0), 40.0))
+
+
+def hashes(folder):
+    names = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.name != ".lock"]
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in names}
+
+
+def place(folder, view, seed=0):
+    return folder / "fast_food" / "train1" / str(seed) / f"{view.name}.parquet"
+
+
+def camera_of(header, values):
+    focal, view = header.focal_px, header.view
+    K = np.array([[focal, 0, (view.width - 1) / 2], [0, focal, (view.height - 1) / 2], [0, 0, 1]])
+    pose = Pose(tuple(values["camera_position"].tolist()), tuple(values["camera_quaternion"].tolist()))
+    return CameraMatrices(K, pose, view.width, view.height)
+
+
+@pytest.fixture(scope="module")
+def made(recorded, tmp_path_factory):
+    out = tmp_path_factory.mktemp("later") / "modalities"
+    done = materialize_run(recorded.run, out, Wanted((*VIEWS, PLACED)), workers=2)
+    assert (done.trials, done.files, done.kept, done.rows) == (2, 6, 0, 2 * 3 * len(recorded.records[0]))
+    return out
+
+
+def test_colors_are_what_the_policy_saw_pixel_for_pixel(recorded, made):
+    for seed, seen in recorded.seen.items():
+        for view in VIEWS:
+            with ModalityFile(place(made, view, seed)) as file:
+                for observation in seen:
+                    colors = file.read(observation.step, ["rgb"])["rgb"]
+                    np.testing.assert_array_equal(colors, observation.images[view.camera])
+                assert len(seen) == len(file) - 1  # nobody is asked after the last step
+
+
+def test_drawn_while_recording_is_drawn_later_byte_for_byte(recorded, made):
+    later = hashes(made)
+    live = hashes(recorded.live)
+    parquet = [name for name in live if name.endswith(".parquet")]
+    assert len(parquet) == 4
+    assert all(live[name] == later[name] for name in parquet)
+
+
+def test_boxes_are_tight_to_the_masks_and_fractions_are_those_of_pixels(recorded, made):
+    for view in (*VIEWS, PLACED):
+        with ModalityFile(place(made, view)) as file:
+            header, shown = file.header, 0
+            for values in file.rows():
+                for i, thing in enumerate(header.objects):
+                    mask = values["instances"] == thing.instance
+                    assert np.count_nonzero(mask) == values["visible_pixels"][i] <= values["full_pixels"][i]
+                    if not mask.any():
+                        assert values["visible_box"][i].tolist() == [-1] * 4
+                        continue
+                    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+                    tight = [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
+                    assert values["visible_box"][i].tolist() == tight
+                    left, top, right, bottom = values["full_box"][i]
+                    assert left <= tight[0] < tight[2] <= right
+                    assert top <= tight[1] < tight[3] <= bottom
+                    fraction = values["visible_pixels"][i] / values["full_pixels"][i]
+                    assert values["visible_fraction"][i] == pytest.approx(fraction)
+                    shown += 1
+            assert shown > 0
+
+
+def test_centers_lie_in_the_boxes_and_depth_on_the_objects(recorded, made):
+    for view in (*VIEWS, PLACED):
+        with ModalityFile(place(made, view)) as file:
+            for values in file.rows():
+                camera = camera_of(file.header, values)
+                points = camera.unproject(values["depth"])
+                pixels, _ = camera.project(values["box_center_world"])
+                for i, thing in enumerate(file.header.objects):
+                    if values["full_pixels"][i] == 0:
+                        continue
+                    left, top, right, bottom = values["full_box"][i]
+                    whole = left > 0 and top > 0 and right < view.width and bottom < view.height
+                    if whole:
+                        u, v = pixels[i]
+                        assert left - 1 <= u <= right
+                        assert top - 1 <= v <= bottom
+                    for frame, place_of in (("world", points), ("camera", in_camera(points, values))):
+                        pose = np.concatenate([values[f"box_center_{frame}"][i], values[f"box_quaternion_{frame}"][i]])
+                        seen = place_of[values["instances"] == thing.instance]
+                        inside = (seen - pose[:3]) @ matrices(pose[None])[0][:3, :3]
+                        assert (np.abs(inside) <= np.array(thing.half_size_m) + 0.002).all()
+
+
+def in_camera(points, values):
+    camera = np.concatenate([values["camera_position"], values["camera_quaternion"]])
+    return (points - camera[:3]) @ matrices(camera[None])[0][:3, :3]
+
+
+def test_rays_hit_what_masks_and_depth_say(recorded, made):
+    record = recorded.records[0]
+    model = load_model(recorded.run.load_scene(record.metadata.scene_hash))
+    data, draw = mujoco.MjData(model), np.random.default_rng(3)
+    shown, hit = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
+    agreed = asked = 0
+    for row, view in ((0, VIEWS[0]), (len(record) - 1, VIEWS[1]), (2, PLACED)):
+        data.qpos[:] = record.qpos[row]
+        mujoco.mj_kinematics(model, data)
+        ViewPlacement(model, record.metadata.view_jitter).apply(data)
+        with ModalityFile(place(made, view)) as file:
+            values = file.read(row)
+            camera = camera_of(file.header, values)
+            names = {number: name for name, number in file.header.stage.items()}
+            names |= {o.instance: f"object{i}_" for i, o in enumerate(file.header.objects)}
+        origin = np.array(camera.T_world_camera.position)
+        rays = camera.unproject(np.ones((view.height, view.width))) - origin
+        for _ in range(150):
+            v, u = int(draw.integers(view.height)), int(draw.integers(view.width))
+            length = float(np.linalg.norm(rays[v, u]))
+            depth = mujoco.mj_ray(model, data, origin, rays[v, u] / length, shown, 1, -1, hit) / length
+            body = model.body(model.geom_bodyid[hit[0]]).name
+            name = names.get(int(values["instances"][v, u]), "nothing")
+            asked += 1
+            if hit[0] < 0:
+                agreed += name == "nothing"
+            elif abs(depth - values["depth"][v, u]) <= 0.002:
+                body = "floor" if body == "world" else body.removeprefix("robot/")
+                agreed += body.startswith(name) or (name == "arm" and body.startswith("link"))
+    # The rest are pixels at an edge, whose ray passes the other side of it by a rounding error.
+    assert agreed >= 0.99 * asked
+
+
+def test_flow_leads_to_where_the_point_is_next(recorded, made):
+    record, view = recorded.records[0], VIEWS[1]
+    with ModalityFile(place(made, view)) as file:
+        here, there = file.read(1), file.read(2)
+        thing = next(o for i, o in enumerate(file.header.objects) if here["visible_pixels"][i] > 4)
+        i = thing.instance - file.header.objects[0].instance
+        before, after = camera_of(file.header, here), camera_of(file.header, there)
+        assert np.isnan(file.read(len(record) - 1)["flow"]).all()
+    points = before.unproject(here["depth"])
+    rows, columns = np.nonzero(here["instances"] == thing.instance)
+    poses = [Pose(tuple(record.object_positions[t, i]), tuple(record.object_quaternions[t, i])) for t in (1, 2)]
+    moved = np.array([(poses[1] @ poses[0].inverse()).apply(p) for p in points[rows, columns]])
+    pixels, _ = after.project(moved)
+    told = here["flow"][rows, columns].astype(float) + np.stack([columns, rows], axis=1)
+    assert np.abs(here["flow"][rows, columns]).max() > 0.5
+    np.testing.assert_allclose(told, pixels, atol=0.03)
+    with ModalityFile(place(made, VIEWS[0])) as file:
+        values = file.read(0)
+        assert not values["flow"][values["instances"] == file.header.stage["table"]].any()  # neither it nor we move
+
+
+def test_any_row_is_read_alone_and_by_any_reader_of_parquet(recorded, made):
+    path = place(made, VIEWS[1])
+    table = pq.read_table(path)
+    with ModalityFile(path) as file:
+        assert len(file) == len(recorded.records[0])
+        for row in (3, 0, 4):
+            values = file.read(row)
+            assert values["row"] == row
+            depth = np.frombuffer(table.column("depth")[row].as_py(), "<f4").reshape(48, 64)
+            np.testing.assert_array_equal(depth, values["depth"])
+            assert table.column("camera_position")[row].as_py() == values["camera_position"].tolist()
+            assert values["semantics"].tolist() == np.take(file.header.semantics, values["instances"]).tolist()
+        with pytest.raises(IndexError):
+            file.read(5)
+        with pytest.raises(RecordError, match="no column 'normals'"):
+            file.read(0, ["normals"])
+
+
+def test_it_resumes_to_the_same_bytes_and_keeps_what_is_there(recorded, made, tmp_path, one_process):
+    again = tmp_path / "modalities"
+    shutil.copytree(made, again)
+    place(again, VIEWS[0]).unlink()
+    place(again, VIEWS[1], seed=1).write_bytes(b"PAR1 torn")
+    (place(again, VIEWS[0]).parent / f".{VIEWS[0].name}.parquet.x.part").write_bytes(b"half")
+    done = materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED)))
+    assert (done.files, done.kept) == (2, 4)
+    assert hashes(again) == hashes(made)
+    with pytest.raises(RunConflictError, match=r"materialize\.modalities"):
+        materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED), ("rgb",)))
+    settings = json.loads((again / "materialize.json").read_text())
+    settings["renderer"]["renderer"] = "another card"
+    (again / "materialize.json").write_text(json.dumps(settings))
+    place(again, VIEWS[0]).unlink()
+    with pytest.raises(RunConflictError, match="another card"):
+        materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED)))
+
+
+def test_a_damaged_record_is_one_line_and_the_others_are_done(recorded, tmp_path, one_process):
+    shutil.copytree(recorded.run.path, tmp_path / "run")
+    run = RunFolder.open(tmp_path / "run")
+    path = run.record_path("fast_food", "train1", 0)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(RecordError, match=r"0\.parquet: is damaged") as problem:
+        materialize_run(run, tmp_path / "out", Wanted((VIEWS[1],), ("boxes",)))
+    assert "\n" not in str(problem.value)
+    with ModalityFile(place(tmp_path / "out", VIEWS[1], seed=1)) as file:
+        assert file.check() == len(recorded.records[1])
+        assert "rgb" not in file.read(0)
+    assert not place(tmp_path / "out", VIEWS[1]).exists()
+
+
+class _Full(io.FileIO):
+    """A file on a disk that is full after some bytes."""
+
+    def write(self, data):
+        if self.tell() + len(data) > 2000:
+            raise OSError(28, os.strerror(28))
+        return super().write(data)
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing_behind(recorded, tmp_path, monkeypatch, one_process):
+    wanted = Wanted((VIEWS[1],), ("rgb",))
+    ModalityFolder(tmp_path / "out", wanted)
+    monkeypatch.setattr(durable.os, "fdopen", _Full)
+    with pytest.raises(StorageError, match="No space left on device") as problem:
+        materialize_run(recorded.run, tmp_path / "out", wanted)
+    assert "\n" not in str(problem.value)
+    assert not list((tmp_path / "out").rglob("*.parquet*"))
+
+
+def test_damage_to_a_file_is_found(made, tmp_path):
+    path = tmp_path / "x.parquet"
+    data = bytearray(place(made, VIEWS[1]).read_bytes())
+    data[len(data) // 3] ^= 16
+    path.write_bytes(data)
+    with pytest.raises(RecordError, match=r"x\.parquet: is damaged"), ModalityFile(path) as file:
+        file.check()
+    path.write_bytes(b"")
+    with pytest.raises(RecordError, match="damaged"):
+        ModalityFile(path)
+    with pytest.raises(RecordError, match="no such file"):
+        ModalityFile(tmp_path / "none.parquet")
+
+
+def test_semantic_ids_are_given_once_and_hold_every_category(made):
+    known = json.loads((made / "semantics.json").read_text())["ids"]
+    assert set(categories()) | set(STAGE) <= set(SEMANTIC_IDS) <= set(known)
+    assert len(set(known.values())) == len(known)
+    assert 0 not in known.values()
+    # Numbers in files of others: never to be changed.
+    some = [semantic_id(n) for n in ("floor", "left_finger", "apple", "waste_bin", "my own gadget")]
+    assert some == [1, 6, 16, 65, 55526]
+    assert semantic_ids(["my own gadget"])["my own gadget"] == 55526
+
+
+@pytest.mark.parametrize(
+    ("text", "view"),
+    [
+        ("front", ViewSpec("front")),
+        ("wrist:448", ViewSpec("wrist", 448, 448)),
+        ("left_shoulder:320x180", ViewSpec("left_shoulder", 320, 180)),
+        ("top=0.45,0,1.3/0.45,0,0/40:80x60", PLACED),
+    ],
+)
+def test_views_are_read_from_texts(text, view):
+    assert ViewSpec.parse(text) == view
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "front:0", "front:1x2x3", "front:-5", "../x", "a=1,2/3", "a=0,0,0/0,0,0/40", "a=0,0,nan/1,0,0/40", "f:9999"],
+)
+def test_bad_views_are_one_line(text):
+    with pytest.raises(InvalidInputError):
+        ViewSpec.parse(text)
+
+
+def test_an_unknown_camera_is_named():
+    with pytest.raises(UnknownNameError, match=r"'left_sholder'. Did you mean 'left_shoulder'"):
+        Wanted((ViewSpec("left_sholder"),))
+
+
+def test_views_of_a_run_are_those_of_its_policy():
+    run = RunFolder.__new__(RunFolder)
+    object.__setattr__(run, "plan", {"observation": {"name": "droid"}})
+    assert default_views(run) == (ViewSpec("left_shoulder", 320, 180), ViewSpec("wrist", 320, 180))
+    object.__setattr__(run, "plan", {"observation": {"name": "state_only"}})
+    assert default_views(run) == (ViewSpec("front"), ViewSpec("wrist"))

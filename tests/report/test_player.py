@@ -1,0 +1,51 @@
+"""The page of one trial: it holds what it is given, needs nothing else, and lets no name break out of it."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+import re
+
+import pytest
+
+from betterbench.errors import InvalidInputError
+from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, write_player
+
+VIEW = PlayedView(
+    "front_8x8", 8, 8, [b"\xff\xd8a", b"\xff\xd8b"], [b"\x89PNG1", b"\x89PNG2"], [[], [(0, 1, 2, 5, 6, 0.25)]]
+)
+TRIAL = PlayedTrial(
+    heading="fast_food/T1/3",
+    policy="zoo:lexical",
+    instruction="Pack the </script><b>fries</b>",
+    ended="success",
+    times_s=[0.0, 0.05],
+    objects=[("fries</script>", (200, 10, 20))],
+    views=[VIEW],
+    lanes=[PlayedLane("subgoal", "pack_fries", [(1, 1, "met")])],
+)
+
+
+def test_the_page_holds_all_of_it_and_asks_for_nothing_else(tmp_path):
+    page = write_player(TRIAL, tmp_path / "x.html").read_text()
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, flags=re.DOTALL)[1])
+    assert data["times"] == [0.0, 0.05]
+    assert data["objects"] == [{"name": "fries</script>", "color": [200, 10, 20]}]
+    (view,) = data["views"]
+    assert [base64.b64decode(p) for p in view["pictures"]] == VIEW.pictures
+    assert [base64.b64decode(p) for p in view["masks"]] == VIEW.masks
+    assert view["boxes"] == [[], [[0, 1, 2, 5, 6, 0.25]]]
+    assert data["lanes"] == [{"kind": "subgoal", "name": "pack_fries", "spans": [[1, 1, "met"]]}]
+    assert page.count("</script>") == 2
+    assert "<b>fries" not in page
+    assert not re.search(r"""(?:src|href)=["'](?!data:)""", page)
+    script = re.search(r"</script>\s*<script>(.*?)</script>", page, flags=re.DOTALL)[1]
+    assert f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}" in page
+
+
+def test_views_have_one_frame_per_time(tmp_path):
+    short = dataclasses.replace(TRIAL, times_s=[0.0])
+    with pytest.raises(InvalidInputError, match="front_8x8"):
+        write_player(short, tmp_path / "x.html")
