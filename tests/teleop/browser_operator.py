@@ -65,7 +65,7 @@ class BrowserOperator:
             length = float((np.asarray(wanted) - np.asarray(tool.position)) @ along)
             if abs(length) > 1e-3:
                 self._drag(np.asarray(tool.position) + GRAB_M * along, length * along, moves)
-        self.wait_for("waiting")
+        self.settle()
 
     def _drag(self, begin: np.ndarray, by: np.ndarray, moves: int) -> None:
         path = self.pixels(begin + np.linspace(0.0, 1.0, moves + 1)[:, None] * by).tolist()
@@ -109,6 +109,13 @@ class BrowserOperator:
                 return said
             time.sleep(0.1)
         raise TimeoutError(f"the page does not say {texts}, but:\n{self.text()}")
+
+    def settle(self) -> None:
+        """Wait until time stands still: the page waits, and says nothing new for half a second."""
+        before = ""
+        while (said := self.wait_for("waiting")) != before:
+            before = said
+            time.sleep(0.5)
 
     def _until(self, expression: str, *, timeout_s: float = 120.0) -> None:
         until = time.monotonic() + timeout_s

@@ -18,10 +18,10 @@ from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 from betterbench.recording import RunFolder, read_record
 from betterbench.teleop.controls import Controls
 from betterbench.teleop.station import WAIT_STEPS, Station
-from betterbench.teleop.store import DemonstrationStore, Wanted
+from betterbench.teleop.store import DemonstrationStore, TeleopPlan
 
 pytestmark = pytest.mark.physics
-WANTED = Wanted((TASK,), condition=CONDITION)
+WANTED = TeleopPlan((TASK,), condition=CONDITION)
 
 
 class FakeDisplay:
@@ -198,8 +198,8 @@ def _check_saved(store):
 @pytest.mark.parametrize(
     ("wanted", "error"),
     [
-        (Wanted(()), InvalidInputError),
-        (Wanted(("fruit_lunsh",)), UnknownNameError),
+        (TeleopPlan(()), InvalidInputError),
+        (TeleopPlan(("fruit_lunsh",)), UnknownNameError),
         (replace(WANTED, condition="T1"), UnknownNameError),
         (replace(WANTED, demos=0), InvalidInputError),
         (replace(WANTED, first_seed=7), InvalidInputError),

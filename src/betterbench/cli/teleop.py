@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import getpass
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,8 @@ from betterbench.errors import InvalidInputError, one_line
 
 if TYPE_CHECKING:
     from betterbench.teleop.controls import Controls
+    from betterbench.teleop.page import Page
+    from betterbench.teleop.store import DemonstrationStore
 
 
 def teleop_command(
@@ -57,32 +59,35 @@ def teleop_command(
         leader_id: Id of the leader arm's calibration.
     """
     from betterbench.cli.evaluate import prepare_robot
-    from betterbench.cli.serve import stopped_by_signal
-    from betterbench.teleop.cameras import CameraThread
     from betterbench.teleop.controls import Controls
     from betterbench.teleop.page import Page, load_viser
-    from betterbench.teleop.station import Station
-    from betterbench.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, Wanted
+    from betterbench.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
 
     load_viser()
-    who = _who(name)
-    shown = _cameras(cameras)
-    wanted = Wanted(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
-    wanted.starts()
+    who, shown = _who(name), _cameras(cameras)
+    plan = TeleopPlan(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
+    plan.starts()
     prepare_robot("panda")
     controls = Controls()
     with ExitStack() as stack:
         stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id))
         page = Page(controls, host=host, port=port, cameras=shown)
         stack.callback(page.close)
-        store = stack.enter_context(DemonstrationStore(out, wanted))
-        images = CameraThread(shown, page.show_image, controls.complain)
-        stack.callback(images.close)
-        station = Station(store, controls, page, name=who, cameras=images)
+        store = stack.enter_context(DemonstrationStore(out, plan))
         if host not in ("127.0.0.1", "localhost", "::1"):
             say(f"Anyone who can reach {host} can drive and save; forward the port by ssh instead.")
-        OUT.print(f"open http://{'localhost' if host == '127.0.0.1' else host}:{page.port}", markup=False)
-        stopped = stack.enter_context(stopped_by_signal())
+        _run(store, controls, page, who, shown)
+
+
+def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> None:
+    """Let the page drive until Ctrl-C."""
+    from betterbench.cli.serve import stopped_by_signal
+    from betterbench.teleop.cameras import CameraThread
+    from betterbench.teleop.station import Station
+
+    with stopped_by_signal() as stopped, closing(CameraThread(cameras, page.show_image, controls.complain)) as images:
+        station = Station(store, controls, page, name=who, cameras=images)
+        OUT.print(f"open {page.url}", markup=False)
         station.run(stopped)
         say(f"stopped; {store.saved} of {store.planned} demonstrations are saved in {store.run.path}")
 

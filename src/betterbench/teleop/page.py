@@ -106,7 +106,7 @@ class Page:
             InvalidInputError: If the port is taken.
         """
         viser = load_viser()
-        self._controls = controls
+        self._controls, self._host = controls, host
         wanted = free_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
         with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
@@ -126,6 +126,12 @@ class Page:
         self._images = self._build_images(cameras)
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(self._disconnected)
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{name}:{self.port}"
 
     @property
     def view_yaw(self) -> float:

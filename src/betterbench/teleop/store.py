@@ -33,7 +33,7 @@ ADVICE: tuple[FailureKind, ...] = ("outside support",)
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class TeleopPlan:
     """What is to be demonstrated.
 
     Attributes:
@@ -78,7 +78,7 @@ class DemonstrationStore:
         StorageError: If the disk is full.
     """
 
-    def __init__(self, out: Path, wanted: Wanted) -> None:
+    def __init__(self, out: Path, wanted: TeleopPlan) -> None:
         """Open the run, or make it."""
         self.wanted = wanted
         self._starts = wanted.starts()
@@ -156,7 +156,7 @@ def can_keep(attempt: DemonstrationAttempt) -> bool:
     return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
 
 
-def _plan(wanted: Wanted, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
+def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return plan and context of a run, as ``run.json`` holds them."""
     order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
     trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
