@@ -91,9 +91,8 @@ class BrowserOperator:
         """Click the button with a label."""
         box = self.browser.value(
             f"""(() => {{
-              const b = [...document.querySelectorAll('button')].find(e => e.innerText.includes({label!r}));
-              b.scrollIntoView({{block: 'center'}});
-              const r = b.getBoundingClientRect();
+              const all = [...document.querySelectorAll('button')].filter(e => e.innerText.includes({label!r}));
+              const r = all.map(e => e.getBoundingClientRect()).find(r => r.width > 0 && r.height > 0);
               return [r.left + r.width / 2, r.top + r.height / 2];
             }})()"""
         )

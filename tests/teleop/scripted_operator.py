@@ -10,6 +10,10 @@ from betterbench.teleop.session import Command, TeleopSession
 
 TASK, CONDITION, SEED = "fruit_lunch", "train1", 500_000_000
 ITEMS = ("apple", "orange")
+SPOTS_M = ((0.068, 0.086), (0.084, 0.0))
+"""Where the first and the second item go, in the frame of the lunchbox [m]: about where demonstrations let go."""
+LIFT_M, DROP_M = 0.22, 0.213
+"""How far above its grasp an item is carried, and how far it is let down over its spot [m]."""
 
 
 def fresh_scene(task: str = TASK, condition: str = CONDITION, seed: int = SEED) -> Scene:
@@ -38,18 +42,22 @@ def grasp_of(session: TeleopSession, kind: str) -> tuple[Pose, Pose]:
     return Pose(place.position, session.state.commanded_pose.quaternion), state.pose(name)
 
 
-def pack(session: TeleopSession, kind: str, *, offset_m: float = 0.0, drop_m: float = 0.205) -> None:
+def above_spot(session: TeleopSession, number: int, grasp: Pose) -> Pose:
+    """Return where the tool carries an item before it is let down to the first (0) or second (1) spot."""
+    x, y, _ = session.state.pose("lunchbox").apply((*SPOTS_M[number], 0.0))
+    return Pose((x, y, grasp.position[2] + LIFT_M), grasp.quaternion)
+
+
+def pack(session: TeleopSession, kind: str, number: int) -> None:
     """Take an object from above, and let go of it in the lunchbox."""
     grasp, _ = grasp_of(session, kind)
-    state = session.state
-    box = state.pose(next(o.name for o in state.info.objects if "lunchbox" in o.kind)).position
     go(session, grasp.translated(z=0.12), closed=False)
     go(session, grasp, closed=False)
     hold(session, 10, closed=True)
-    go(session, grasp.translated(z=0.22), closed=True)
-    above = Pose((box[0] + offset_m, box[1] - 0.04, grasp.position[2] + 0.22), grasp.quaternion)
+    go(session, grasp.translated(z=LIFT_M), closed=True)
+    above = above_spot(session, number, grasp)
     go(session, above, closed=True)
-    go(session, above.translated(z=-drop_m), closed=True)
+    go(session, above.translated(z=-DROP_M), closed=True)
     hold(session, 10, closed=False)
     go(session, above, closed=False)
     hold(session, 20, closed=False)

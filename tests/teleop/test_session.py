@@ -33,8 +33,8 @@ def whole_state(session):
 def packed():
     """The episode without anything undone."""
     session = TeleopSession(fresh_scene())
-    pack(session, "apple", offset_m=-0.04)
-    pack(session, "orange", offset_m=0.04)
+    pack(session, "apple", 0)
+    pack(session, "orange", 1)
     return session
 
 
@@ -51,7 +51,7 @@ def test_a_scripted_operator_packs_the_items(packed):
 
 def test_what_was_undone_never_was(packed):
     session = TeleopSession(fresh_scene())
-    pack(session, "apple", offset_m=-0.04)
+    pack(session, "apple", 0)
     at_subgoal = next(m.rows for m in session._moments if m.name == "pack_apple")
     orange, _ = grasp_of(session, "orange")
     go(session, orange.translated(z=0.02), closed=True)  # knocks against it with closed fingers

@@ -12,7 +12,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from scripted_operator import CONDITION, TASK, grasp_of, pack
+from scripted_operator import CONDITION, ITEMS, TASK, grasp_of, pack
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, UnknownNameError
 from betterbench.recording import RunFolder, read_record
@@ -166,8 +166,8 @@ def test_a_demonstration_is_saved_and_the_same_command_goes_on(tmp_path, monkeyp
         desk.tap("discard")
         assert desk.station.start == first  # those that were discarded come again after the others
         desk.tick()
-        for item, offset_m in (("apple", -0.04), ("orange", 0.04)):
-            pack(Driven(desk), item, offset_m=offset_m)
+        for number, item in enumerate(ITEMS):
+            pack(Driven(desk), item, number)
         assert (desk.display.panel.status, desk.display.panel.can_save) == ("done: save it", True)
         assert [done for _, done in desk.display.panel.subgoals] == [True, True]
         full = OSError(errno.ENOSPC, "No space left on device")
