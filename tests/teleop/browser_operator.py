@@ -84,8 +84,8 @@ class BrowserOperator:
         self.browser.key("keyUp", code, KEYS[code])
 
     def text(self) -> str:
-        """Return what the page says."""
-        return str(self.browser.value("document.body.innerText"))
+        """Return what the page says, with single spaces."""
+        return " ".join(str(self.browser.value("document.body.innerText")).split())
 
     def click(self, label: str) -> None:
         """Click the button with a label."""
